@@ -1,0 +1,1 @@
+"""Estimates in, commands out: pure init/step."""

@@ -1,0 +1,1 @@
+"""Truth in, stamped messages out; nothing else sees the truth."""

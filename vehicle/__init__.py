@@ -1,0 +1,1 @@
+"""Physics, and the words everything else is written in (frames, clock)."""

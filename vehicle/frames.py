@@ -1,0 +1,117 @@
+"""Frames, poses and angles: the words every other module is written in.
+
+All frames are right-handed. ``X_AB`` is the pose of frame B in frame A, ``p_AQ`` the position of Q from the
+origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel (``X_WC = X_WS @ X_SC``).
+
+| frame          | origin                                | axes                                |
+|----------------|---------------------------------------|-------------------------------------|
+| W world        | start of the course                   | x east, y north, z up               |
+| T tractor      | rear-axle centre, on the ground       | x forward, y left, z up (ISO 8855)  |
+| S semitrailer  | hitch projected on the ground         | as T                                |
+| C, Cl, Cr      | optical centre (C is the left camera) | x right, y down, z forward (OpenCV) |
+
+Yaw, steer, curvature and articulation are positive to the left (about +z); pitch about +y (nose down), roll
+about +x (left side up), as ISO 8855 has them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class Pose2(NamedTuple):
+    """Planar pose X_AB of frame B in frame A."""
+
+    x: float  # [m]
+    y: float  # [m]
+    psi: float  # yaw of B in A [rad]
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """X_AC = X_AB @ X_BC."""
+        c, s = math.cos(self.psi), math.sin(self.psi)
+        return Pose2(
+            self.x + c * other.x - s * other.y,
+            self.y + s * other.x + c * other.y,
+            wrap(self.psi + other.psi),
+        )
+
+    def inverse(self) -> Pose2:
+        """X_BA from X_AB."""
+        c, s = math.cos(self.psi), math.sin(self.psi)
+        return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.psi)
+
+    def apply(self, points: FloatArray) -> FloatArray:
+        """Points given in B, shape (n, 2), expressed in A."""
+        c, s = math.cos(self.psi), math.sin(self.psi)
+        moved: FloatArray = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
+        return moved
+
+
+def wrap(angle: float) -> float:
+    """The angle [rad] brought into (-pi, pi]."""
+    wrapped = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def rotation_zyx(yaw: float, pitch: float, roll: float) -> FloatArray:
+    """R_AB, shape (3, 3), of a body turned by yaw about z, then pitch about y, then roll about x [rad]."""
+    cy, sy = math.cos(yaw), math.sin(yaw)
+    cp, sp = math.cos(pitch), math.sin(pitch)
+    cr, sr = math.cos(roll), math.sin(roll)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def transform(R: FloatArray, p: FloatArray) -> FloatArray:
+    """Homogeneous pose X_AB, shape (4, 4), from R_AB (3, 3) and p_AB (3,)."""
+    X = np.eye(4)
+    X[:3, :3] = R
+    X[:3, 3] = p
+    return X
+
+
+def inverse(X: FloatArray) -> FloatArray:
+    """X_BA from X_AB, both (4, 4) and rigid."""
+    R_t = X[:3, :3].T
+    return transform(R_t, -R_t @ X[:3, 3])
+
+
+def planar(X: FloatArray) -> Pose2:
+    """The yaw-plane part of a rigid pose X_AB (4, 4): position x, y and the direction of B's x axis in A."""
+    return Pose2(float(X[0, 3]), float(X[1, 3]), math.atan2(X[1, 0], X[0, 0]))
+
+
+def skew(w: FloatArray) -> FloatArray:
+    """The matrix (3, 3) with ``skew(w) @ a == cross(w, a)``."""
+    return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+
+
+def so3_exp(w: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) of the rotation vector w (3,) [rad] (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(w))
+    K = skew(w)
+    if angle < 1e-8:  # the series is exact to rounding here, and the quotient below is not
+        return np.eye(3) + K + 0.5 * K @ K
+    return np.eye(3) + (math.sin(angle) / angle) * K + ((1.0 - math.cos(angle)) / angle**2) * (K @ K)
+
+
+def orthonormalised(R: FloatArray) -> FloatArray:
+    """The rotation nearest to R (3, 3): products of many rotations drift off SO(3)."""
+    U, _, Vt = np.linalg.svd(R)
+    nearest: FloatArray = U @ Vt
+    return nearest
+
+
+# Axes of a camera that looks along the body's +x: its x (right) is -y, its y (down) is -z, its z is +x.
+R_BODY_CAMERA = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
