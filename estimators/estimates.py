@@ -1,0 +1,62 @@
+"""Estimates: value, uncertainty and health, stamped with the capture tick of the measurement behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+
+class Health(Enum):
+    """How far an estimate can be trusted."""
+
+    OK = "ok"
+    DEGRADED = "degraded"  # usable, with the larger uncertainty it states
+    LOST = "lost"  # no information: the value must not be used
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """Motion of the left camera from the previous frame P to the current frame C.
+
+    A ``LOST`` motion carries the identity and an infinite covariance.
+    """
+
+    tick: int  # capture of the current frame
+    previous_tick: int
+    X_PC: FloatArray  # (4, 4) pose of the current camera in the previous one
+    covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_PC, along the axes of P
+    matches: int  # features matched through all four images
+    inliers: int
+    health: Health
+    tracks: NDArray[np.float32]  # (inliers, 4) u, v in the previous and u, v in the current left image [px]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OffTracking:
+    """Off-tracking of a trailer and the hitch path it comes from, in the trailer frame S at ``tick``.
+
+    Without health (``LOST``: the buffer does not reach back to the follow point yet, or the odometry failed) the
+    value is 0, its standard deviation infinite, and the path is what there is.
+    """
+
+    tick: int
+    value: float  # lateral distance of the hitch path from the follow point, + when the path lies left [m]
+    std: float  # [m]
+    health: Health
+    path: FloatArray  # (n, 2) past hitch positions in S, newest first, starting at the hitch itself (0, 0) [m]
+    hitch_direction: float  # direction of the hitch's travel in S, + left [rad]
+    hitch_direction_rate: float  # its rate of change in S [rad/s]
+    path_tangent: float  # direction of the hitch path (as it was travelled) beside the follow point, in S [rad]
+    v_x: float  # velocity of the hitch along the axes of S, from the last motions [m/s]
+    v_y: float  # [m/s]
+    yaw_rate: float  # of the trailer [rad/s]
+
+    def age(self, tick: int) -> float:
+        """How old the measurement is at ``tick`` [s]."""
+        return (tick - self.tick) * TICK
