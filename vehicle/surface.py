@@ -1,0 +1,63 @@
+"""The ground as one object: height, slope and friction, looked up by the vehicle and by the renderer alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vehicle.frames import FloatArray, rotation_zyx, transform
+
+_APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surface:
+    """Sloping ground of uniform friction.
+
+    Without a ``centre`` the ground is a plane that rises along W's x by ``grade`` and falls to the right (-y) by
+    ``cross_fall``. With one, the cross-fall is conical and falls away from the centre: the adverse camber of a
+    roundabout.
+    """
+
+    friction: float  # peak friction coefficient of tyre and ground [-]
+    cross_fall: float = 0.0  # [-], 0.025 is 2.5 %
+    grade: float = 0.0  # [-]
+    centre: tuple[float, float] | None = None  # [m]
+
+    def __post_init__(self) -> None:
+        if not 0.05 <= self.friction <= 1.5:
+            raise ValueError(f"friction = {self.friction} must be between 0.05 and 1.5")
+        for name, slope in (("cross_fall", self.cross_fall), ("grade", self.grade)):
+            if not -0.2 <= slope <= 0.2:
+                raise ValueError(f"{name} = {slope} must be between -0.2 and 0.2 (a slope: 0.025 is 2.5 %)")
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Height of the ground [m] at x, y [m] in W, of any shape."""
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if self.centre is None:
+            return self.grade * x + self.cross_fall * y
+        distance = np.sqrt((x - self.centre[0]) ** 2 + (y - self.centre[1]) ** 2 + _APEX_RADIUS**2)
+        return self.grade * x - self.cross_fall * distance
+
+    def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Slope (dz/dx, dz/dy) [-] at x, y [m]; shape (..., 2)."""
+        x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        if self.centre is None:
+            return np.stack([np.full_like(x, self.grade), np.full_like(x, self.cross_fall)], axis=-1)
+        d_x, d_y = x - self.centre[0], y - self.centre[1]
+        distance = np.sqrt(d_x**2 + d_y**2 + _APEX_RADIUS**2)
+        return np.stack([self.grade - self.cross_fall * d_x / distance, -self.cross_fall * d_y / distance], axis=-1)
+
+    def friction_at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Friction coefficient [-] at x, y [m], of their common shape."""
+        return np.full(np.broadcast_shapes(np.shape(x), np.shape(y)), self.friction)
+
+    def pose_on(self, x: float, y: float, psi: float) -> FloatArray:
+        """X_WB (4, 4) of a body standing at x, y [m] with heading psi [rad], its z along the local normal."""
+        slope_x, slope_y = self.gradient(x, y)
+        c, s = np.cos(psi), np.sin(psi)
+        pitch = -np.arctan(slope_x * c + slope_y * s)  # nose up is negative pitch about +y
+        roll = np.arctan((-slope_x * s + slope_y * c) * np.cos(pitch))
+        return transform(rotation_zyx(psi, float(pitch), float(roll)), np.array([x, y, float(self.height(x, y))]))
