@@ -35,9 +35,7 @@ class Schedule:
 
     def __post_init__(self) -> None:
         if self.period <= 0 or self.offset < 0 or self.latency < 0:
-            raise ValueError(
-                f"schedule needs period > 0, offset >= 0, latency >= 0 ticks, got {self.period}, {self.offset}, {self.latency}"
-            )
+            raise ValueError(f"period, offset, latency must be > 0, >= 0, >= 0 ticks, got {self}")
 
     @classmethod
     def at_rate(cls, rate_hz: float, *, latency: float = 0.0, name: str = "rate_hz") -> Schedule:
