@@ -1,0 +1,51 @@
+# `make demo` and `make test` need nothing but a Debian or Ubuntu with Python 3.11 or newer.
+SHELL := /bin/bash
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
+
+.PHONY: demo test install system lint benchmarks clean
+
+demo: install
+	@rm -rf runs/demo
+	$(BIN)/offtrack run roundabout --seed 1 --out runs/demo
+	@echo "Open runs/demo/report.html"
+
+test: install lint
+	$(BIN)/pytest
+
+lint: install
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+benchmarks: install
+	$(BIN)/pytest tests/benchmarks --override-ini addopts="--import-mode=importlib" --benchmark-only
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml constraints.txt | system
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+		|| { echo "offtrack needs Python 3.11 or newer; found $$($(PYTHON) --version). Try: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[video,dev]'
+	@touch $@
+
+# Cameras are rendered by Mesa on the CPU through EGL; installed only where something is missing.
+system:
+	@missing=""; \
+	for package in $(SYSTEM_PACKAGES); do \
+		dpkg-query -W -f='$${Status}' $$package 2>/dev/null | grep -q 'install ok installed' || missing="$$missing $$package"; \
+	done; \
+	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3-venv"; \
+	if [ -n "$$missing" ]; then \
+		echo "Installing system packages:$$missing"; \
+		$(SUDO) apt-get update -qq && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -qq -y --no-install-recommends $$missing; \
+	fi
+
+clean:
+	rm -rf $(VENV)

@@ -1,0 +1,139 @@
+"""A driver who puts one point of his tractor, a front corner or the front's middle, on a path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from controllers.actuator import settle
+from controllers.path import Path
+from sensors.messages import EgoState
+from vehicle.clock import TICK
+from vehicle.frames import Pose2
+
+PERIOD = 0.02  # the driver's step [s]
+
+_CREEP = 0.3  # below this speed a direction of travel is not a measurement [m/s]
+_SLIP_TIME = 0.3  # low-pass on the front axle's slip angle: shorter than a turn-in, longer than tyre dynamics [s]
+_SPEED_GAIN = 1.0  # acceleration demand per speed error [1/s]
+_SPEED_INTEGRAL = 0.3  # [1/s2]: critically damped with the gain above would be 0.25
+_MAX_ACCELERATION = 1.0  # comfortable for a standing load [m/s2]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TractorGeometry:
+    """What a driver knows of his tractor: its size, the point he guides, and how its steering answers."""
+
+    wheelbase: float  # [m]
+    x_ref: float  # guided point in T [m]
+    y_ref: float  # [m], + left
+    max_steer: float  # road-wheel angle [rad]
+    max_steer_rate: float  # [rad/s]
+    actuator_lag: float  # first-order time constant [s]
+
+    def __post_init__(self) -> None:
+        for name in ("wheelbase", "x_ref", "max_steer", "max_steer_rate"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} = {getattr(self, name)} must be positive")
+        if self.max_steer >= math.pi / 2:
+            raise ValueError(f"max_steer = {self.max_steer} rad must be below pi/2")
+        if self.actuator_lag < 0.0:
+            raise ValueError(f"actuator_lag = {self.actuator_lag} s must not be negative")
+
+
+class DriverCommand(NamedTuple):
+    """What the driver demands of his tractor."""
+
+    steer: float  # road-wheel angle [rad]
+    acceleration: float  # [m/s2]
+
+
+class DriverMemory(NamedTuple):
+    """What the driver carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    station: float  # guided point along the path [m]
+    demand: float  # last steer demand [rad]
+    steer: float  # where his own steering should be by now [rad]
+    front_slip: float  # slip angle of the front axle, low-passed [rad]
+    speed_integral: float  # [m/s2]
+
+
+class PreviewDriver:
+    """Path-preview driver: exact inverse kinematics of the guided point's direction of travel.
+
+    He looks ahead to where the tractor will be when the steering has answered, and asks there for the direction
+    along the path plus a turn back towards it. Slip of both axles, seen in the tractor's own motion, is made up for.
+
+    Raises:
+        ValueError: if the speed or the gain is not positive.
+    """
+
+    def __init__(self, tractor: TractorGeometry, path: Path, speed: float, *, gain: float = 0.6) -> None:
+        """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m]."""
+        if not speed > 0.0:
+            raise ValueError(f"speed = {speed} m/s must be positive")
+        if not gain > 0.0:
+            raise ValueError(f"gain = {gain} rad/m must be positive")
+        self._tractor, self._path, self._speed, self._gain = tractor, path, speed, gain
+
+    def init(self) -> DriverMemory:
+        """Memory at the start of the path, wheels straight."""
+        return DriverMemory(tick=None, station=0.0, demand=0.0, steer=0.0, front_slip=0.0, speed_integral=0.0)
+
+    def step(self, memory: DriverMemory, tick: int, ego: EgoState) -> tuple[DriverMemory, DriverCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        steer = self._settled(memory.steer, memory.demand, elapsed)
+        front_slip = self._front_slip(memory.front_slip, steer, ego, elapsed)
+        station, demand = self._steer_demand(memory._replace(steer=steer, front_slip=front_slip), ego)
+        integral, acceleration = self._speed_control(memory.speed_integral, ego.v_x, elapsed)
+        after = DriverMemory(tick, station, demand, steer, front_slip, integral)
+        return after, DriverCommand(steer=demand, acceleration=acceleration)
+
+    def _settled(self, steer: float, demand: float, duration: float) -> float:
+        t = self._tractor
+        return float(settle(steer, demand, duration, lag=t.actuator_lag, max_rate=t.max_steer_rate))
+
+    def _front_slip(self, front_slip: float, steer: float, ego: EgoState, elapsed: float) -> float:
+        if ego.v_x < _CREEP:
+            return front_slip
+        seen = math.atan2(ego.v_y + self._tractor.wheelbase * ego.yaw_rate, ego.v_x) - steer
+        return front_slip + (1.0 - math.exp(-elapsed / _SLIP_TIME)) * (seen - front_slip)
+
+    def _steer_demand(self, memory: DriverMemory, ego: EgoState) -> tuple[float, float]:
+        """Where the guided point is along the path [m] and the steer angle it needs [rad]."""
+        t = self._tractor
+        ahead = self._predicted(memory, ego)
+        point = ahead @ Pose2(t.x_ref, t.y_ref, 0.0)
+        station = self._path.project(point.x, point.y, memory.station)
+        on_path = self._path.pose(station)
+        to_path = math.cos(on_path.psi) * (on_path.y - point.y) - math.sin(on_path.psi) * (on_path.x - point.x)
+        chi = math.remainder(on_path.psi - ahead.psi, math.tau) + math.atan(self._gain * to_path)
+        # The guided point travels along chi if v_y + r x_ref = (v_x - r y_ref) tan(chi); solved for r / v_x:
+        tan_chi = math.tan(max(-1.2, min(1.2, chi)))
+        drift = ego.v_y / ego.v_x if ego.v_x > _CREEP else 0.0
+        curvature = (tan_chi - drift) / (t.x_ref + t.y_ref * tan_chi)
+        demand = math.atan(drift + t.wheelbase * curvature) - memory.front_slip
+        return station, max(-t.max_steer, min(t.max_steer, demand))
+
+    def _predicted(self, memory: DriverMemory, ego: EgoState) -> Pose2:
+        """X_WT when the steering will have answered the demand of this step."""
+        t = self._tractor
+        horizon = t.actuator_lag + 0.5 * PERIOD
+        halfway = self._settled(memory.steer, memory.demand, 0.5 * horizon)
+        yaw_rate = ego.yaw_rate + ego.v_x * (math.tan(halfway) - math.tan(memory.steer)) / t.wheelbase
+        turned = 0.5 * yaw_rate * horizon
+        c, s = math.cos(turned), math.sin(turned)
+        step = Pose2(horizon * (c * ego.v_x - s * ego.v_y), horizon * (s * ego.v_x + c * ego.v_y), 2.0 * turned)
+        return Pose2(ego.x, ego.y, ego.psi) @ step
+
+    def _speed_control(self, integral: float, speed: float, elapsed: float) -> tuple[float, float]:
+        """New integral and acceleration demand, both [m/s2]; the integral waits while the demand is at its limit."""
+        error = self._speed - speed
+        wanted = integral + _SPEED_INTEGRAL * error * elapsed
+        demand = _SPEED_GAIN * error + wanted
+        if abs(demand) <= _MAX_ACCELERATION:
+            return wanted, demand
+        return integral, math.copysign(_MAX_ACCELERATION, demand)

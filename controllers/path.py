@@ -1,0 +1,132 @@
+"""Planar paths by arc length, made of segments whose curvature changes linearly: lines, arcs and clothoids."""
+
+from __future__ import annotations
+
+import bisect
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from vehicle.frames import FloatArray, Pose2
+
+# Gauss-Legendre rule on [0, 1]: integrates exp(i theta(u)) to rounding for turns of up to 4 pi within a segment.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+_MAX_TURN = 4.0 * math.pi  # [rad]
+
+_PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess; each step is at most _PROJECTION_REACH
+_PROJECTION_REACH = 1.0  # keeps the projection on its own branch where a path crosses itself [m]
+
+
+class Segment(NamedTuple):
+    """A stretch of path whose curvature goes linearly from start to end."""
+
+    length: float  # [m]
+    start_curvature: float  # + left [1/m]
+    end_curvature: float  # [1/m]
+
+    @property
+    def turn(self) -> float:
+        """Change of heading over the segment [rad]."""
+        return 0.5 * (self.start_curvature + self.end_curvature) * self.length
+
+    def advance(self, start: Pose2, u: float) -> Pose2:
+        """Pose after the distance u [m] from ``start``; the heading is not wrapped."""
+        sharpness = (self.end_curvature - self.start_curvature) / self.length
+        distances = u * _NODES
+        headings = start.psi + distances * (self.start_curvature + 0.5 * sharpness * distances)
+        x = start.x + u * float(_WEIGHTS @ np.cos(headings))
+        y = start.y + u * float(_WEIGHTS @ np.sin(headings))
+        return Pose2(x, y, start.psi + u * (self.start_curvature + 0.5 * sharpness * u))
+
+
+def line(length: float) -> Segment:
+    """A straight line [m]."""
+    return Segment(length, 0.0, 0.0)
+
+
+def arc(length: float, curvature: float) -> Segment:
+    """A circular arc: length [m], curvature [1/m], + left."""
+    return Segment(length, curvature, curvature)
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A path whose heading is continuous; it goes on straight before its start and after its end.
+
+    Raises:
+        ValueError: if there is no segment, one has no length, or one turns by more than 4 pi.
+    """
+
+    start: Pose2
+    segments: tuple[Segment, ...]
+    stations: tuple[float, ...] = field(init=False, repr=False, compare=False)  # where each begins, and the end [m]
+    knots: tuple[Pose2, ...] = field(init=False, repr=False, compare=False)  # the poses there
+
+    def __post_init__(self) -> None:
+        if not self.segments:
+            raise ValueError("segments is empty: a path needs at least one")
+        stations, knots = [0.0], [self.start]
+        for segment in self.segments:
+            _check(segment)
+            stations.append(stations[-1] + segment.length)
+            knots.append(segment.advance(knots[-1], segment.length))
+        object.__setattr__(self, "stations", tuple(stations))
+        object.__setattr__(self, "knots", tuple(knots))
+
+    @property
+    def length(self) -> float:
+        """Arc length [m]."""
+        return self.stations[-1]
+
+    def pose(self, s: float) -> Pose2:
+        """Position [m] and heading [rad] at the arc length s [m]; the heading counts full turns."""
+        if s <= 0.0:
+            return _ahead(self.knots[0], s)
+        if s >= self.length:
+            return _ahead(self.knots[-1], s - self.length)
+        i = bisect.bisect_right(self.stations, s) - 1
+        return self.segments[i].advance(self.knots[i], s - self.stations[i])
+
+    def curvature(self, s: float) -> float:
+        """Curvature at the arc length s [m], + left [1/m]; where it jumps, the one ahead."""
+        if not 0.0 <= s < self.length:
+            return 0.0
+        i = bisect.bisect_right(self.stations, s) - 1
+        segment = self.segments[i]
+        fraction = (s - self.stations[i]) / segment.length
+        return segment.start_curvature + fraction * (segment.end_curvature - segment.start_curvature)
+
+    def project(self, x: float, y: float, near: float) -> float:
+        """Arc length [m] of the path's point nearest to x, y [m], on the branch around the arc length ``near`` [m]."""
+        s = near
+        for _ in range(_PROJECTION_STEPS):
+            pose = self.pose(s)
+            c, sin = math.cos(pose.psi), math.sin(pose.psi)
+            along = c * (x - pose.x) + sin * (y - pose.y)
+            across = c * (y - pose.y) - sin * (x - pose.x)
+            # Newton on along(s) = 0; beyond half the way to the centre of curvature the slope is held.
+            step = along / max(1.0 - self.curvature(s) * across, 0.5)
+            s += max(-_PROJECTION_REACH, min(_PROJECTION_REACH, step))
+            if abs(step) < 1e-10:
+                break
+        return s
+
+    def points(self, spacing: float) -> FloatArray:
+        """Points along the whole path, shape (n, 2), about ``spacing`` [m] apart."""
+        count = max(2, math.ceil(self.length / spacing) + 1)
+        return np.array([self.pose(float(s))[:2] for s in np.linspace(0.0, self.length, count)])
+
+
+def _check(segment: Segment) -> None:
+    if segment.length <= 0.0:
+        raise ValueError(f"length = {segment.length} m of a path segment must be positive")
+    if abs(segment.turn) > _MAX_TURN:
+        raise ValueError(f"turn = {segment.turn:.3f} rad of a path segment must be within {_MAX_TURN:.3f} rad")
+
+
+def _ahead(pose: Pose2, distance: float) -> Pose2:
+    """The pose moved along its own heading by ``distance`` [m]."""
+    return Pose2(pose.x + distance * math.cos(pose.psi), pose.y + distance * math.sin(pose.psi), pose.psi)

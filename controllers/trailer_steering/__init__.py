@@ -1,0 +1,1 @@
+"""Steering laws for a trailer's own axles."""

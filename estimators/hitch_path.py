@@ -1,0 +1,69 @@
+"""Geometry of a sampled path in the trailer frame S: where it passes a distance, and which way it runs there.
+
+Paths are (n, 2) [m], newest point first; s is the length of the chords from the newest point back [m].
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from vehicle.frames import FloatArray
+
+_LEAST_POINTS = 5  # two more than a parabola has coefficients, so that noise of single points averages out
+_LEAST_SPAN = 0.1  # shorter pieces carry the direction of the noise, not of the path [m]
+
+
+class Crossing(NamedTuple):
+    """Where the path passes a given x."""
+
+    s: float  # [m]
+    y: float  # [m]
+    index: int  # of the first point beyond it
+
+
+class Tangent(NamedTuple):
+    """Direction and curvature of the path in the sense of travel."""
+
+    direction: float  # + left of the x axis [rad]
+    curvature: float  # + turning left [1/m]
+
+
+def chord_lengths(path: FloatArray) -> FloatArray:
+    """s of every point, shape (n,)."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+
+
+def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
+    """The most recent crossing of x from ahead, on the cubic through the four points around it; None if none.
+
+    The chord between the two points, as printed in de Saxe 2018, eq. 7, would cost 2 mm RMS at R = 12 m.
+    """
+    beyond = path[:, 0] <= x  # de Saxe 2018, eq. 6
+    index = int(np.argmax(beyond))
+    if index == 0:  # nothing beyond x, or the hitch itself is
+        return None
+    around = slice(max(index - 2, 0), index + 2)
+    origin = s[index - 1]
+    cubic = np.linalg.solve(np.vander(s[around] - origin), path[around])
+    u = brentq(lambda u: float(np.polyval(cubic[:, 0], u)) - x, 0.0, s[index] - origin, xtol=1e-12)
+    return Crossing(s=float(origin + u), y=float(np.polyval(cubic[:, 1], u)), index=index)
+
+
+def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent:
+    """Tangent at s = ``at`` of the least-squares parabola through the points within ``reach`` of it.
+
+    A parabola has no bias on a circle, and a metre or two of path averages out the noise of single points. A path
+    too short to tell has direction and curvature 0.
+    """
+    distance = np.abs(s - at)
+    near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[: _LEAST_POINTS][-1])))
+    if len(near) < 3 or np.ptp(s[near]) < _LEAST_SPAN:
+        return Tangent(0.0, 0.0)
+    u = s[near] - at
+    _, (dx, dy), (ddx, ddy) = np.linalg.lstsq(np.vander(u, 3, increasing=True), path[near], rcond=None)[0]
+    # s runs backwards along the travel, so both the direction and the curvature change sign
+    curvature = -2.0 * (dx * ddy - dy * ddx) / (dx * dx + dy * dy) ** 1.5
+    return Tangent(float(np.arctan2(-dy, -dx)), float(curvature))

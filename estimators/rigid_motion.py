@@ -1,0 +1,58 @@
+"""Motions between frames with their uncertainty: composed, seen from another point of the body, and stretched.
+
+The covariance (6, 6) of a motion X_PC is that of (rotation vector [rad], translation [m]) along the axes of P:
+the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from vehicle.frames import FloatArray, inverse, orthonormalised, skew, so3_exp, transform
+
+
+class UncertainMotion(NamedTuple):
+    """A motion X_AB with the covariance of its error along the axes of A."""
+
+    X: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6)
+
+
+def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion:
+    """X_AC = X_AB @ X_BC, the two errors being independent."""
+    X_AC = first.X @ second.X
+    R_AB, p_BC_A = first.X[:3, :3], first.X[:3, :3] @ second.X[:3, 3]
+    # p_AC = p_AB + R_AB p_BC, so d p_AC = d p_AB + d_theta_AB x (R_AB p_BC) + R_AB d p_BC
+    J = np.eye(6)
+    J[3:, :3] = -skew(p_BC_A)
+    R6 = np.kron(np.eye(2), R_AB)
+    covariance = J @ first.covariance @ J.T + R6 @ second.covariance @ R6.T
+    return UncertainMotion(transform(orthonormalised(X_AC[:3, :3]), X_AC[:3, 3]), covariance)
+
+
+def seen_from(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
+    """Motion of S from the motion of C, both fixed to the same rigid body with C at X_SC."""
+    X = X_SC @ motion.X @ inverse(X_SC)
+    R_SC, p_SC = X_SC[:3, :3], X_SC[:3, 3]
+    # p = p_SC + R_SC p_C - R p_SC, so d p = R_SC d p_C - d_theta x (R p_SC), and d_theta = R_SC d_theta_C
+    J = np.kron(np.eye(2), R_SC)
+    J[3:, :3] = skew(X[:3, :3] @ p_SC) @ R_SC
+    return UncertainMotion(X, J @ motion.covariance @ J.T)
+
+
+def stretched(X: FloatArray, ratio: float) -> FloatArray:
+    """The motion at the same constant velocity over ``ratio`` times the span of X (4, 4).
+
+    Rotation scales, the chord scales and turns with half the extra rotation: exact to second order in the angle.
+    """
+    rotation = rotation_vector(X[:3, :3])
+    chord = ratio * so3_exp(0.5 * (ratio - 1.0) * rotation) @ X[:3, 3]
+    return transform(so3_exp(ratio * rotation), chord)
+
+
+def rotation_vector(R: FloatArray) -> FloatArray:
+    """The rotation vector (3,) [rad] of R (3, 3)."""
+    return np.asarray(cv2.Rodrigues(R)[0], dtype=np.float64).ravel()

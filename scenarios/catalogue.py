@@ -1,0 +1,47 @@
+"""Names of the parts a scenario may ask for, as plain dicts; a user's own part is named by its import path.
+
+The values are import paths too, so that reading the catalogue imports nothing: a new part is one module and one line.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from typing import Any, Final
+
+from scenarios.scenario import nearest
+
+TRAILER_STEERING: Final = {
+    "none": "controllers.trailer_steering.unsteered:Unsteered",
+    "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
+}
+ODOMETRY: Final = {
+    "circular": "estimators.stereo_odometry:CircularOdometry",
+}
+OFF_TRACKING: Final = {
+    "truth": "estimators.reference:ReferenceOffTracking",
+    "viso_ot": "estimators.viso_ot:VisoOt",
+}
+
+
+def resolve(key: str, name: str, catalogue: dict[str, str]) -> Any:
+    """The class that ``name`` stands for: a catalogue entry, or ``package.module:Name`` for one's own.
+
+    One's own modules are also looked for in the working directory.
+
+    Raises:
+        ValueError: one line naming the key and the nearest known name, or what could not be imported.
+    """
+    path = catalogue.get(name, name)
+    module_name, colon, attribute = path.partition(":")
+    if not colon:
+        raise ValueError(f"{key}: unknown name '{name}'{nearest(name, tuple(catalogue))} (or package.module:Name)")
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    try:
+        return getattr(importlib.import_module(module_name), attribute)
+    except ModuleNotFoundError as error:
+        raise ValueError(f"{key} = {name}: cannot import {error.name}; run from its folder or set PYTHONPATH") from error
+    except AttributeError as error:
+        raise ValueError(f"{key} = {name}: module {module_name} has no '{attribute}'") from error

@@ -1,0 +1,170 @@
+"""Where to drive: the path of a guided point of the tractor, and the road around it.
+
+The tractor stands at the world's origin at the start, heading along +x, and the guided point at the path's start.
+Builders take the tractor's front end and width [m] as numbers; the defaults of entry and exit are long enough for the
+14 m of hitch path that a long semitrailer's off-tracking needs before the turn, and for it to come out of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from controllers.path import Path, Segment, arc, line
+from vehicle.frames import FloatArray, Pose2
+
+Direction = Literal["left", "right"]
+_SIDE: Final[dict[Direction, float]] = {"left": 1.0, "right": -1.0}
+
+_ENTRY = 25.0  # > 20 m of straight hitch path before the turn [m]
+_EXIT = 35.0  # a follow point 19 m behind the tractor's front is 16 m out of the turn [m]
+_RADIUS = 12.5  # outer circle of the EU roundabout, Directive 97/27/EC [m]
+_RAMP = 4.0  # of curvature into a circle: 16 deg/s of steer at 15 km/h, half of what a driver can do [m]
+_ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus is 7.2 m wide (12.5 m to 5.3 m), and a margin [m]
+_ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
+_SPACING = 0.5  # of the centreline's points [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """What the driver follows and where the road lies."""
+
+    path: Path  # of the guided point, in W
+    reference: tuple[float, float]  # the guided point in T [m]
+    start: Pose2  # X_WT
+    surface_centre: tuple[float, float] | None  # apex of a conical cross-fall [m]; None: a plane
+    centreline: FloatArray  # (n, 2) of the road: way of the tractor's rear axle, beyond both ends too [m]
+    road_half_width: float  # [m]
+
+    @property
+    def length(self) -> float:
+        """The course is done when the guided point has gone this far along the path [m]."""
+        return self.path.length
+
+
+def roundabout(
+    *,
+    front_x: float,
+    width: float,
+    direction: Direction = "left",
+    radius: float = _RADIUS,
+    turn: float = math.tau,
+    entry: float = _ENTRY,
+    exit: float = _EXIT,
+) -> Course:
+    """The tractor's outer front corner runs straight onto a circle, round it by ``turn`` [rad], and straight off it.
+
+    Raises:
+        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the circle is too tight
+            for the tractor's front end.
+    """
+    if direction not in _SIDE:
+        raise ValueError(f"direction = {direction!r} must be 'left' or 'right'")
+    side = _SIDE[direction]
+    _check(front_x, width, radius, entry=entry, exit=exit, turn=turn)
+    reference = (front_x, -0.5 * side * width)
+    segments = (line(entry), arc(radius * turn, side / radius), line(exit))
+    centre = (reference[0] + entry, reference[1] + side * radius)
+    return _course(reference, segments, surface_centre=centre)
+
+
+def figure_of_eight(
+    *,
+    front_x: float,
+    width: float,
+    radius: float = _RADIUS,
+    entry: float = _ENTRY,
+    exit: float = _EXIT,
+) -> Course:
+    """A full circle to the left, then one to the right, with the outer front corner on the ``radius`` [m] in both.
+
+    The middle of the front is guided; its curvature ramps up and down over a few metres (clothoids), because
+    from lock to lock no driver can jump. The ramps are part of the full circles.
+
+    Raises:
+        ValueError: if a length is not positive, or the circle is too tight for the tractor's front end.
+    """
+    _check(front_x, width, radius, entry=entry, exit=exit)
+    guided_radius = math.hypot(math.sqrt(radius**2 - front_x**2) - 0.5 * width, front_x)
+    kappa = 1.0 / guided_radius
+    circle = math.tau * guided_radius - _RAMP  # each of the two ramps beside it turns by half of an equally long arc
+    segments = (
+        line(entry),
+        Segment(_RAMP, 0.0, kappa),
+        arc(circle, kappa),
+        Segment(2.0 * _RAMP, kappa, -kappa),
+        arc(circle, -kappa),
+        Segment(_RAMP, -kappa, 0.0),
+        line(exit),
+    )
+    return _course((front_x, 0.0), segments)
+
+
+def straight(*, front_x: float, length: float) -> Course:
+    """Straight ahead for ``length`` [m].
+
+    Raises:
+        ValueError: if a length is not positive.
+    """
+    _check_positive(front_x=front_x, length=length)
+    return _course((front_x, 0.0), (line(length),))
+
+
+def _course(
+    reference: tuple[float, float],
+    segments: tuple[Segment, ...],
+    *,
+    surface_centre: tuple[float, float] | None = None,
+) -> Course:
+    path = Path(Pose2(reference[0], reference[1], 0.0), segments)
+    return Course(
+        path=path,
+        reference=reference,
+        start=Pose2(0.0, 0.0, 0.0),
+        surface_centre=surface_centre,
+        centreline=_rear_axle_way(path, reference),
+        road_half_width=_ROAD_HALF_WIDTH,
+    )
+
+
+def _rear_axle_way(path: Path, reference: tuple[float, float]) -> FloatArray:
+    """Way of the rolling tractor's rear axle, shape (n, 2), from behind the start to past the end."""
+    x_ref, y_ref = reference
+    stations = np.arange(-_ROAD_BEYOND, path.length + _ROAD_BEYOND + _SPACING, _SPACING)
+    headings = _headings(path, stations, reference)
+    points = np.array([path.pose(float(s))[:2] for s in stations])
+    c, s = np.cos(headings), np.sin(headings)
+    return points - np.stack([c * x_ref - s * y_ref, s * x_ref + c * y_ref], axis=1)
+
+
+def _headings(path: Path, stations: FloatArray, reference: tuple[float, float]) -> FloatArray:
+    """Heading of T [rad] while the guided point goes along the path and the rear axle does not slide sideways."""
+    x_ref, y_ref = reference
+
+    def rate(s: float, psi: float) -> float:
+        chi = path.pose(s).psi - psi
+        # v_y = r x_ref = u sin(chi) of the guided point, at the speed u = 1 along the path
+        return math.sin(chi) / x_ref
+
+    headings = [path.start.psi]
+    for s in stations[:-1].tolist():
+        psi = headings[-1]
+        midway = psi + 0.5 * _SPACING * rate(s, psi)
+        headings.append(psi + _SPACING * rate(s + 0.5 * _SPACING, midway))
+    return np.array(headings)
+
+
+def _check(front_x: float, width: float, radius: float, **lengths: float) -> None:
+    _check_positive(front_x=front_x, width=width, radius=radius, **lengths)
+    tightest = math.hypot(front_x, width)
+    if radius <= tightest:
+        raise ValueError(f"radius = {radius} m must exceed {tightest:.2f} m: the tractor would turn about its rear axle")
+
+
+def _check_positive(**lengths: float) -> None:
+    for name, value in lengths.items():
+        if not value > 0.0:
+            raise ValueError(f"{name} = {value} must be positive")

@@ -1,0 +1,109 @@
+"""The record of a run: named signals over time, as one read-only table of floats.
+
+Rows are gathered as plain tuples while the loop runs and become a :class:`Log` at the end. On disk a log is a
+Parquet file in SI units; unit and meaning of every signal travel in the schema.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One column of a log."""
+
+    name: str
+    unit: str  # "m", "rad", "m/s", "-" for a pure number
+    description: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Log:
+    """Signals over time; NaN where a signal has no value, for example an estimate between two captures.
+
+    Raises:
+        ValueError: if the table does not fit the signals, or two signals share a name.
+    """
+
+    signals: tuple[Signal, ...]
+    rows: FloatArray  # (n_rows, n_signals), read-only
+
+    def __post_init__(self) -> None:
+        if len(set(self.names)) != len(self.signals):
+            raise ValueError(f"signal names must differ from each other, got {self.names}")
+        if self.rows.ndim != 2 or self.rows.shape[1] != len(self.signals):
+            raise ValueError(f"rows of shape {self.rows.shape} do not fit {len(self.signals)} signals")
+        # One bit pattern for every NaN, so that equal logs have equal hashes; columns contiguous, as they are read.
+        table = np.where(np.isnan(self.rows), np.nan, self.rows).copy(order="F")
+        table.flags.writeable = False
+        object.__setattr__(self, "rows", table)
+
+    @classmethod
+    def from_rows(cls, signals: tuple[Signal, ...], rows: Iterable[Sequence[float]]) -> Log:
+        """A log from the rows gathered in a loop, each with one value per signal, in the signals' order."""
+        table = np.array(list(rows), dtype=np.float64)
+        return cls(signals, table if table.size else table.reshape(0, len(signals)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the signals, in the order of the columns."""
+        return tuple(signal.name for signal in self.signals)
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """The signal's values, shape (n_rows,), read-only."""
+        if name not in self.names:
+            raise KeyError(f"no signal {name!r} in this log; it has {', '.join(self.names)}")
+        column: FloatArray = self.rows[:, self.names.index(name)]
+        return column
+
+    def __eq__(self, other: object) -> bool:
+        """Same signals and bitwise the same values (NaN equals NaN)."""
+        if not isinstance(other, Log):
+            return NotImplemented
+        return self.signals == other.signals and self.rows.tobytes() == other.rows.tobytes()
+
+    __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
+
+    def with_signal(self, signal: Signal, values: FloatArray) -> Log:
+        """The log with one more signal, ``values`` (n_rows,), computed after the run."""
+        return Log((*self.signals, signal), np.column_stack([self.rows, values]))
+
+    def sha256(self) -> str:
+        """Hash of the signals' names, units and values: equal for equal logs, whatever file they are in."""
+        header = repr([(signal.name, signal.unit) for signal in self.signals]).encode()
+        return hashlib.sha256(header + self.rows.tobytes()).hexdigest()
+
+
+def write_log(log: Log, path: Path) -> None:
+    """Writes a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata."""
+    fields = [
+        pa.field(s.name, pa.float64(), metadata={"unit": s.unit, "description": s.description}) for s in log.signals
+    ]
+    columns = [pa.array(log[name], from_pandas=True) for name in log.names]  # from_pandas: NaN becomes null
+    pq.write_table(pa.table(columns, schema=pa.schema(fields)), path, compression="zstd")
+
+
+def read_log(path: Path) -> Log:
+    """The log written by :func:`write_log`, equal to the original."""
+    table = pq.read_table(path)
+    signals = tuple(
+        Signal(f.name, f.metadata[b"unit"].decode(), f.metadata[b"description"].decode()) for f in table.schema
+    )
+    columns = [column.to_numpy() for column in table.columns]
+    return Log(signals, np.column_stack(columns) if columns else np.empty((len(table), 0)))

@@ -1,0 +1,42 @@
+"""Sensors of motion: the driver's own perception, an exact reference unit, and steering-angle encoders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sensors.messages import BodyPose, EgoState, SteerAngles
+from vehicle.truth import Truth
+
+
+@dataclass(frozen=True, slots=True)
+class DriverPerception:
+    """What the driver of the tractor sees and feels; people are not what offtrack models, so it is exact."""
+
+    def sample(self, truth: Truth) -> EgoState:
+        """Where the tractor is and how it moves."""
+        x, y, psi = truth.poses[0].tolist()
+        v_x, v_y, yaw_rate = truth.velocities[0].tolist()
+        return EgoState(tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate)
+
+
+@dataclass(frozen=True, slots=True)
+class ExactPose:
+    """A reference unit without any error on one unit's body."""
+
+    unit: int
+
+    def sample(self, truth: Truth) -> BodyPose:
+        """Pose of the unit's body."""
+        return BodyPose(tick=truth.tick, X_WB=truth.bodies[self.unit].copy())
+
+
+@dataclass(frozen=True, slots=True)
+class SteerEncoders:
+    """Angle encoders on a unit's steered axles: entries ``first`` to ``first + count`` of the combination's."""
+
+    first: int
+    count: int
+
+    def sample(self, truth: Truth) -> SteerAngles:
+        """Road-wheel angles of the unit's steered axles, front to rear."""
+        return SteerAngles(tick=truth.tick, angles=truth.steer[self.first : self.first + self.count].copy())

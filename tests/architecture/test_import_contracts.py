@@ -1,0 +1,66 @@
+"""The house's walls: every import contract holds, and each one fails when it is broken."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+LINT = Path(sys.executable).with_name("lint-imports")
+
+
+def lint(directory: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(LINT), "--config", "pyproject.toml", "--no-cache"],
+        cwd=directory,
+        env={"PYTHONPATH": str(directory), "PATH": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> Path:
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def test_every_contract_holds(house: Path) -> None:
+    """The packages as they are keep all the contracts."""
+    result = lint(house)
+    assert result.returncode == 0, result.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "contract"),
+    [
+        ("vehicle/frames.py", "import sensors.messages", "The rooms form a chain"),
+        ("sensors/messages.py", "import estimators.estimates", "The rooms form a chain"),
+        ("estimators/estimates.py", "import controllers.trailer", "The rooms form a chain"),
+        ("controllers/trailer.py", "import scenarios.scenario", "The rooms form a chain"),
+        ("estimators/estimates.py", "import vehicle.truth", "never see the truth"),
+        ("controllers/trailer.py", "import vehicle.plant", "never see the truth"),
+        ("controllers/trailer.py", "import sensors.camera", "never images"),
+        ("controllers/trailer.py", "import cv2", "never images"),
+        ("sensors/messages.py", "import pyrender", "only in sensors.render"),
+        ("scenarios/scenario.py", "import OpenGL", "only in sensors.render"),
+        ("estimators/estimates.py", "import matplotlib", "only in scenarios"),
+        ("vehicle/frames.py", "import typer", "only in scenarios"),
+    ],
+)
+def test_a_broken_contract_is_noticed(house: Path, module: str, line: str, contract: str) -> None:
+    """One forbidden import is enough for the contract that forbids it to be reported as broken."""
+    path = house / module
+    path.write_text(path.read_text(encoding="utf-8") + f"\n{line}\n", encoding="utf-8")
+    result = lint(house)
+    assert result.returncode == 1, result.stdout
+    broken = [row for row in result.stdout.splitlines() if row.rstrip().endswith("BROKEN")]
+    assert any(contract in row for row in broken), result.stdout
