@@ -21,16 +21,21 @@ class UncertainMotion(NamedTuple):
     covariance: FloatArray  # (6, 6)
 
 
+def chained(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
+    """X_AC = X_AB @ X_BC, its rotation kept on SO(3) however long the chain grows."""
+    X_AC = X_AB @ X_BC
+    return transform(orthonormalised(X_AC[:3, :3]), X_AC[:3, 3])
+
+
 def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion:
     """X_AC = X_AB @ X_BC, the two errors being independent."""
-    X_AC = first.X @ second.X
     R_AB, p_BC_A = first.X[:3, :3], first.X[:3, :3] @ second.X[:3, 3]
     # p_AC = p_AB + R_AB p_BC, so d p_AC = d p_AB + d_theta_AB x (R_AB p_BC) + R_AB d p_BC
     J = np.eye(6)
     J[3:, :3] = -skew(p_BC_A)
     R6 = np.kron(np.eye(2), R_AB)
     covariance = J @ first.covariance @ J.T + R6 @ second.covariance @ R6.T
-    return UncertainMotion(transform(orthonormalised(X_AC[:3, :3]), X_AC[:3, 3]), covariance)
+    return UncertainMotion(chained(first.X, second.X), covariance)
 
 
 def seen_from(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:

@@ -1,0 +1,98 @@
+"""How a trailer's axles and its motion belong together: a rigid body led at the hitch, on tyres of equal stiffness.
+
+The lateral velocity of a rigid trailer is linear along its axis and the longitudinal one constant. So the tangent of
+the direction of travel beta(x) at the distance x behind the hitch is linear in x: ``tan beta(x) = tan gamma_h (1 - x/Lf)
++ tan beta_f x/Lf`` with the direction gamma_h of the hitch and beta_f of the follow point, Lf behind it. An axle steered
+by that angle rolls without slip; all of them then share one instantaneous centre.
+
+Where the axles slip, the moment of their side forces about the hitch, ``sum(x_i C (tan beta_i - tan delta_i))`` for small
+slip, balances what the trailer's inertia and the ground's slope ask for. Divided by ``C sum(x_i)`` it is the *mean slip*:
+a property of the load, not of the steering, and as such it can be measured at one moment and used at the next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.trailer import TrailerGeometry
+from vehicle.frames import FloatArray
+
+_STEEPEST = 1.3  # directions of travel are held within this, 74 deg: the tangent stays finite [rad]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AxleGroup:
+    """All axles of a trailer, in the terms of its moment balance about the hitch."""
+
+    steered: FloatArray  # (n_steered,) hitch to steered axles [m]
+    fixed: FloatArray  # (n_fixed,) hitch to the others [m]
+    follow_distance: float  # [m]
+    max_steer: float  # [rad]
+
+    @classmethod
+    def of(cls, trailer: TrailerGeometry) -> AxleGroup:
+        """The axle group on the trailer's data sheet."""
+        fixed = [x for x, is_steered in zip(trailer.axle_distances, trailer.steered, strict=True) if not is_steered]
+        return cls(np.array(trailer.steered_distances), np.array(fixed), trailer.follow_distance, trailer.max_steer)
+
+    @property
+    def first_moment(self) -> float:
+        """Sum of the distances [m]."""
+        return float(self.steered.sum() + self.fixed.sum())
+
+    @property
+    def second_moment(self) -> float:
+        """Sum of the squared distances [m2]."""
+        return float(self.steered @ self.steered + self.fixed @ self.fixed)
+
+    def mean_slip(self, v_x: float, v_y: float, yaw_rate: float, angles: FloatArray) -> float:
+        """Moment-weighted mean of tan(direction) - tan(steer angle) [-] in the hitch's motion v_x, v_y [m/s]."""
+        travel = self.first_moment * v_y / v_x - self.second_moment * yaw_rate / v_x
+        return (travel - float(self.steered @ np.tan(angles))) / self.first_moment
+
+    def yaw_per_metre(self, hitch_direction: float, steer_moment: float, mean_slip: float) -> float:
+        """Yaw [rad] per metre of the hitch's way, with ``steer_moment = sum(x_i tan(delta_i))`` [m].
+
+        Solves the moment balance for the yaw rate: the inverse of `mean_slip`.
+        """
+        lead = self.first_moment * (math.tan(held(hitch_direction)) - mean_slip)
+        return math.cos(hitch_direction) * (lead - steer_moment) / self.second_moment
+
+    def steer_moment(self, angles: FloatArray) -> FloatArray:
+        """``sum(x_i tan(delta_i))`` [m] of angles (..., n_steered) [rad]."""
+        moment: FloatArray = np.tan(angles) @ self.steered
+        return moment
+
+    def steer_angles(self, hitch_direction: float, follow_direction: float, mean_slip: float) -> FloatArray:
+        """Angles (n_steered,) [rad] that send the follow point along ``follow_direction`` [rad], within the limit.
+
+        The steered axles share equally what slip is asked for and what the fixed axles' scrub costs; what one
+        of them cannot give at its limit the others take over.
+        """
+        lead, follow = math.tan(held(hitch_direction)), math.tan(held(follow_direction))
+        slope = (follow - lead) / self.follow_distance
+        scrub = float(self.fixed @ (lead + slope * self.fixed))
+        tangents = lead + slope * self.steered
+        missing = scrub - self.first_moment * mean_slip  # of the steer moment [m]
+        return np.arctan(self._shared(tangents, missing))
+
+    def _shared(self, tangents: FloatArray, missing: float) -> FloatArray:
+        """Tangents with the missing moment [m] added in equal parts to those not at the limit."""
+        limit = math.tan(self.max_steer)
+        free = np.ones(len(tangents), dtype=bool)
+        for _ in tangents:
+            tangents = np.where(free, tangents + missing / float(self.steered[free].sum()), tangents)
+            held_back = np.clip(tangents, -limit, limit)
+            missing = float(self.steered @ (tangents - held_back))
+            tangents, free = held_back, free & (np.abs(tangents) < limit)
+            if missing == 0.0 or not free.any():
+                break
+        return tangents
+
+
+def held(direction: float) -> float:
+    """The direction [rad] held within the range where its tangent is useful."""
+    return max(-_STEEPEST, min(_STEEPEST, direction))

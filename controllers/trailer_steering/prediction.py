@@ -1,0 +1,90 @@
+"""Where the trailer will be when its steering has answered: from a measurement that is already old."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.actuator import settle
+from controllers.trailer import TrailerGeometry
+from controllers.trailer_steering.kinematics import AxleGroup, held
+from estimators.estimates import OffTracking
+from sensors.messages import SteerAngles
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray, Pose2, wrap
+
+_STEP = 0.02  # of the integration [s]; at 20 km/h the trailer turns by 1 deg in it, and the midpoint rule is exact to 1e-5
+
+
+class SteerReading(NamedTuple):
+    """One past reading of the steer encoders."""
+
+    tick: int
+    angles: tuple[float, ...]  # [rad]
+
+
+SteerHistory = tuple[SteerReading, ...]  # oldest first
+
+
+def recorded(history: SteerHistory, steer: SteerAngles, span: int) -> SteerHistory:
+    """The history with a new reading, kept ``span`` ticks back from it."""
+    if history and steer.tick <= history[-1].tick:
+        return history
+    kept = tuple(reading for reading in history if reading.tick >= steer.tick - span)
+    return (*kept, SteerReading(steer.tick, tuple(steer.angles.tolist())))
+
+
+def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:
+    """Angles (n, n_steered) [rad] read at past ticks (n,), interpolated."""
+    read_at = np.array([reading.tick for reading in history], dtype=np.float64)
+    read = np.array([reading.angles for reading in history])
+    return np.stack([np.interp(ticks, read_at, axle) for axle in read.T], axis=1)
+
+
+class Ahead(NamedTuple):
+    """The trailer at a later moment, seen from its frame S at an estimate's tick."""
+
+    frame: Pose2  # its own frame then
+    hitch_direction: float  # direction of the hitch's travel in that frame [rad]
+
+
+class Predictor:
+    """Carries a trailer from an estimate's tick to a later one.
+
+    The hitch goes on along a circle at constant speed, which is all that can be known of the tractor; the trailer
+    turns as its own axles, whose angles were read or are on their way to the demand, let it.
+    """
+
+    def __init__(self, trailer: TrailerGeometry, axles: AxleGroup) -> None:
+        self._trailer, self._axles = trailer, axles
+
+    def ahead(
+        self, seen: OffTracking, mean_slip: float, history: SteerHistory, demand: FloatArray, until: int
+    ) -> Ahead:
+        """The trailer at the tick ``until``, its steering being on the way to ``demand`` (n_steered,) [rad]."""
+        speed = math.hypot(seen.v_x, seen.v_y)
+        course_rate = seen.hitch_direction_rate + seen.yaw_rate
+        steps = max(1, math.ceil((until - seen.tick) * TICK / _STEP))
+        dt = (until - seen.tick) * TICK / steps
+        middles = seen.tick + (np.arange(steps) + 0.5) * dt / TICK
+        moments = self._axles.steer_moment(self._angles(history, demand, middles)).tolist()
+        x = y = psi = 0.0
+        for k, moment in enumerate(moments):
+            course = seen.hitch_direction + course_rate * (k + 0.5) * dt
+            half = 0.5 * dt * speed * self._axles.yaw_per_metre(wrap(course - psi), moment, mean_slip)
+            psi += dt * speed * self._axles.yaw_per_metre(wrap(course - psi - half), moment, mean_slip)
+            x += dt * speed * math.cos(course)
+            y += dt * speed * math.sin(course)
+        return Ahead(Pose2(x, y, psi), held(wrap(seen.hitch_direction + course_rate * steps * dt - psi)))
+
+    def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray) -> FloatArray:
+        """Steer angles (n, n_steered) [rad] at ticks past and to come."""
+        newest = history[-1]
+        angles = angles_at(history, ticks)
+        t = self._trailer
+        for k in np.flatnonzero(ticks > newest.tick):
+            duration = float(ticks[k] - newest.tick) * TICK
+            angles[k] = settle(newest.angles, demand, duration, lag=t.actuator_lag, max_rate=t.max_steer_rate)
+        return angles

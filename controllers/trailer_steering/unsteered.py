@@ -1,0 +1,26 @@
+"""A trailer whose axles stay straight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from controllers.trailer import SteerCommand, TrailerGeometry
+from estimators.estimates import OffTracking
+from sensors.messages import SteerAngles
+
+
+class Unsteered:
+    """Zero demand on every steered axle, whatever is seen."""
+
+    def __init__(self, trailer: TrailerGeometry) -> None:
+        self._axles = len(trailer.steered_distances)
+
+    def init(self) -> None:
+        """Nothing to remember."""
+        return
+
+    def step(
+        self, memory: None, tick: int, off_tracking: OffTracking | None, steer: SteerAngles
+    ) -> tuple[None, SteerCommand]:
+        """Straight wheels."""
+        return None, SteerCommand(angles=np.zeros(self._axles))

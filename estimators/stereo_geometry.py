@@ -1,0 +1,39 @@
+"""Points and their images in a rectified stereo pair: z = (u left, v, u right) [px], p = (x, y, z) in Cl [m]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray
+
+
+def triangulate(calibration: StereoCalibration, z: FloatArray) -> FloatArray:
+    """Points (..., 3) in the left camera from their images (..., 3), which need a positive disparity."""
+    depth = calibration.focal_length * calibration.baseline / (z[..., 0] - z[..., 2])
+    scale = depth / calibration.focal_length
+    return np.stack([(z[..., 0] - calibration.cx) * scale, (z[..., 1] - calibration.cy) * scale, depth], axis=-1)
+
+
+def project(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
+    """Images (..., 3) of points (..., 3) in front of the cameras."""
+    scale = calibration.focal_length / p[..., 2]
+    return np.stack(
+        [
+            p[..., 0] * scale + calibration.cx,
+            p[..., 1] * scale + calibration.cy,
+            (p[..., 0] - calibration.baseline) * scale + calibration.cx,
+        ],
+        axis=-1,
+    )
+
+
+def projection_jacobian(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
+    """dz/dp, shape (..., 3, 3), of points (..., 3)."""
+    scale = calibration.focal_length / p[..., 2]
+    J = np.zeros((*p.shape, 3))
+    J[..., 0, 0] = J[..., 1, 1] = J[..., 2, 0] = scale
+    J[..., 0, 2] = -p[..., 0] * scale / p[..., 2]
+    J[..., 1, 2] = -p[..., 1] * scale / p[..., 2]
+    J[..., 2, 2] = -(p[..., 0] - calibration.baseline) * scale / p[..., 2]
+    return J

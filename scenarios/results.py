@@ -1,0 +1,271 @@
+"""What a run leaves behind: its result in memory, its summary, and the run directory on disk.
+
+A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
+``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html`` and a video. It appears complete or
+not at all: everything is written beside it and moved into place at the end.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+import os
+import platform
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios import metrics
+from scenarios.log import Log, write_log
+from scenarios.swept_path import SweptPath, swept_path
+from scenarios.swept_path import UnitOutline as UnitOutline  # part of this module's words: a RunResult is built from it
+from vehicle.frames import FloatArray
+
+Summary = dict[str, str | int | dict[str, float | int | None]]
+Progress = Callable[[int, int], None]  # done so far, of how many
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """Where the time of a run went [s]."""
+
+    simulated_s: float
+    wall_s: float
+    physics_s: float
+    render_s: float
+    odometry_s: float
+
+    @property
+    def rest_s(self) -> float:
+        """Wall time outside the three stages: controllers, bookkeeping, log [s]."""
+        return max(0.0, self.wall_s - self.physics_s - self.render_s - self.odometry_s)
+
+    @property
+    def realtime_factor(self) -> float:
+        """Simulated time over wall time: above 1 the run was faster than reality."""
+        return self.simulated_s / self.wall_s if self.wall_s > 0.0 else math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraFrame:
+    """What the left camera saw, kept for people: the odometry itself worked on the uncompressed images."""
+
+    tick: int
+    jpeg: bytes  # colour or grey
+    tracks: NDArray[np.float32]  # (m, 4) u, v in the previous and u, v in this left image [px]
+    matches: int
+    inliers: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunResult:
+    """Everything a finished run has to tell."""
+
+    scenario: str  # name
+    scenario_toml: str  # resolved: runs again identically
+    seed: int
+    outcome: str  # "completed", "diverged", …
+    log: Log
+    units: tuple[UnitOutline, ...]  # tractor first; the last one is the trailer that is steered and judged
+    follow_distance: float  # hitch to follow point of that trailer [m]
+    road: FloatArray  # (n, 2) centre line [m]
+    road_half_width: float  # [m]
+    circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
+    timing: Timing
+    frames: tuple[CameraFrame, ...]  # empty without cameras
+    manifest: Mapping[str, str]  # what only the run knows: OpenGL renderer, hash of the sensor images, …
+    trailer_steer_limit: float | None = None  # for the plots [rad]; None where the trailer is not steered
+
+    @property
+    def trailer(self) -> UnitOutline:
+        """The trailer whose rear is to follow its hitch."""
+        return self.units[-1]
+
+    def poses(self, unit: UnitOutline) -> FloatArray:
+        """x [m], y [m], psi [rad] of the unit's frame over time, shape (n_rows, 3)."""
+        return np.column_stack([self.log[f"{quantity}_{unit.name}"] for quantity in ("x", "y", "psi")])
+
+    def signal(self, name: str) -> FloatArray:
+        """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
+        return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
+
+    def steer_signals(self, suffix: str = "") -> tuple[str, ...]:
+        """Names of the trailer's steer angles, front to rear; ``suffix="_command"`` for the demands."""
+        return tuple(
+            name for name in self.log.names if name.removeprefix("steer_trailer_").removesuffix(suffix).isdigit()
+            and name.startswith("steer_trailer_") and name.endswith(suffix)
+        )
+
+
+def summary(result: RunResult) -> Summary:
+    """The run in numbers, ready for JSON: null stands for what does not apply or could not be measured.
+
+    Names, and the units in them, are fixed; users and checks rely on them.
+    """
+    return {
+        "outcome": result.outcome,
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "off_tracking": _off_tracking(result),
+        "swept_path": _swept_path(swept(result)),
+        "steer": _steer(result),
+        "odometry": _odometry(result),
+        "timing": _timing(result.timing),
+    }
+
+
+def swept(result: RunResult) -> SweptPath:
+    """The room the run took."""
+    return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
+
+
+def error_of_estimate(result: RunResult) -> FloatArray:
+    """Estimated minus true off-tracking at the estimate's own time [m], shape (n_rows,); NaN where there is none."""
+    return metrics.estimate_error(
+        result.signal("off_tracking_estimate"), result.signal("off_tracking_true"), result.signal("health")
+    )
+
+
+def _off_tracking(result: RunResult) -> dict[str, float | int | None]:
+    true, error = result.signal("off_tracking_true"), error_of_estimate(result)
+    return {
+        "true_rms_m": _number(metrics.rms(true)),
+        "true_max_m": _number(metrics.peak(true)),
+        "estimate_error_rms_m": _number(metrics.rms(error)),
+        "estimate_error_max_m": _number(metrics.peak(error)),
+        "valid_fraction": _number(metrics.valid_fraction(result.signal("health"), true)),
+    }
+
+
+def _swept_path(room: SweptPath) -> dict[str, float | int | None]:
+    return {
+        "max_width_m": _number(room.max_width),
+        "min_inner_radius_m": _number(room.min_inner_radius),
+        "tail_swing_m": _number(room.tail_swing),
+    }
+
+
+def _steer(result: RunResult) -> dict[str, float | int | None]:
+    angles = [result.log[name] for name in result.steer_signals()]
+    largest = max((metrics.peak(angle) for angle in angles), default=math.nan)
+    fastest = max((metrics.peak(metrics.rate(angle, result.log["time"])) for angle in angles), default=math.nan)
+    return {"max_deg": _number(math.degrees(largest)), "max_rate_deg_s": _number(math.degrees(fastest))}
+
+
+def _odometry(result: RunResult) -> dict[str, float | int | None]:
+    health = result.signal("odometry_health")
+    captures = np.isfinite(health)
+    drift = metrics.odometry_drift(
+        result.poses(result.trailer)[captures],
+        np.column_stack([result.signal(f"odometry_{part}")[captures] for part in ("dx", "dy", "dpsi")]),
+        health[captures] >= metrics.LOST,
+        result.follow_distance,
+    )
+    return {
+        "matches_mean": _number(metrics.mean(result.signal("matches"))),
+        "inliers_mean": _number(metrics.mean(result.signal("inliers"))),
+        "lost_frames": int(np.sum(health[captures] >= metrics.LOST)) if captures.any() else None,
+        "drift_percent": _number(100.0 * metrics.mean(drift)),
+    }
+
+
+def _timing(timing: Timing) -> dict[str, float | int | None]:
+    names = ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
+    return {name: _number(getattr(timing, name)) for name in names}
+
+
+def _number(value: float) -> float | None:
+    """The value to the last micrometre, or None where there is no number."""
+    return round(float(value), 6) if math.isfinite(value) else None
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a run's numbers depend on."""
+    packages = {"offtrack": "offtrack", "numpy": "numpy", "casadi": "casadi", "opencv": "opencv-python-headless"}
+    found = {"python": platform.python_version(), "platform": platform.platform()}
+    for name, distribution in packages.items():
+        try:
+            found[name] = importlib.metadata.version(distribution)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "unknown"  # OpenCV comes under several distribution names
+    return found
+
+
+def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
+    """The first free ``runs/<scenario>-<n>``, n counted from 1 and beyond every run there is."""
+    taken = [path.name.removeprefix(f"{scenario}-") for path in root.glob(f"{scenario}-*")]
+    return root / f"{scenario}-{1 + max((int(n) for n in taken if n.isdigit()), default=0)}"
+
+
+def check_run_directory(directory: Path) -> None:
+    """Refuses a directory in which :func:`write_run` could not put a complete run; call it before a long one.
+
+    Raises:
+        ValueError: if it is a file, holds something already, can not be replaced, or can not be made.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise ValueError(f"run directory {directory} is a file: choose another name")
+    if directory.is_dir() and any(directory.iterdir()):
+        raise ValueError(f"run directory {directory} is not empty: choose another, or remove it first")
+    if directory.is_dir() and (directory.is_mount() or directory.resolve() == Path.cwd()):
+        raise ValueError(f"run directory {directory} can not be replaced as a whole: name a new folder inside it")
+    parent = next(path for path in directory.resolve().parents if path.exists())
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        raise ValueError(f"run directory {directory} can not be made: no permission to write in {parent}")
+
+
+@contextmanager
+def appearing_at_once(directory: Path) -> Iterator[Path]:
+    """A hidden folder beside ``directory`` to write into; it takes that name if all goes well, else it is removed."""
+    check_run_directory(directory)
+    directory = directory.resolve()
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = directory.with_name(f".{directory.name}.{os.getpid()}.unfinished")
+    unfinished.mkdir()
+    try:
+        yield unfinished
+        unfinished.rename(directory)  # replaces an empty directory, refuses one that has been filled meanwhile
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def write_run(result: RunResult, directory: Path, *, video: bool = True, progress: Progress | None = None) -> Path:
+    """Writes the run directory and returns it; ``progress`` is told the frames of the video.
+
+    Raises:
+        ValueError: if the directory can not take a run, see :func:`check_run_directory`.
+    """
+    from scenarios.report import report_html  # matplotlib takes a second to import, and a run that fails needs none
+    from scenarios.video import write_video
+
+    numbers = summary(result)
+    with appearing_at_once(directory) as folder:
+        (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
+        write_log(result.log, folder / "signals.parquet")
+        _write_json(folder / "manifest.json", manifest(result))
+        (folder / "report.html").write_text(report_html(result, numbers), encoding="utf-8")
+        if video:
+            write_video(result, folder / "video", progress=progress)
+        _write_json(folder / "summary.json", numbers)
+    return directory
+
+
+def manifest(result: RunResult) -> dict[str, object]:
+    """What identifies the run: where its numbers come from, and hashes to compare them by."""
+    return {
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "versions": versions(),
+        "signals_sha256": result.log.sha256(),
+        **result.manifest,
+    }
+
+
+def _write_json(path: Path, content: Mapping[str, object]) -> None:
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,0 +1,197 @@
+"""The ground a combination sweeps: outlines of its bodies, swept width, inner and outer radius, tail swing.
+
+Bodies are rectangles on the ground plane. Poses are arrays (n, 3) of x [m], y [m], psi [rad] over time, psi free to be
+wrapped or not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vehicle.frames import FloatArray
+
+_QUARTER_TURN = 0.5 * math.pi
+_TURN = math.radians(10.0)  # less than this is a lane change, not a turn with an inside and an outside
+_STATION_SPACING = 0.25  # [m] between the cross-sections in which the width is measured
+_ROW_SPACING = 0.1  # [m] of travel between the outlines used; at 90 degrees articulation a corner moves as far
+
+
+@dataclass(frozen=True, slots=True)
+class UnitOutline:
+    """What a plan view shows of one unit: positions along x in the unit's own frame, forward positive."""
+
+    name: str
+    front_x: float  # [m]
+    rear_x: float  # [m]
+    width: float  # [m]
+    axles: tuple[float, ...]  # x of each axle [m]
+    tracks: tuple[float, ...]  # of each axle, between the wheels' middles [m]
+
+    @property
+    def corners(self) -> FloatArray:
+        """Front left, front right, rear right, rear left corner in the unit's frame, shape (4, 2) [m]."""
+        half = 0.5 * self.width
+        return np.array([[self.front_x, half], [self.front_x, -half], [self.rear_x, -half], [self.rear_x, half]])
+
+
+def placed(points: FloatArray, poses: FloatArray) -> FloatArray:
+    """Points (m, 2) of a body in the world, shape (n, m, 2), for poses (n, 3)."""
+    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x = poses[:, 0, None] + c * points[:, 0] - s * points[:, 1]
+    y = poses[:, 1, None] + s * points[:, 0] + c * points[:, 1]
+    return np.stack([x, y], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class SweptPath:
+    """How much room a run took; NaN for what does not apply to its course."""
+
+    max_width: float  # [m]
+    min_inner_radius: float  # about the roundabout's centre [m]
+    max_outer_radius: float  # [m]
+    tail_swing: float  # [m]
+
+
+def swept_path(
+    outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...], circle_centre: tuple[float, float] | None
+) -> SweptPath:
+    """Room taken by the combination whose units have these outlines and poses; unit 0 is the tractor.
+
+    On a roundabout the width is the outer minus the inner radius; elsewhere see :func:`width_across_path`.
+    """
+    swing = tail_swing(outlines, poses)
+    if circle_centre is None:
+        return SweptPath(width_across_path(outlines, poses), math.nan, math.nan, swing)
+    inner, outer = swept_radii(outlines, poses, circle_centre)
+    return SweptPath(outer - inner, inner, outer, swing)
+
+
+def swept_radii(
+    outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...], centre: tuple[float, float]
+) -> tuple[float, float]:
+    """Smallest and largest distance [m] of any body from the centre of the roundabout; NaN if it was not driven.
+
+    Only what lies on the roundabout counts: between the radius through the point where the straight entry touches the
+    circle (square to the tractor's first heading) and the one where the exit leaves it (square to the last heading).
+    """
+    yaw = np.unwrap(poses[0][:, 2])
+    side = float(np.sign(yaw[-1] - yaw[0]))
+    entry = yaw[0] - side * _QUARTER_TURN
+    inner, outer = [math.inf], [-math.inf]
+    for outline, pose in zip(outlines, poses, strict=True):
+        nearest = _nearest_points(outline, pose, centre)
+        corners = placed(outline.corners, pose)
+        middle = placed(np.array([[0.5 * (outline.front_x + outline.rear_x), 0.0]]), pose)
+        for points, radii in ((nearest, inner), (corners, outer)):
+            angle = side * (_polar_angle(points, middle, centre, entry) - entry)
+            on_circle = (angle >= 0.0) & (angle <= abs(yaw[-1] - yaw[0]))
+            radius = np.hypot(points[..., 0] - centre[0], points[..., 1] - centre[1])[on_circle]
+            radii.extend((float(radius.min()), float(radius.max())) if radius.size else ())
+    return (min(inner), max(outer)) if len(inner) > 1 and len(outer) > 1 else (math.nan, math.nan)
+
+
+def _nearest_points(outline: UnitOutline, poses: FloatArray, centre: tuple[float, float]) -> FloatArray:
+    """The point of a body nearest to the centre, in the world, shape (n, 1, 2)."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    dx, dy = centre[0] - poses[:, 0], centre[1] - poses[:, 1]
+    x = np.clip(c * dx + s * dy, outline.rear_x, outline.front_x)
+    y = np.clip(-s * dx + c * dy, -0.5 * outline.width, 0.5 * outline.width)
+    nearest: FloatArray = np.stack([poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y], axis=-1)[:, None, :]
+    return nearest
+
+
+def _polar_angle(points: FloatArray, middle: FloatArray, centre: tuple[float, float], start: float) -> FloatArray:
+    """Angle of points (n, m, 2) about the centre, counted on over full turns; the body begins within half a turn of start."""
+
+    def angle(p: FloatArray) -> FloatArray:
+        polar: FloatArray = np.arctan2(p[..., 1] - centre[1], p[..., 0] - centre[0])
+        return polar
+
+    body = np.unwrap(angle(middle), axis=0)
+    body = body - 2.0 * math.pi * np.round((body[0] - start) / (2.0 * math.pi))
+    offset = angle(points) - body
+    return body + offset - 2.0 * math.pi * np.round(offset / (2.0 * math.pi))
+
+
+def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> float:
+    """Largest width [m] swept by all bodies, measured square to the path of the middle of the tractor's front.
+
+    Cross-sections stand on that path; each one collects where the bodies cut it from the moment the front arrives
+    until the combination has passed. NaN if the vehicle hardly moved.
+    """
+    front = placed(np.array([[outlines[0].front_x, 0.0]]), poses[0])[:, 0]
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front, axis=0).T))])
+    rows = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1], _ROW_SPACING)))
+    if travelled[-1] < 2.0 * _STATION_SPACING:
+        return math.nan
+    front, travelled = front[rows], travelled[rows]
+    corners = [placed(outline.corners, pose[rows]) for outline, pose in zip(outlines, poses, strict=True)]
+    length = sum(outline.front_x - outline.rear_x for outline in outlines)
+    stations = np.arange(0.0, travelled[-1], _STATION_SPACING)
+    tangents = np.gradient(front, travelled, axis=0)
+    widths = [0.0]
+    for s in stations:
+        point = np.array([np.interp(s, travelled, front[:, k]) for k in (0, 1)])
+        tangent = np.array([np.interp(s, travelled, tangents[:, k]) for k in (0, 1)])
+        # On a path that crosses itself the section must not see the vehicle pass on another leg: no body is farther
+        # from the path than the combination is long, and it has passed after twice its length.
+        first, last = np.searchsorted(travelled, [s, s + 2.0 * length])
+        cuts = np.concatenate([_cuts(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
+        cuts = cuts[np.abs(cuts) <= length]
+        widths.append(float(np.ptp(cuts)) if cuts.size else 0.0)
+    return max(widths)
+
+
+def _cuts(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Where the edges of quadrilaterals (n, 4, 2) cut the line through a point square to the tangent [m], + left."""
+    along = (corners - point) @ tangent
+    lateral = (corners - point) @ np.array([-tangent[1], tangent[0]])
+    next_along, next_lateral = np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1)
+    cut = (along <= 0.0) != (next_along <= 0.0)
+    share = along[cut] / (along[cut] - next_along[cut])
+    crossing: FloatArray = lateral[cut] + share * (next_lateral[cut] - lateral[cut])
+    return crossing
+
+
+def tail_swing(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> float:
+    """How far a rear corner swings out beyond the straight before or after a turn [m]; NaN without a turn.
+
+    At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit when
+    it still stood straight behind the tractor's first pose, on the outside of the first turn, until the unit has
+    turned 90 degrees. At exit the same in reversed time, with the tractor's last pose and the last turn. As the
+    low-speed tail swing of performance-based standards, which is the value at entry; the exit matters for steered
+    trailers.
+    """
+    swings = [
+        swing
+        for ordered in (poses, tuple(pose[::-1] for pose in poses))
+        for outline, pose in zip(outlines, ordered, strict=True)
+        if (swing := _swing_out(outline, pose, ordered[0])) is not None
+    ]
+    return max(0.0, *swings) if swings else math.nan
+
+
+def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray) -> float | None:
+    """Largest distance of the outer rear corner beyond the straight on which the tractor stands at the first row."""
+    heading = float(tractor[0, 2])
+    turned = np.unwrap(tractor[:, 2]) - heading
+    if not np.any(np.abs(turned) > _TURN):
+        return None
+    outside = -float(np.sign(turned[np.argmax(np.abs(turned) > _TURN)]))  # + when the outside is left
+    corner = placed(np.array([[outline.rear_x, outside * 0.5 * outline.width]]), poses)[:, 0]
+    from_line = (corner - tractor[0, :2]) @ np.array([-math.sin(heading), math.cos(heading)])
+    unit_turned = np.unwrap(poses[:, 2] - heading)
+    unit_turned -= 2.0 * math.pi * np.round(unit_turned[0] / (2.0 * math.pi))
+    leaves = np.flatnonzero(np.abs(unit_turned) > _QUARTER_TURN)
+    until = leaves[0] if leaves.size else len(poses)
+    return float(np.max(outside * from_line[:until]) - 0.5 * outline.width) if until else None
+
+
+def wheels(outline: UnitOutline) -> FloatArray:
+    """Rectangles of a unit's wheels, straight ahead, in the unit's frame, shape (8 n_axles, 2) [m]: four corners each."""
+    tyre = np.array([[0.5, 0.17], [0.5, -0.17], [-0.5, -0.17], [-0.5, 0.17]])  # a 385/65 R 22.5, for the eye only
+    middles = [(x, side * 0.5 * track) for x, track in zip(outline.axles, outline.tracks, strict=True) for side in (1, -1)]
+    return np.concatenate([tyre + np.array(middle) for middle in middles])

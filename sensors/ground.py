@@ -1,0 +1,136 @@
+"""The ground: its mesh, the map of the road on it, and the relief beyond the course."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sensors.shapes import Mesh, grid_faces
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
+_HORIZON = 900.0  # from there on hills go over into the haze [m]
+_FINE = 12.0  # cells stay fine this far beyond the bounding box [m]
+_CELLS = 160  # fine cells along the longer side at most, so that long courses stay drawable
+_MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
+_MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
+_SPACING = 0.05  # of the points that stand for the centreline: distance error below 0.1 mm at the road's edge [m]
+
+
+class Waves:
+    """A smooth aperiodic field: a sum of plane waves of random direction, wavelength and phase."""
+
+    def __init__(self, rng: np.random.Generator, *, wavelengths: tuple[float, float], count: int) -> None:
+        length = np.exp(rng.uniform(*np.log(wavelengths), size=count))  # [m]
+        heading = rng.uniform(0.0, 2.0 * np.pi, size=count)
+        self._k = 2.0 * np.pi / length * np.stack([np.cos(heading), np.sin(heading)])  # (2, count) [rad/m]
+        self._phase = rng.uniform(0.0, 2.0 * np.pi, size=count)
+
+    def __call__(self, xy: FloatArray) -> FloatArray:
+        """Value at xy (..., 2) [m]: zero mean, unit standard deviation."""
+        waves: FloatArray = np.sin(xy @ self._k + self._phase).sum(axis=-1) * np.sqrt(2.0 / len(self._phase))
+        return waves
+
+
+class Terrain:
+    """Height of the drawn ground: the surface of the course, and beyond its margin level ground with hills."""
+
+    def __init__(self, rng: np.random.Generator, surface: Surface, low: FloatArray, high: FloatArray) -> None:
+        self._surface, self._low, self._high = surface, low - MARGIN, high + MARGIN
+        self._hills = Waves(rng, wavelengths=(150.0, 450.0), count=9)
+
+    def height(self, xy: FloatArray) -> FloatArray:
+        """Height [m] at xy (..., 2) [m]."""
+        inside = np.clip(xy, self._low, self._high)
+        beyond = np.linalg.norm(xy - inside, axis=-1)
+        rise = np.clip(beyond / 350.0, 0.0, 1.0)
+        hills = 24.0 * rise**1.5 * (0.75 + 0.35 * self._hills(xy))
+        height: FloatArray = self._surface.height(inside[..., 0], inside[..., 1]) + hills
+        return height
+
+
+class Centreline:
+    """The road's centreline as points dense enough to measure distances to."""
+
+    def __init__(self, polyline: FloatArray) -> None:
+        step = np.diff(polyline, axis=0)
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
+        stations = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SPACING) + 1))
+        self.points: FloatArray = np.stack([np.interp(stations, along, polyline[:, i]) for i in range(2)], axis=1)
+        self.spacing = stations[1]  # [m]
+        self._tree = cKDTree(self.points)
+
+    def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
+        """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to``."""
+        return np.asarray(self._tree.query(xy, distance_upper_bound=up_to)[0], dtype=np.float64)
+
+    def offset(self, by: float) -> FloatArray:
+        """Points (n, 2) ``by`` metres to the left of the centreline's points."""
+        tangent = np.gradient(self.points, axis=0)
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+        return self.points + by * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoadMap:
+    """What the ground is like around the road, on a lattice whose first node is ``origin``."""
+
+    origin: FloatArray  # (2,) W of node [0, 0] [m]
+    cell: float  # [m]
+    edge_distance: NDArray[np.float32]  # (ny, nx) distance from the road's edge, negative on the road [m]
+    light: NDArray[np.float32]  # (ny, nx) 1 in the sun, 0 in full shadow
+
+
+MAP_REACH = 16.0  # distances from the road's edge are kept up to this [m]
+
+
+def road_map(centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray) -> RoadMap:
+    """The map of a road along a centreline, all in the sun, over the box from ``low`` to ``high`` [m]."""
+    cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
+    nx, ny = (np.ceil((high - low) / cell).astype(int) + 1).tolist()
+    nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
+    reach = road_half_width + MAP_REACH
+    distance = np.minimum(centreline.distance(nodes, up_to=reach), reach)
+    return RoadMap(
+        origin=low,
+        cell=cell,
+        edge_distance=(distance - road_half_width).astype(np.float32),
+        light=np.ones((ny, nx), dtype=np.float32),
+    )
+
+
+def ground_mesh(rng: np.random.Generator, terrain: Terrain, low: FloatArray, high: FloatArray) -> Mesh:
+    """A lattice over the course, fine around it and ever coarser towards the horizon.
+
+    ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it meets
+    itself nowhere again at the same shift. ``shade`` is a slow variation of the soil, 0..1.
+    """
+    cell = max(1.0, float((high - low).max() + 2 * _FINE) / _CELLS)
+    axes = [_graded_axis(low[i], high[i], cell) for i in range(2)]
+    xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    vertices = np.concatenate([xy, terrain.height(xy)[..., None]], axis=-1)
+    bend = np.stack([Waves(rng, wavelengths=(18.0, 70.0), count=7)(xy) for _ in range(2)], axis=-1)
+    soil = 0.5 + 0.22 * Waves(rng, wavelengths=(9.0, 90.0), count=9)(xy)
+    d_x, d_y = (np.gradient(vertices[..., 2], axes[i], axis=i) for i in range(2))
+    normals = np.stack([-d_x, -d_y, np.ones_like(d_x)], axis=-1)
+    return Mesh(
+        vertices=vertices.reshape(-1, 3),
+        normals=(normals / np.linalg.norm(normals, axis=-1, keepdims=True)).reshape(-1, 3),
+        uv=(xy + 0.8 * bend).reshape(-1, 2),
+        shade=np.clip(soil, 0.0, 1.0).ravel(),
+        faces=grid_faces(len(axes[0]), len(axes[1])),
+    )
+
+
+def _graded_axis(low: float, high: float, cell: float) -> FloatArray:
+    """Nodes [m], ``cell`` apart around [low, high], their spacing growing outwards as far as the horizon."""
+    middle = np.linspace(low - _FINE, high + _FINE, max(2, round((high - low + 2 * _FINE) / cell) + 1))
+    steps = [cell * 1.25]
+    while sum(steps) < _HORIZON:
+        steps.append(min(steps[-1] * 1.25, 60.0))
+    outwards = np.cumsum(steps)
+    return np.concatenate([middle[0] - outwards[::-1], middle, middle[-1] + outwards])

@@ -1,0 +1,117 @@
+"""The world that the cameras see, as plain data: ground, things, sky and light, procedural from one generator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors import sky, textures
+from sensors.ground import MAP_REACH, Centreline, RoadMap, Terrain, ground_mesh, road_map
+from sensors.scenery import Plot, Stand, kerbs, planted
+from sensors.shapes import Mesh
+from sensors.textures import TextureArray
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+_DETAIL_SIZE = 2048  # [px]
+_DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
+_SUN_ELEVATION = 0.75  # [rad]
+_MAX_DENSITY = 2.0
+_TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
+    "foliage": textures.foliage,
+    "bark": textures.bark,
+    "stone": textures.stone,
+    "brick": textures.brick,
+    "tiles": textures.tiles,
+    "planks": textures.planks,
+    "window": textures.window,
+    "banded": textures.banded,
+    "chevrons": textures.chevrons,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """Everything a renderer needs; nothing in it depends on how it is drawn."""
+
+    ground: Mesh
+    detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
+    detail_period: float  # [m]
+    road: RoadMap
+    stands: tuple[Stand, ...]
+    textures: dict[str, TextureArray]  # those the things name
+    panorama: TextureArray  # see sensors.sky
+    sun: FloatArray  # (3,) unit vector towards the sun
+
+
+def build_world(
+    *,
+    rng: np.random.Generator,
+    centreline: FloatArray,
+    road_half_width: float,
+    surface: Surface,
+    scenery_density: float,
+    clearance: float,
+) -> World:
+    """The world around a road.
+
+    Args:
+        rng: decides everything that is left to chance.
+        centreline: polyline (n, 2) of the road's middle [m]; it may meet and cross itself.
+        road_half_width: [m].
+        surface: what the ground follows up to 100 m beyond the centreline's bounding box.
+        scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
+        clearance: distance from the centreline within which nothing but kerb stones stands [m].
+
+    Raises:
+        ValueError: naming the argument that is out of its range.
+    """
+    _check(centreline, road_half_width, scenery_density, clearance)
+    low, high = centreline.min(axis=0), centreline.max(axis=0)
+    terrain = Terrain(rng, surface, low, high)
+    line = Centreline(centreline)
+    azimuth = rng.uniform(0.0, 2.0 * np.pi)
+    sun = np.array([np.cos(azimuth), np.sin(azimuth), np.tan(_SUN_ELEVATION)]) * np.cos(_SUN_ELEVATION)
+    stands: list[Stand] = []
+    if scenery_density > 0.0:
+        plot = Plot(rng, line, terrain, clearance, scenery_density)
+        stands = [kerbs(plot, road_half_width), *planted(plot)]
+    road = road_map(line, road_half_width, low - 0.6 * MAP_REACH - 40.0, high + 0.6 * MAP_REACH + 40.0)
+    return World(
+        ground=ground_mesh(rng, terrain, low, high),
+        detail=textures.ground_detail(rng, _DETAIL_SIZE),
+        detail_period=_DETAIL_PERIOD,
+        road=replace(road, light=_shadows(road, stands, sun)),
+        stands=tuple(stand for stand in stands if len(stand.poses)),
+        textures={name: make(rng) for name, make in _TEXTURES.items()},
+        panorama=sky.panorama(rng),
+        sun=sun,
+    )
+
+
+def _check(centreline: FloatArray, road_half_width: float, scenery_density: float, clearance: float) -> None:
+    if centreline.ndim != 2 or centreline.shape[1] != 2 or len(centreline) < 2:
+        raise ValueError(f"centreline of shape {centreline.shape} must be (n, 2) with n >= 2 points [m]")
+    if road_half_width <= 0.0:
+        raise ValueError(f"road_half_width = {road_half_width} m must be positive")
+    if not 0.0 <= scenery_density <= _MAX_DENSITY:
+        raise ValueError(f"scenery_density = {scenery_density} must be between 0 and {_MAX_DENSITY:g}")
+    if clearance < road_half_width:
+        raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {road_half_width} m")
+
+
+def _shadows(road: RoadMap, stands: list[Stand], sun: FloatArray) -> NDArray[np.float32]:
+    """Sunlight on the map's nodes: the outline of each part of a thing, thrown along the sun's rays, is dark."""
+    light = np.ones(road.light.shape, dtype=np.float32)
+    for stand in stands:
+        for part in stand.thing.parts:
+            for pose in stand.poses:
+                points = part.mesh.vertices @ pose[:3, :3].T  # from the foot
+                thrown = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]
+                outline = cv2.convexHull(((thrown + pose[:2, 3] - road.origin) / road.cell).astype(np.float32))
+                cv2.fillConvexPoly(light, np.round(outline * 16.0).astype(np.int32), 0.0, shift=4)
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.35 / road.cell), dtype=np.float32)

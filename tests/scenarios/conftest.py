@@ -1,0 +1,153 @@
+"""A run made up from kinematics: a tractor and a command-steered semitrailer on three quarters of a roundabout."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.log import Log, Signal
+from scenarios.metrics import true_off_tracking
+from scenarios.results import CameraFrame, RunResult, Timing, UnitOutline
+from vehicle.frames import FloatArray
+
+STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle
+SPEED, STEP = 4.0, 0.01  # [m/s], [s]
+FOLLOW, AXLE, HITCH_X = 11.9, 7.7, 0.6  # [m]
+TRACTOR = UnitOutline("tractor", 5.2, -0.9, 2.5, (3.8, 0.0), (2.05, 1.85))
+TRAILER = UnitOutline("trailer", 1.6, -12.0, 2.55, (-6.39, -7.7, -9.01), (2.05, 2.05, 2.05))
+WIDTH, HEIGHT = 1344, 392  # [px]
+
+
+def drive() -> FloatArray:
+    """Rows of x, y, psi of the tractor, x, y, psi of the trailer, steer of its axles (3), over time."""
+    rows = []
+    psi_S = 0.0
+    for k in range(int((2 * STRAIGHT + RADIUS * TURN) / SPEED / STEP)):
+        s = SPEED * STEP * k
+        turned = min(max((s - STRAIGHT) / RADIUS, 0.0), TURN)
+        x, y = STRAIGHT + RADIUS * math.sin(turned), RADIUS * (1.0 - math.cos(turned))
+        beyond = min(s - STRAIGHT, 0.0) + max(s - STRAIGHT - RADIUS * TURN, 0.0)
+        x, y = x + beyond * math.cos(turned), y + beyond * math.sin(turned)
+        yaw_rate = SPEED / RADIUS if 0.0 < turned < TURN else 0.0
+        x_S, y_S = x + HITCH_X * math.cos(turned), y + HITCH_X * math.sin(turned)
+        slide = turned - psi_S + math.atan2(HITCH_X * yaw_rate, SPEED)  # direction of the hitch's travel in S
+        steer = [-math.atan((a - 0.5 * FOLLOW) / (0.5 * FOLLOW) * math.tan(slide)) for a in (6.39, 7.7, 9.01)]
+        rows.append([x, y, turned, x_S, y_S, psi_S, *steer])
+        psi_S += STEP * math.hypot(SPEED, HITCH_X * yaw_rate) * math.sin(slide) / (0.5 * FOLLOW)
+    return np.array(rows)
+
+
+def picture(rng: np.random.Generator) -> bytes:
+    """A landscape as a rear camera might see it, as JPEG."""
+    v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
+    depth = 3.0 * 564.0 / np.maximum(v - 195.0, 1.0)
+    across = (u - 671.5) * depth / 564.0
+    noise = rng.normal(0.0, 1.0, (512, 512)).astype(np.float32)
+    ground = cv2.remap(cv2.GaussianBlur(noise, (0, 0), 1.2), (across * 12) % 511, (depth * 12) % 511, cv2.INTER_LINEAR)
+    grey = np.where(v > 195, 105 + 60 * ground * np.exp(-depth / 40), 215 - 0.18 * (195 - v))
+    grey = np.where((np.abs(across) < 4.0) & (v > 195), grey - 25, grey)
+    colour = np.stack([grey, grey * 1.02, grey * np.where(v > 195, 0.9, 1.08)], axis=-1)
+    for _ in range(60):
+        column, size = rng.uniform(0, WIDTH), rng.uniform(15, 70)
+        cv2.ellipse(colour, (int(column), int(198 - size / 2)), (int(size / 2.2), int(size / 1.6)), 0, 0, 360, (60, 88, 52), -1)
+    encoded = cv2.imencode(".jpg", np.clip(colour[..., ::-1], 0, 255).astype(np.uint8))[1]
+    return encoded.tobytes()
+
+
+def camera_frames(rng: np.random.Generator, ticks: FloatArray) -> tuple[CameraFrame, ...]:
+    """Frames with features flowing towards the horizon, as they do behind a vehicle that drives on."""
+    jpeg = picture(rng)
+    frames = []
+    for tick in ticks:
+        count = int(rng.integers(280, 360))
+        u, v = rng.uniform(20, WIDTH - 20, count), rng.uniform(205, HEIGHT - 10, count)
+        closer = 1.0 - 0.4 / (3.0 * 564.0 / (v - 195.0))
+        tracks = np.column_stack([u, v, 671.5 + (u - 671.5) * closer + 4.0, 195.0 + (v - 195.0) * closer])
+        frames.append(CameraFrame(tick=int(tick), jpeg=jpeg, tracks=tracks.astype(np.float32), matches=count + 40, inliers=count))
+    return tuple(frames)
+
+
+def make_run(*, cameras: bool) -> RunResult:
+    """The synthetic run, with an estimate and camera frames at 10 Hz or with neither."""
+    rng = np.random.default_rng(7)
+    path = drive()
+    n = len(path)
+    ticks = 10.0 * np.arange(n)
+    true = true_off_tracking(path[:, 3], path[:, 4], path[:, 5], FOLLOW)
+    columns = {
+        ("tick", "-"): ticks,
+        ("time", "s"): 1e-3 * ticks,
+        ("x_tractor", "m"): path[:, 0],
+        ("y_tractor", "m"): path[:, 1],
+        ("psi_tractor", "rad"): path[:, 2],
+        ("v_x_tractor", "m/s"): np.full(n, SPEED),
+        ("x_trailer", "m"): path[:, 3],
+        ("y_trailer", "m"): path[:, 4],
+        ("psi_trailer", "rad"): path[:, 5],
+        ("steer_tractor", "rad"): np.gradient(path[:, 2], STEP) * 3.8 / SPEED,
+        ("off_tracking_true", "m"): true,
+    }
+    for k in range(3):
+        columns[f"steer_trailer_{k + 1}", "rad"] = np.roll(path[:, 6 + k], 15)
+        columns[f"steer_trailer_{k + 1}_command", "rad"] = path[:, 6 + k]
+    if cameras:
+        columns |= estimates(rng, path, true)
+    log = Log(tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns), np.column_stack(list(columns.values())))
+    return RunResult(
+        scenario="roundabout",
+        scenario_toml='trailer_steering = "command_steer"\nspeed_kmh = 14.4\n\n[surface]\nfriction = 0.8  # <dry>\n',
+        seed=7,
+        outcome="completed",
+        log=log,
+        units=(TRACTOR, TRAILER),
+        follow_distance=FOLLOW,
+        road=path[::25, :2],
+        road_half_width=3.5,
+        circle_centre=(STRAIGHT, RADIUS),
+        timing=Timing(simulated_s=n * STEP, wall_s=41.0, physics_s=6.2, render_s=21.4, odometry_s=9.1),
+        frames=camera_frames(rng, ticks[10::10]) if cameras else (),
+        manifest={"opengl_renderer": "none: synthetic", "frames_sha256": "0" * 64} if cameras else {},
+        trailer_steer_limit=math.radians(30.0),
+    )
+
+
+def estimates(rng: np.random.Generator, path: FloatArray, true: FloatArray) -> dict[tuple[str, str], FloatArray]:
+    """Columns of an estimator with 8 mm of noise and an odometry that is 1 % short, lost in one frame at 9 s."""
+    n = len(path)
+    captures = np.arange(10, n, 10)
+    z, psi = path[:, 3] + 1j * path[:, 4], path[:, 5]
+    motion = (z[captures] - z[captures - 10]) * np.exp(-1j * psi[captures - 10])
+    drifting = np.cumsum(rng.normal(0.0, 0.0015, len(captures))) + rng.normal(0.0, 0.006, len(captures))
+    lost = np.isnan(true[captures])
+    values = {
+        ("off_tracking_estimate", "m"): np.where(lost, 0.0, true[captures] + drifting),
+        ("off_tracking_std", "m"): np.where(lost, np.inf, 0.012),
+        ("matches", "-"): rng.integers(320, 400, len(captures)).astype(float),
+        ("inliers", "-"): rng.integers(280, 320, len(captures)).astype(float),
+        ("health", "-"): np.where(lost, 2.0, 0.0),
+        ("odometry_health", "-"): np.where(captures == 900, 2.0, 0.0),
+        ("odometry_dx", "m"): 0.99 * motion.real,
+        ("odometry_dy", "m"): 0.99 * motion.imag,
+        ("odometry_dpsi", "rad"): psi[captures] - psi[captures - 10],
+    }
+    columns = {}
+    for key, value in values.items():
+        columns[key] = np.full(n, np.nan)
+        columns[key][captures] = value
+    return columns
+
+
+@pytest.fixture(scope="session")
+def camera_run() -> RunResult:
+    """A run with a stereo camera and an estimate."""
+    return make_run(cameras=True)
+
+
+@pytest.fixture(scope="session")
+def blind_run() -> RunResult:
+    """A run without cameras."""
+    return make_run(cameras=False)

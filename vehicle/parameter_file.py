@@ -1,0 +1,105 @@
+"""Parameter files: TOML whose numbers may carry their source, and complaints about them in one clear line.
+
+A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; models see the plain number only.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The contents of a TOML file, sources still in it.
+
+    Raises:
+        ValueError: if the file is missing or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: not a TOML file: {error}") from error
+
+
+def without_sources(node: Any) -> Any:
+    """The same tree with every ``{value, source}`` replaced by its value."""
+    if isinstance(node, dict):
+        if node.keys() == {"value", "source"}:
+            return node["value"]
+        return {key: without_sources(child) for key, child in node.items()}
+    if isinstance(node, list):
+        return [without_sources(child) for child in node]
+    return node
+
+
+def sources(node: Any, key: str = "") -> dict[str, str]:
+    """Where the numbers come from: dotted key to source, for every number that states one."""
+    if isinstance(node, dict) and node.keys() == {"value", "source"}:
+        return {key: str(node["source"])}
+    children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    found: dict[str, str] = {}
+    for name, child in children:
+        found |= sources(child, f"{key}.{name}" if key else str(name))
+    return found
+
+
+def checked(model: type[Model], plain: dict[str, Any], file: str) -> Model:
+    """The model filled from plain contents.
+
+    Raises:
+        ValueError: one line naming file, dotted key, value, limit and unit of the first thing wrong.
+    """
+    try:
+        return model.model_validate(plain)
+    except ValidationError as error:
+        raise ValueError(f"{file}: {_first_complaint(model, error)}") from error
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """A hint at the known word most like this one, or nothing."""
+    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
+def _first_complaint(model: type[BaseModel], error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        known = _fields_at(model, first["loc"][:-1])
+        return f"unknown key '{key}'{nearest(str(first['loc'][-1]), known)}"
+    if first["type"] == "missing":
+        return f"key '{key}'{_unit_at(model, first['loc'])} is missing"
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "value_error":
+        return f"{key}: {message}" if key else message
+    return f"{key} = {first['input']!r}: {message[0].lower()}{message[1:]}{_unit_at(model, first['loc'])}"
+
+
+def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, Any]:
+    """The fields of the model that lies at a location of an error."""
+    for part in location:
+        if isinstance(part, str):
+            model = _model_in(model.model_fields[part].annotation)
+    return dict(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel]:
+    """The model inside ``Model``, ``Model | None`` or ``tuple[Model, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_model_in(inner) for inner in annotation.__args__ if inner not in (type(None), Ellipsis))
+
+
+def _unit_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    field = _fields_at(model, location[:-1]).get(str(location[-1]))
+    extra = field.json_schema_extra if field is not None else None
+    return f" [{extra['unit']}]" if isinstance(extra, dict) and "unit" in extra else ""
