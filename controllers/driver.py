@@ -15,10 +15,10 @@ from vehicle.frames import Pose2
 PERIOD = 0.02  # the driver's step [s]
 
 _CREEP = 0.3  # below this speed a direction of travel is not a measurement [m/s]
-_SLIP_TIME = 0.3  # low-pass on the front axle's slip angle: shorter than a turn-in, longer than tyre dynamics [s]
-_SPEED_GAIN = 1.0  # acceleration demand per speed error [1/s]
-_SPEED_INTEGRAL = 0.3  # [1/s2]: critically damped with the gain above would be 0.25
-_MAX_ACCELERATION = 1.0  # comfortable for a standing load [m/s2]
+_SLIP_TIME = 0.1  # low-pass on the front axle's slip angle: longer than tyre dynamics, shorter than a turn-in [s]
+_SPEED_GAIN = 2.0  # acceleration demand per speed error [1/s]
+_SPEED_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above, and still with the lag of a driveline
+_MAX_ACCELERATION = 1.5  # comfortable for a standing load [m/s2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ class Crossing(NamedTuple):
 
     s: float  # [m]
     y: float  # [m]
-    index: int  # of the first point beyond it
+    beyond: int  # index of the first point behind it
 
 
 class Tangent(NamedTuple):
@@ -49,7 +49,7 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
     origin = s[index - 1]
     cubic = np.linalg.solve(np.vander(s[around] - origin), path[around])
     u = brentq(lambda u: float(np.polyval(cubic[:, 0], u)) - x, 0.0, s[index] - origin, xtol=1e-12)
-    return Crossing(s=float(origin + u), y=float(np.polyval(cubic[:, 1], u)), index=index)
+    return Crossing(s=float(origin + u), y=float(np.polyval(cubic[:, 1], u)), beyond=index)
 
 
 def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent:
@@ -59,7 +59,7 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
     too short to tell has direction and curvature 0.
     """
     distance = np.abs(s - at)
-    near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[: _LEAST_POINTS][-1])))
+    near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[:_LEAST_POINTS][-1])))
     if len(near) < 3 or np.ptp(s[near]) < _LEAST_SPAN:
         return Tangent(0.0, 0.0)
     u = s[near] - at

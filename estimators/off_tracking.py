@@ -24,12 +24,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import Crossing, chord_lengths, crossing, tangent
-from estimators.rigid_motion import UncertainMotion, chained, composed, rotation_vector, stretched
+from estimators.hitch_path import chord_lengths, crossing, tangent
+from estimators.pose_chain import Sample, extended, first_sample, lateral_std, positions_now, up_to
+from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
-from vehicle.frames import FloatArray, inverse, so3_exp
+from vehicle.frames import FloatArray, so3_exp
 
-_STEP = 0.02  # points closer than this to the next older one are dropped when the next arrives [m]
 _BEYOND = 1.0  # path kept behind the follow point, for the fit of its tangent [m]
 _FIT = 1.5  # path behind the hitch whose fit gives the hitch's direction [m]
 _LONGEST = 3.0  # path kept, in follow distances; half a circle that just reaches the follow point has pi / 2
@@ -47,15 +47,6 @@ class BodyMotion:
     X_PC: FloatArray  # (4, 4) pose of the current body in the previous one
     covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_PC, along the axes of P
     health: Health
-
-
-class Sample(NamedTuple):
-    """The body at one tick, and the increment that starts there and ends at the next newer sample."""
-
-    tick: int
-    X_OS: FloatArray  # (4, 4)
-    to_next: FloatArray  # (6, 6) covariance of the increment to the next newer sample; zero for the newest
-    doubtful: bool  # whether that increment is degraded or bridged
 
 
 class BufferMemory(NamedTuple):
@@ -91,25 +82,25 @@ class OffTrackingBuffer:
         """
         lost = motion.health is Health.LOST
         if not lost:
-            samples, last = _extended(_up_to(memory.samples, motion.previous_tick), motion), motion
+            samples, last = _with_motion(memory.samples, motion), motion
         elif memory.last is not None and motion.tick - memory.last.tick <= _LONGEST_GAP:
             motion, last = _bridge(memory.last, motion), memory.last
-            samples = _extended(_up_to(memory.samples, motion.previous_tick), motion, provisional=True)
+            samples = _with_motion(memory.samples, motion)
         else:
-            samples, last = (_first(motion.tick),), None
+            samples, last = (first_sample(motion.tick),), None
         samples = self._trimmed(samples)
         return BufferMemory(samples, last), self._estimate(samples, motion, lost)
 
     def _trimmed(self, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
         """The samples that the follow point, and the fit of the tangent there, can still need."""
-        path = _positions(samples)[:, :2]
+        path = positions_now(samples)[:, :2]
         s = chord_lengths(path)
         passed = crossing(path, s, -self._follow_distance)
         reach = _LONGEST * self._follow_distance if passed is None else passed.s + _BEYOND
         return samples[: 2 + int(np.searchsorted(s, reach))]  # one more beyond for the cubic
 
     def _estimate(self, samples: tuple[Sample, ...], motion: BodyMotion, lost: bool) -> OffTracking:
-        positions = _positions(samples)
+        positions = positions_now(samples)
         path = positions[:, :2]
         s = chord_lengths(path)
         passed = crossing(path, s, -self._follow_distance)
@@ -117,8 +108,8 @@ class OffTrackingBuffer:
         if passed is not None:
             path_tangent = tangent(path, s, passed.s, 0.5 * _FIT).direction
             if not lost:
-                value, std = passed.y, _lateral_std(samples, positions, passed, path_tangent)
-                doubtful = any(sample.doubtful for sample in samples[1 : passed.index + 1])
+                value, std = passed.y, lateral_std(samples, positions, passed, path_tangent)
+                doubtful = any(sample.doubtful for sample in samples[1 : passed.beyond + 1])
                 health = Health.DEGRADED if doubtful else Health.OK
         at_hitch = tangent(path, s, 0.0, _FIT)
         v_x, v_y, yaw_rate = _velocity(motion)
@@ -137,37 +128,12 @@ class OffTrackingBuffer:
         )
 
 
-def _first(tick: int) -> Sample:
-    """The sample that a new path begins with; it defines the frame O."""
-    return Sample(tick, np.eye(4), np.zeros((6, 6)), False)
-
-
-def _up_to(samples: tuple[Sample, ...], tick: int) -> tuple[Sample, ...]:
-    """The samples without any newer than ``tick`` (bridges that a motion replaces); a new path if none is of it."""
-    kept = tuple(sample for sample in samples if sample.tick <= tick)
-    return kept if kept and kept[0].tick == tick else (_first(tick),)
-
-
-def _extended(samples: tuple[Sample, ...], motion: BodyMotion, provisional: bool = False) -> tuple[Sample, ...]:
-    """The samples with one more at the end of the motion.
-
-    The newest sample so far is dropped if it lies too near to its predecessor, so that a standstill does not fill
-    the buffer; not for a provisional end, whose start may be needed again.
-    """
-    newest = samples[0]
-    end = Sample(motion.tick, chained(newest.X_OS, motion.X_PC), np.zeros((6, 6)), False)
+def _with_motion(samples: tuple[Sample, ...], motion: BodyMotion) -> tuple[Sample, ...]:
+    """The samples up to the motion's start, and its end; a lost one keeps its start, which may be needed again."""
+    start = up_to(samples, motion.previous_tick)
     increment = UncertainMotion(motion.X_PC, motion.covariance)
     doubtful = motion.health is not Health.OK
-    if len(samples) > 1 and not provisional and _distance(newest, samples[1]) < _STEP:
-        older = samples[1]
-        so_far = UncertainMotion(inverse(older.X_OS) @ newest.X_OS, older.to_next)
-        merged = older._replace(to_next=composed(so_far, increment).covariance, doubtful=older.doubtful or doubtful)
-        return (end, merged, *samples[2:])
-    return (end, newest._replace(to_next=increment.covariance, doubtful=doubtful), *samples[1:])
-
-
-def _distance(a: Sample, b: Sample) -> float:
-    return float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3]))
+    return extended(start, motion.tick, increment, doubtful, keep_start=motion.health is Health.LOST)
 
 
 def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
@@ -183,31 +149,6 @@ def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
         covariance=np.diag([rotation**2] * 3 + [translation**2] * 3),
         health=Health.LOST,
     )
-
-
-def _positions(samples: tuple[Sample, ...]) -> FloatArray:
-    """Hitch positions (n, 3) in the newest S, newest first; de Saxe 2018, eqs 3 to 5."""
-    X_OS = samples[0].X_OS
-    p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    positions: FloatArray = (p_OS - X_OS[:3, 3]) @ X_OS[:3, :3]
-    return positions
-
-
-def _lateral_std(samples: tuple[Sample, ...], positions: FloatArray, passed: Crossing, path_tangent: float) -> float:
-    """Standard deviation [m] of the path's y at the crossing, from the independent errors of all increments since.
-
-    With an error (d_theta, d_p) in the increment that ends at p_i, the older path moves by -(d_theta x r + d_p),
-    r being its position from p_i: along the normal n of the path, -(d_theta . (r x n) + d_p . n). The increment in
-    which the crossing falls counts in full.
-    """
-    since = samples[1 : passed.index + 1]
-    R_CP = samples[0].X_OS[:3, :3].T @ np.array([sample.X_OS[:3, :3] for sample in since])  # starts in newest S
-    n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
-    point = np.array([positions[passed.index, 0], passed.y, positions[passed.index, 2]])
-    r = point - positions[: passed.index]
-    gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CP
-    g = gradient.reshape(-1, 6)
-    return math.sqrt(np.einsum("ij,ijk,ik->", g, np.array([sample.to_next for sample in since]), g))
 
 
 def _velocity(motion: BodyMotion) -> tuple[float, float, float]:

@@ -1,8 +1,9 @@
-"""Motion of a stereo pair from matched points: RANSAC, then robust Gauss-Newton on the reprojection error.
+"""Motion of a stereo pair from matches: robust Gauss-Newton on the reprojection error, with its covariance.
 
-The residual is taken in both current images, and its weight carries the error of the previous images through the
-point they define, so that the solution is that of the joint problem in motion and points (a point and its three
-previous image coordinates determine each other; the dependence is linear within 1e-4 px of noise).
+The residual is taken in both current images and weighted with the error of both pairs: the error of the previous
+images goes through the point that they define. A point and its three previous image coordinates determine each other,
+and the way from there to the current images is straight within 1e-4 px of noise, so this is the joint maximum
+likelihood of motion and points with the points eliminated.
 """
 
 from __future__ import annotations
@@ -13,18 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.matching import Matches
-from estimators.stereo_geometry import project, projection_jacobian, triangulate
+from estimators.reprojection import motion_jacobian, residuals
+from estimators.stereo_geometry import projection_jacobian, triangulate
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-_HYPOTHESES = 50  # de Saxe 2018, section 3.1
-_GATE = 1.5  # reprojection error of an inlier of a hypothesis [px]
-_PIXEL_STD = 0.1  # of one tracked coordinate; only starts the robust weights, the residuals give the real one [px]
-_HUBER = 1.5  # [sigma of one coordinate]
-_CUT = 4.0  # matches beyond this are dropped at the end [sigma of one coordinate]
-_ITERATIONS = 8
-_CONVERGED = 1e-6  # [rad, m]
-_ROW_WEIGHT = np.diag([1.0, 0.5, 1.0])  # v is the mean of two rows
+_ROUNDS = 2  # the second with the weights and the inliers that the first has found
+_ITERATIONS = 3  # a round
+_CONVERGED = 1e-4  # last step of a solution that stands still [rad, m]
+_HUBER = 1.5  # normalised residual from which matches weigh less
+_CUT = 4.0  # and from which they are no inliers
+_CORRELATION = 1.4  # tracking errors of neighbours and of the four images of a point are not independent: measured
+_SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
+_MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
+_FINEST = 0.02  # no tracker is better [px]
+_FEWEST = 6  # matches for a solution with anything left over to judge it by
+_DAMPING = 1e-9  # keeps the solution finite where all matches are alike [1/px2]
 
 
 class Solution(NamedTuple):
@@ -36,62 +41,43 @@ class Solution(NamedTuple):
     converged: bool
 
 
-def _minimal(cal, p, z, X0, iterations=4):
-    """Gauss-Newton for (b,3,3) points"""
-    R = np.broadcast_to(X0[:3,:3], (len(p),3,3)).copy(); t = np.broadcast_to(X0[:3,3], (len(p),3)).copy()
-    for _ in range(iterations):
-        J, r = _linear(cal, p, z, R[:, None], t[:, None])
-        A = J.reshape(len(p), -1, 6); At = A.transpose(0,2,1)
-        d = np.linalg.solve(At@A + 1e-6*np.eye(6), At@r.reshape(len(p),-1,1))[...,0]
-        R = _exp(d[:, :3]) @ R; t = t + d[:, 3:]
-    return R, t
+def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, inliers: NDArray[np.bool_]) -> Solution:
+    """The motion that fits the matches best, starting from ``X_PC`` and the matches (n,) that agree with it."""
+    points = triangulate(calibration, matches.previous)
+    R, p, step = X_PC[:3, :3], X_PC[:3, 3], np.full(6, np.inf)
+    normal = _DAMPING * np.eye(6)
+    variance = np.inf
+    for _ in range(_ROUNDS):
+        if np.count_nonzero(inliers) < _FEWEST:
+            break
+        information = _information(calibration, R, p, points)
+        for _ in range(_ITERATIONS):
+            r = residuals(calibration, R, p, points, matches.current)
+            error, sigma = _normalised(r, information, inliers)
+            weight = np.where(inliers, np.minimum(1.0, _HUBER * sigma / np.maximum(error, 1e-9)), 0.0)
+            J = motion_jacobian(calibration, R, p, points)
+            A = (weight[:, None, None] * information @ J).reshape(-1, 6)
+            normal = A.T @ J.reshape(-1, 6) + _DAMPING * np.eye(6)
+            step = np.asarray(np.linalg.solve(normal, A.T @ r.ravel()), dtype=np.float64)
+            R, p = so3_exp(step[:3]) @ R, p + step[3:]
+        error, sigma = _normalised(residuals(calibration, R, p, points, matches.current), information, inliers)
+        variance = 3.0 * np.sum(weight * error**2) / (3.0 * np.count_nonzero(inliers) - 6.0)
+        inliers = error < _CUT * sigma
+    converged = bool(np.abs(step).max() < _CONVERGED)
+    covariance = _CORRELATION**2 * variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)
 
-def _linear(cal, p, z, R, t):
-    """J (...,3,6) of projection wrt (dtheta, dt), residual"""
-    Rt = np.swapaxes(R, -1, -2)
-    q = p - t
-    y = (Rt @ q[..., None])[..., 0]
-    y = np.concatenate([y[..., :2], np.maximum(y[..., 2:], 0.1)], -1)
-    Jp = projection_jacobian(cal, y) @ Rt
-    S = np.zeros((*q.shape, 3)); S[...,0,1]=-q[...,2]; S[...,0,2]=q[...,1]; S[...,1,0]=q[...,2]; S[...,1,2]=-q[...,0]; S[...,2,0]=-q[...,1]; S[...,2,1]=q[...,0]
-    return np.concatenate([Jp@S, -Jp], -1), z - project(cal, y)
 
-def _exp(w):
-    a = np.linalg.norm(w, axis=1)[:,None,None]+1e-12
-    K = np.zeros((len(w),3,3)); K[:,0,1]=-w[:,2];K[:,0,2]=w[:,1];K[:,1,0]=w[:,2];K[:,1,2]=-w[:,0];K[:,2,0]=-w[:,1];K[:,2,1]=w[:,0]
-    return np.eye(3)+np.sin(a)/a*K+(1-np.cos(a))/a**2*(K@K)
+def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:
+    """Inverse covariance (n, 3, 3) of the residuals, for coordinates of unit variance in all four images."""
+    J_P = projection_jacobian(calibration, points)
+    J_C = -motion_jacobian(calibration, R, p, points)[..., 3:]  # the images move with the point as against the camera
+    through_point = J_C @ np.linalg.inv(J_P)
+    carried = (through_point * _SHARE) @ through_point.transpose(0, 2, 1)
+    return np.linalg.inv(np.diag(_SHARE) + carried)
 
-def ransac(cal, p, z, X0, rng):
-    n=len(p)
-    idx = rng.integers(0, n, (_HYPOTHESES, 3))
-    R, t = _minimal(cal, p[idx], z[idx], X0)
-    R = np.concatenate([R, X0[None,:3,:3]]); t = np.concatenate([t, X0[None,:3,3]])
-    y = np.einsum('bji,bnj->bni', R, p[None]-t[:,None])
-    y[...,2]=np.maximum(y[...,2],.1)
-    e = ((z - project(cal, y))**2).sum(-1)
-    k = np.minimum(e, _GATE**2).sum(1).argmin()
-    return transform(R[k], t[k]), e[k] < _GATE**2
 
-def refine(cal, p, z_P, z, X, inl, weights=None, s=_PIXEL_STD, iters=_ITERATIONS):
-    R,t = X[:3,:3],X[:3,3]
-    p, z = p[inl], z[inl]
-    Ji = np.linalg.inv(projection_jacobian(cal, p))
-    D = np.broadcast_to(_ROW_WEIGHT,(len(p),3,3)) if weights is None else weights[inl][:,None,None]*_ROW_WEIGHT
-    for k in range(iters):
-        J, r = _linear(cal, p, z, R, t)
-        B = -J[..., 3:] @ Ji
-        C = D + B@D@B.transpose(0,2,1)
-        W = np.linalg.inv(C)
-        m2 = np.einsum('ni,nij,nj->n', r, W, r)/3
-        m = np.sqrt(m2)
-        s = max(0.02, 1.4826*np.median(m)/1.31) if k else s
-        w = np.minimum(1, _HUBER/np.maximum(m/s,1e-9)); 
-        if k>=3: w = np.where(m>_CUT*s, 0, w)
-        A = J.transpose(0,2,1)@(w[:,None,None]*W)
-        H = (A@J).sum(0); g=(A@r[...,None]).sum(0)[:,0]
-        d = np.linalg.solve(H,g)
-        R = so3_exp(d[:3])@R; t=t+d[3:]
-        if k>=4 and np.abs(d).max()<_CONVERGED: break
-    ok = m<=_CUT*s
-    s2 = (w*m2*3).sum()/max(1,(3*ok.sum()-6))
-    return transform(orthonormalised(R),t), np.linalg.inv(H)*s2, ok, np.sqrt(s2), m
+def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """Root mean square error (n,) of each match, and its robust scale over the inliers, one standard deviation [px]."""
+    error = np.sqrt(((information @ r[..., None])[..., 0] * r).sum(axis=1) / 3.0)
+    return error, max(_FINEST, float(np.median(error[inliers])) / _MEDIAN)

@@ -7,6 +7,8 @@ import numpy as np
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
+NEAREST = 0.5  # points are taken to be at least so far in front of the cameras; nothing the cameras see is nearer [m]
+
 
 def triangulate(calibration: StereoCalibration, z: FloatArray) -> FloatArray:
     """Points (..., 3) in the left camera from their images (..., 3), which need a positive disparity."""

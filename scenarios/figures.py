@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from scenarios.metrics import LOST
 from scenarios.results import RunResult, error_of_estimate
-from scenarios.swept_path import placed, wheels
+from scenarios.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
 
 TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart for colour-blind readers too
 _ROAD, _SWEPT, _LOST = "#eef0f2", "#cfe0f1", "#f6d5d2"
 _AXLES = ("#1f5fa8", "#2a9d8f", "#8e5ea2", "#c2571a")
 _WIDTH = 9.6  # [in] of every figure; the page scales it
-_STYLE: dict[str, Any] = {
+_STYLE: Any = {  # matplotlib's types for it change with its version
     "svg.fonttype": "none",
     "font.size": 9.5,
     "axes.edgecolor": "#b8c0c8",
@@ -43,6 +43,7 @@ _STYLE: dict[str, Any] = {
     "lines.linewidth": 1.5,
     "lines.solid_joinstyle": "round",
     "legend.frameon": False,
+    "legend.labelcolor": INK,
     "legend.fontsize": 9.0,
 }
 
@@ -74,7 +75,7 @@ def plan_view(result: RunResult) -> str:
     height = float(np.clip(_WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + 0.9, 2.8, 8.2))
     with _drawing("plan", height) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
-        rows = _rows_every(poses[0], 0.3)
+        rows = _rows_every(poses[0], 0.15)
         for corners in swept:
             ax.add_collection(PolyCollection(list(corners[rows]), facecolor=_SWEPT, edgecolor=_SWEPT, linewidth=0.4))
         ax.plot([], [], color=_SWEPT, linewidth=7, label="swept by the bodies")
@@ -95,7 +96,7 @@ def _combination(ax: Axes, result: RunResult, poses: list[FloatArray]) -> None:
     for unit, pose in zip(result.units, poses, strict=True):
         bodies = placed(unit.corners, pose[rows])
         ax.add_collection(PolyCollection(list(bodies), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
-        tyres = placed(wheels(unit), pose[rows]).reshape(-1, 4, 2)
+        tyres = placed_wheels(unit, pose[rows], result.axle_steer(unit)[rows]).reshape(-1, 4, 2)
         ax.add_collection(PolyCollection(list(tyres), facecolor=INK, linewidth=0.0, zorder=3))
 
 
@@ -118,10 +119,10 @@ def off_tracking(result: RunResult) -> str:
     """True and estimated off-tracking over time."""
     with _drawing("off_tracking", 2.9) as (drawing, ax):
         there = _usable(result)
+        ax.plot(result.log["time"], result.signal("off_tracking_true"), color=TRUE, label="true", zorder=4)
         if there.any():
             estimate = result.signal("off_tracking_estimate")
-            ax.plot(*_at(result, estimate, there), ".", color=ESTIMATED, markersize=4.5, label="estimated", zorder=3)
-        ax.plot(result.log["time"], result.signal("off_tracking_true"), color=TRUE, label="true")
+            ax.plot(*_at(result, estimate, there), ".", color=ESTIMATED, markersize=6.0, label="estimated")
         ax.axhline(0.0, color=GREY, linewidth=0.8)
         _finish(ax, result, "off-tracking [m], + left")
     return drawing.svg
@@ -147,13 +148,17 @@ def steer(result: RunResult) -> str:
     with _drawing("steer", 2.9) as (drawing, ax):
         for k, name in enumerate(result.steer_signals()):
             colour = _AXLES[k % len(_AXLES)]
-            ax.plot(time, np.degrees(result.signal(f"{name}_command")), color=colour, linewidth=1.0, linestyle=(0, (3, 2)))
+            ax.plot(
+                time, np.degrees(result.signal(f"{name}_command")), color=colour, linewidth=1.0, linestyle=(0, (3, 2))
+            )
             ax.plot(time, np.degrees(result.log[name]), color=colour, label=f"trailer axle {k + 1}")
         ax.plot(time, np.degrees(result.signal("steer_tractor")), color=GREY, linewidth=1.0, label="tractor")
         ax.plot([], [], color=INK, linewidth=1.0, linestyle=(0, (3, 2)), label="commanded")
         if result.trailer_steer_limit is not None:
             for limit in (-1, 1):
-                ax.axhline(limit * math.degrees(result.trailer_steer_limit), color="#b3261e", linewidth=0.9, dashes=(6, 3))
+                ax.axhline(
+                    limit * math.degrees(result.trailer_steer_limit), color="#b3261e", linewidth=0.9, dashes=(6, 3)
+                )
             ax.plot([], [], color="#b3261e", linewidth=0.9, dashes=(6, 3), label="limit")
         _finish(ax, result, "steer [°], + left")
     return drawing.svg

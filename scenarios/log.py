@@ -7,7 +7,7 @@ Parquet file in SI units; unit and meaning of every signal travel in the schema.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,8 +102,10 @@ def write_log(log: Log, path: Path) -> None:
 def read_log(path: Path) -> Log:
     """The log written by :func:`write_log`, equal to the original."""
     table = pq.read_table(path)
-    signals = tuple(
-        Signal(f.name, f.metadata[b"unit"].decode(), f.metadata[b"description"].decode()) for f in table.schema
-    )
+    signals = tuple(_signal(field.name, field.metadata or {}) for field in table.schema)
     columns = [column.to_numpy() for column in table.columns]
     return Log(signals, np.column_stack(columns) if columns else np.empty((len(table), 0)))
+
+
+def _signal(name: str, metadata: Mapping[bytes, bytes]) -> Signal:
+    return Signal(name, metadata[b"unit"].decode(), metadata[b"description"].decode())

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import time
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -13,63 +14,156 @@ import numpy as np
 from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
-from estimators.estimates import Motion, OffTracking
+from estimators.estimates import OffTracking
 from estimators.viso_ot import VisoOtEstimate
 from scenarios.assembly import Assembly
-from scenarios.recording import Recorder
-from scenarios.results import CameraFrame
-from sensors.messages import BodyPose, SteerAngles, StereoFrame
+from scenarios.recording import RecordingWriter
+from scenarios.run_log import Estimate, Row
+from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import DriverPerception, SteerEncoders
 from vehicle.clock import TICK, Pipe, Schedule, to_ticks
+from vehicle.frames import Pose2
 from vehicle.plant import DivergedError, VehicleCommand
 from vehicle.truth import Truth
 
-LOG_PERIOD = 10  # [ticks]
+LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call
 _CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
-_JPEG_QUALITY = 90
-_OVERTIME = 1.5  # a run that takes so much longer than its path at set speed has got stuck
+_PATIENCE = 1.5  # a run that takes so much longer than its path at set speed has got stuck
+_GRACE = 10.0  # and some time for a start on a slope [s]
+
+Stage = Literal["physics", "render", "odometry", "total"]
+Message = StereoFrame | BodyPose
 
 
-@dataclass(slots=True)
-class Stopwatch:
-    """Wall time spent in the stages of the loop [s]."""
-
-    physics: float = 0.0
-    render: float = 0.0
-    odometry: float = 0.0
-    total: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """What was so and what was commanded at one tick."""
-
-    truth: Truth
-    driver: DriverCommand
-    steering: SteerCommand
-
-
-@dataclass(slots=True, kw_only=True)
 class Session:
     """A run in progress: the only mutable object of the house."""
 
-    parts: Assembly
-    keep_frames: bool = False
-    recorder: Recorder | None = None
-    tick: int = 0
-    outcome: str | None = None  # None while running
-    rows: list[Row] = field(default_factory=list)
-    estimates: list[tuple[OffTracking, Motion | None]] = field(default_factory=list)
-    frames: list[CameraFrame] = field(default_factory=list)
-    stopwatch: Stopwatch = field(default_factory=Stopwatch)
-    _state: Any = None
-    _pipe: Pipe[StereoFrame | BodyPose] = field(default_factory=Pipe)
-    _source: Any = None
-    _steering: Any = None
-    _driver: Any = None
-    _newest: OffTracking | None = None
-    _command: VehicleCommand | None = None
-    _driver_command: DriverCommand = DriverCommand(0.0, 0.0)
-    _steer_command: SteerCommand | None = None
-    _station: float = 0.0
-    _hash: Any = field(default_factory=hashlib.sha256)
+    def __init__(self, parts: Assembly, *, keep_frames: bool = False, recorder: RecordingWriter | None = None) -> None:
+        """A session at tick 0, the vehicle standing at the course's start, rolling at set speed.
+
+        Raises:
+            ValueError: if the camera's schedule does not fall on the log's rows.
+        """
+        for name, ticks in (("period", parts.schedule.period), ("latency", parts.schedule.latency)):
+            if ticks % LOG_PERIOD:
+                raise ValueError(f"the camera's {name} of {ticks} ms must be a multiple of {LOG_PERIOD} ms")
+        self.parts = parts
+        self.tick = 0
+        self.outcome: str | None = None  # None while the run goes on
+        self.rows: list[Row] = []
+        self.estimates: list[Estimate] = []
+        self.frames: list[tuple[int, bytes]] = []  # (tick, JPEG of the left camera), for people
+        self.seconds: dict[Stage, float] = {"physics": 0.0, "render": 0.0, "odometry": 0.0, "total": 0.0}
+        self._keep_frames = keep_frames
+        self._recorder = recorder
+        self._images = hashlib.sha256()
+        self._state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
+        self._station = 0.0  # of the guided point along the course [m]
+        self._in_flight: Pipe[Message] = Pipe()
+        self._newest: OffTracking | None = None
+        self._source = parts.source.init()
+        self._steering = parts.trailer_steering.init()
+        self._driver = parts.driver.init() if parts.driver else None
+        first = sum(len(unit.steered_axles) for unit in parts.vehicle.units[: parts.trailer_unit])
+        self._encoders = SteerEncoders(first, len(parts.trailer.steered_distances))
+        self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
+        self._steer_demand = SteerCommand(angles=np.zeros(len(parts.trailer.steered_distances)))
+
+    @property
+    def progress(self) -> float:
+        """How much of the course is done, 0 to 1."""
+        return min(1.0, self._station / self.parts.course.length)
+
+    @property
+    def images_sha256(self) -> str:
+        """Hash of every image the estimator was given so far."""
+        return self._images.hexdigest()
+
+    def advance(self) -> None:
+        """One round of the loop: up to and including the integration to the next log row."""
+        with self._timed("total"):
+            with self._timed("physics"):
+                truth = self.parts.motive.observe(self._state, self.tick)
+            self._sample(truth)
+            self._deliver()
+            self._control(truth)
+            self.rows.append(Row(truth, self._driver_demand, self._steer_demand))
+            self._integrate()
+            self._judge(truth)
+
+    def _sample(self, truth: Truth) -> None:
+        schedule = self.parts.schedule
+        if not schedule.due(self.tick):
+            return
+        with self._timed("render"):
+            message = self.parts.sensor.sample(truth)
+            seen = message if isinstance(message, StereoFrame) else self._seen_for_recording(truth)
+        if seen is not None:
+            self._keep(seen, truth)
+        self._in_flight = self._in_flight.put(self.tick + schedule.latency, message)
+
+    def _seen_for_recording(self, truth: Truth) -> StereoFrame | None:
+        return self.parts.camera.sample(truth) if self.parts.camera else None
+
+    def _keep(self, frame: StereoFrame, truth: Truth) -> None:
+        self._images.update(frame.left)
+        self._images.update(frame.right)
+        if self._recorder:
+            self._recorder.add(frame, truth.bodies[self.parts.trailer_unit])
+        if self._keep_frames:
+            image = frame.left if frame.colour is None else cv2.cvtColor(frame.colour, cv2.COLOR_RGB2BGR)
+            self.frames.append((frame.tick, cv2.imencode(".jpg", image)[1].tobytes()))
+
+    def _deliver(self) -> None:
+        self._in_flight, messages = self._in_flight.deliver(self.tick)
+        for message in messages:
+            with self._timed("odometry"):
+                self._source, estimate = self.parts.source.step(self._source, message)
+            if isinstance(estimate, VisoOtEstimate):
+                self.estimates.append(Estimate(estimate.off_tracking, estimate.motion))
+                self._newest = estimate.off_tracking
+            elif estimate is not None:
+                self.estimates.append(Estimate(estimate))
+                self._newest = estimate
+
+    def _control(self, truth: Truth) -> None:
+        if not _CONTROL.due(self.tick):
+            return
+        if self.parts.driver:
+            ego = DriverPerception().sample(truth)
+            self._driver, self._driver_demand = self.parts.driver.step(self._driver, self.tick, ego)
+        self._steering, self._steer_demand = self.parts.trailer_steering.step(
+            self._steering, self.tick, self._newest, self._encoders.sample(truth)
+        )
+
+    def _integrate(self) -> None:
+        command = VehicleCommand(
+            steer=self._driver_demand.steer,
+            acceleration=self._driver_demand.acceleration,
+            trailer_steer=tuple(self._steer_demand.angles.tolist()),
+        )
+        try:
+            with self._timed("physics"):
+                self._state = self.parts.motive.step(self._state, command, LOG_PERIOD)
+        except DivergedError:
+            self.outcome = "diverged"
+        self.tick += LOG_PERIOD
+
+    def _judge(self, truth: Truth) -> None:
+        """Where on the course the tractor is, and whether that ends the run."""
+        course = self.parts.course
+        point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
+        self._station = course.path.project(point.x, point.y, self._station)
+        allowed = _GRACE + _PATIENCE * course.length / self.parts.scenario.speed
+        if self.outcome is None and self._station >= course.length - 1e-6:
+            self.outcome = "completed"
+        elif self.outcome is None and self.tick * TICK > allowed:
+            self.outcome = "timed out"
+
+    @contextmanager
+    def _timed(self, stage: Stage) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.perf_counter() - begin

@@ -14,7 +14,7 @@ LOST = 2.0  # how the log writes Health.LOST: 0 ok, 1 degraded, 2 lost
 
 
 def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_distance: float) -> FloatArray:
-    """Off-tracking e [m], shape (n,): lateral place, in the trailer's frame, of the hitch's path beside the follow point.
+    """Off-tracking e [m], shape (n,): how far the hitch's path lies beside the follow point, in the trailer's frame.
 
     Args:
         x: path of the hitch, the origin of the trailer's frame [m], shape (n,), samples equally spaced in time.
@@ -44,7 +44,9 @@ def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_dist
     return off_tracking
 
 
-def _crossing(path: NDArray[np.complex128], psi: FloatArray, follow_distance: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _crossing(
+    path: NDArray[np.complex128], psi: FloatArray, follow_distance: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Per found sample the last index at or behind the follow point's line; and which samples these are."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
     candidate = np.searchsorted(travelled, travelled - follow_distance, side="right") - 1
@@ -117,9 +119,7 @@ def rate(values: FloatArray, time: FloatArray) -> FloatArray:
     return change
 
 
-def odometry_drift(
-    true_poses: FloatArray, motions: FloatArray, lost: NDArray[np.bool_], length: float
-) -> FloatArray:
+def odometry_drift(true_poses: FloatArray, motions: FloatArray, lost: NDArray[np.bool_], length: float) -> FloatArray:
     """Error of the chained odometry over ``length`` of travel, as a share of the way travelled, for every start.
 
     Args:

@@ -18,6 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -95,12 +96,24 @@ class RunResult:
         """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
         return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
 
-    def steer_signals(self, suffix: str = "") -> tuple[str, ...]:
-        """Names of the trailer's steer angles, front to rear; ``suffix="_command"`` for the demands."""
-        return tuple(
-            name for name in self.log.names if name.removeprefix("steer_trailer_").removesuffix(suffix).isdigit()
-            and name.startswith("steer_trailer_") and name.endswith(suffix)
-        )
+    def steer_signals(self) -> tuple[str, ...]:
+        """Names of the signals that hold the trailer's steer angles, front to rear; demands have ``_command`` added."""
+        return tuple(name for name in self.log.names if name.removeprefix("steer_trailer_").isdigit())
+
+    def axle_steer(self, unit: UnitOutline) -> FloatArray:
+        """Steer of each axle of a unit over time, shape (n_rows, n_axles) [rad], for drawings.
+
+        The log does not say which axles are steered: the tractor's foremost, and the trailer's rearmost ones are.
+        """
+        steer = np.zeros((len(self.log), len(unit.axles)))
+        if unit is self.units[0] and unit.axles:
+            steer[:, int(np.argmax(unit.axles))] = self.signal("steer_tractor")
+        elif unit is self.trailer:
+            names = self.steer_signals()[-len(unit.axles) :]
+            order = np.argsort(unit.axles)[: len(names)][::-1]  # rearmost axles, front to rear
+            for axle, name in zip(order, names, strict=True):
+                steer[:, axle] = self.log[name]
+        return np.nan_to_num(steer)
 
 
 def summary(result: RunResult) -> Summary:
@@ -121,7 +134,9 @@ def summary(result: RunResult) -> Summary:
 
 
 def swept(result: RunResult) -> SweptPath:
-    """The room the run took."""
+    """The room the run took; NaN throughout if it ended before the vehicle had moved."""
+    if len(result.log) < 2:
+        return SweptPath(math.nan, math.nan, math.nan, math.nan)
     return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
 
 
@@ -187,14 +202,8 @@ def _number(value: float) -> float | None:
 
 def versions() -> dict[str, str]:
     """Versions of what a run's numbers depend on."""
-    packages = {"offtrack": "offtrack", "numpy": "numpy", "casadi": "casadi", "opencv": "opencv-python-headless"}
-    found = {"python": platform.python_version(), "platform": platform.platform()}
-    for name, distribution in packages.items():
-        try:
-            found[name] = importlib.metadata.version(distribution)
-        except importlib.metadata.PackageNotFoundError:
-            found[name] = "unknown"  # OpenCV comes under several distribution names
-    return found
+    installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
+    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}
 
 
 def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
@@ -210,14 +219,14 @@ def check_run_directory(directory: Path) -> None:
         ValueError: if it is a file, holds something already, can not be replaced, or can not be made.
     """
     if directory.exists() and not directory.is_dir():
-        raise ValueError(f"run directory {directory} is a file: choose another name")
+        raise ValueError(f"{directory} is a file: choose another name")
     if directory.is_dir() and any(directory.iterdir()):
-        raise ValueError(f"run directory {directory} is not empty: choose another, or remove it first")
+        raise ValueError(f"directory {directory} is not empty: choose another, or remove it first")
     if directory.is_dir() and (directory.is_mount() or directory.resolve() == Path.cwd()):
-        raise ValueError(f"run directory {directory} can not be replaced as a whole: name a new folder inside it")
+        raise ValueError(f"directory {directory} can not be replaced as a whole: name a new folder inside it")
     parent = next(path for path in directory.resolve().parents if path.exists())
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
-        raise ValueError(f"run directory {directory} can not be made: no permission to write in {parent}")
+        raise ValueError(f"directory {directory} can not be made: no permission to write in {parent}")
 
 
 @contextmanager
@@ -250,7 +259,7 @@ def write_run(result: RunResult, directory: Path, *, video: bool = True, progres
         write_log(result.log, folder / "signals.parquet")
         _write_json(folder / "manifest.json", manifest(result))
         (folder / "report.html").write_text(report_html(result, numbers), encoding="utf-8")
-        if video:
+        if video and len(result.log) > 1:
             write_video(result, folder / "video", progress=progress)
         _write_json(folder / "summary.json", numbers)
     return directory

@@ -174,6 +174,9 @@ def _validated(table: Table, source: str) -> Scenario:
         first = error.errors(include_url=False)[0]
         kind = table.get("course", {}).get("kind") if isinstance(table.get("course"), Mapping) else None
         key = ".".join(str(part) for part in first["loc"] if part != kind)
+        if first["type"] == "union_tag_invalid":
+            tag, known = first["ctx"]["tag"], first["ctx"]["expected_tags"].replace("'", "")
+            raise ValueError(f"scenario {source}: {key}.kind = '{tag}'; known: {known}") from None
         if first["type"] == "extra_forbidden":
             raise ValueError(f"scenario {source}: unknown key '{key}'{nearest(key, tuple(known_keys()))}") from None
         given = "" if first["type"] == "missing" else f" = {first['input']!r}"

@@ -78,6 +78,8 @@ def swept_radii(
     circle (square to the tractor's first heading) and the one where the exit leaves it (square to the last heading).
     """
     yaw = np.unwrap(poses[0][:, 2])
+    if abs(yaw[-1] - yaw[0]) < _TURN:
+        return math.nan, math.nan
     side = float(np.sign(yaw[-1] - yaw[0]))
     entry = yaw[0] - side * _QUARTER_TURN
     inner, outer = [math.inf], [-math.inf]
@@ -104,7 +106,7 @@ def _nearest_points(outline: UnitOutline, poses: FloatArray, centre: tuple[float
 
 
 def _polar_angle(points: FloatArray, middle: FloatArray, centre: tuple[float, float], start: float) -> FloatArray:
-    """Angle of points (n, m, 2) about the centre, counted on over full turns; the body begins within half a turn of start."""
+    """Angle of points (n, m, 2) about the centre, counted on over full turns from within half a turn of ``start``."""
 
     def angle(p: FloatArray) -> FloatArray:
         polar: FloatArray = np.arctan2(p[..., 1] - centre[1], p[..., 0] - centre[0])
@@ -113,7 +115,8 @@ def _polar_angle(points: FloatArray, middle: FloatArray, centre: tuple[float, fl
     body = np.unwrap(angle(middle), axis=0)
     body = body - 2.0 * math.pi * np.round((body[0] - start) / (2.0 * math.pi))
     offset = angle(points) - body
-    return body + offset - 2.0 * math.pi * np.round(offset / (2.0 * math.pi))
+    counted: FloatArray = body + offset - 2.0 * math.pi * np.round(offset / (2.0 * math.pi))
+    return counted
 
 
 def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> float:
@@ -137,8 +140,8 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
         point = np.array([np.interp(s, travelled, front[:, k]) for k in (0, 1)])
         tangent = np.array([np.interp(s, travelled, tangents[:, k]) for k in (0, 1)])
         # On a path that crosses itself the section must not see the vehicle pass on another leg: no body is farther
-        # from the path than the combination is long, and it has passed after twice its length.
-        first, last = np.searchsorted(travelled, [s, s + 2.0 * length])
+        # from the path than the combination is long, and an arc over such a chord is up to pi / 2 times as long.
+        first, last = np.searchsorted(travelled, [s, s + _QUARTER_TURN * length])
         cuts = np.concatenate([_cuts(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
         cuts = cuts[np.abs(cuts) <= length]
         widths.append(float(np.ptp(cuts)) if cuts.size else 0.0)
@@ -167,20 +170,23 @@ def tail_swing(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...])
     """
     swings = [
         swing
-        for ordered in (poses, tuple(pose[::-1] for pose in poses))
-        for outline, pose in zip(outlines, ordered, strict=True)
-        if (swing := _swing_out(outline, pose, ordered[0])) is not None
+        for direction in (1, -1)  # onwards from the entry; backwards from the exit
+        for outline, pose in zip(outlines, poses, strict=True)
+        if (swing := _swing_out(outline, pose[::direction], poses[0][::direction], direction)) is not None
     ]
     return max(0.0, *swings) if swings else math.nan
 
 
-def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray) -> float | None:
-    """Largest distance of the outer rear corner beyond the straight on which the tractor stands at the first row."""
+def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray, direction: int) -> float | None:
+    """Largest distance of the outer rear corner beyond the straight on which the tractor stands at the first row.
+
+    ``direction`` is -1 where the rows run backwards in time and a left turn thus decreases the yaw.
+    """
     heading = float(tractor[0, 2])
     turned = np.unwrap(tractor[:, 2]) - heading
     if not np.any(np.abs(turned) > _TURN):
         return None
-    outside = -float(np.sign(turned[np.argmax(np.abs(turned) > _TURN)]))  # + when the outside is left
+    outside = -direction * float(np.sign(turned[np.argmax(np.abs(turned) > _TURN)]))  # + when it is on the left
     corner = placed(np.array([[outline.rear_x, outside * 0.5 * outline.width]]), poses)[:, 0]
     from_line = (corner - tractor[0, :2]) @ np.array([-math.sin(heading), math.cos(heading)])
     unit_turned = np.unwrap(poses[:, 2] - heading)
@@ -190,8 +196,12 @@ def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray) -> 
     return float(np.max(outside * from_line[:until]) - 0.5 * outline.width) if until else None
 
 
-def wheels(outline: UnitOutline) -> FloatArray:
-    """Rectangles of a unit's wheels, straight ahead, in the unit's frame, shape (8 n_axles, 2) [m]: four corners each."""
+def placed_wheels(outline: UnitOutline, poses: FloatArray, steer: FloatArray) -> FloatArray:
+    """Rectangles of a unit's wheels in the world, shape (n, 2 n_axles, 4, 2), for steer (n, n_axles) [rad]."""
     tyre = np.array([[0.5, 0.17], [0.5, -0.17], [-0.5, -0.17], [-0.5, 0.17]])  # a 385/65 R 22.5, for the eye only
-    middles = [(x, side * 0.5 * track) for x, track in zip(outline.axles, outline.tracks, strict=True) for side in (1, -1)]
-    return np.concatenate([tyre + np.array(middle) for middle in middles])
+    rectangles = []
+    for k, (x, track) in enumerate(zip(outline.axles, outline.tracks, strict=True)):
+        for side in (0.5, -0.5):
+            middle = placed(np.array([[x, side * track]]), poses)[:, 0]
+            rectangles.append(placed(tyre, np.column_stack([middle, poses[:, 2] + steer[:, k]])))
+    return np.stack(rectangles, axis=1)

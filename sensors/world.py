@@ -42,6 +42,7 @@ class World:
     detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
     detail_period: float  # [m]
     road: RoadMap
+    road_half_width: float  # [m]
     stands: tuple[Stand, ...]
     textures: dict[str, TextureArray]  # those the things name
     panorama: TextureArray  # see sensors.sky
@@ -86,6 +87,7 @@ def build_world(
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
         road=replace(road, light=_shadows(road, stands, sun)),
+        road_half_width=road_half_width,
         stands=tuple(stand for stand in stands if len(stand.poses)),
         textures={name: make(rng) for name, make in _TEXTURES.items()},
         panorama=sky.panorama(rng),

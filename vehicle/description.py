@@ -87,6 +87,7 @@ class Drive(_Frozen):
 
     lag: Lag  # first-order time constant of torque build-up
     max_acceleration: Annotated[float, _quantity("m/s2", gt=0.0, le=20.0)]
+    max_power: Annotated[float, _quantity("W", gt=0.0, le=5e6)]  # at the wheels
     max_deceleration: Annotated[float, _quantity("m/s2", gt=0.0, le=20.0)]
 
 
@@ -215,9 +216,8 @@ def _file_of(name_or_path: str) -> Path:
         return Path(name_or_path)
     known = vehicle_names()
     if name_or_path not in known:
-        raise ValueError(
-            f"unknown vehicle '{name_or_path}'{nearest(name_or_path, known)} (known: {', '.join(known)}; or a .toml file)"
-        )
+        hint = nearest(name_or_path, known)
+        raise ValueError(f"unknown vehicle '{name_or_path}'{hint} (known: {', '.join(known)}; or a .toml file)")
     return _shipped() / f"{name_or_path}.toml"
 
 
@@ -231,7 +231,9 @@ def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:
         name = axle.get("tyre")
         if isinstance(name, str):
             if name not in tyres:
-                raise ValueError(f"{path}: {key}.tyre = '{name}': there is no table [tyres.{name}]{nearest(name, tyres)}")
+                raise ValueError(
+                    f"{path}: {key}.tyre = '{name}': there is no table [tyres.{name}]{nearest(name, tyres)}"
+                )
             axle["tyre"] = tyres[name]
     return plain
 

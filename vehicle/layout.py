@@ -132,9 +132,13 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
 def input_sizes(vehicle: Vehicle) -> Input[int]:
     """Length of every part of the input vector."""
     N, n_wheels = len(vehicle.units), vehicle.n_wheels
-    return Input(
-        steer=len(steering_actuators(vehicle)), acceleration=1, friction=n_wheels, gravity_x=N, gravity_y=N
-    )
+    return Input(steer=len(steering_actuators(vehicle)), acceleration=1, friction=n_wheels, gravity_x=N, gravity_y=N)
+
+
+def output_sizes(vehicle: Vehicle) -> Output[int]:
+    """Length of every part of the output vector."""
+    N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    return Output(load=n_wheels, slip_angle=n_wheels, friction_used=n_wheels, force_x=N, force_y=N, moment=N)
 
 
 def parts(vector: Any, sizes: Iterable[int]) -> list[Any]:

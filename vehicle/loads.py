@@ -21,10 +21,10 @@ _LIFT_OFF: Final = 50.0  # smooths the moment a wheel leaves the ground [N]: sma
 
 def static_axle_loads(vehicle: Vehicle) -> list[list[float]]:
     """Load [N] of each axle of each unit, standing on level ground."""
-    zeros = [0.0] * len(vehicle.units)
-    ahead = [Vector(1.0, 0.0)] * len(vehicle.units)
-    loads: list[list[float]] = axle_loads(vehicle, [GRAVITY] * len(vehicle.units), zeros, [Vector(0.0, 0.0)] * len(zeros), ahead)
-    return loads
+    n = len(vehicle.units)
+    at_rest, ahead = Vector(0.0, 0.0), Vector(1.0, 0.0)
+    loads = axle_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n)
+    return [[float(load) for load in of_unit] for of_unit in loads]
 
 
 def axle_loads(

@@ -2,8 +2,7 @@
 
 Each direction of each wheel has a deflection state z (dimensionless: the slip that would cause it in the linear
 range). It follows the sliding of the contact patch and its steady state is the magic formula at every speed; it is
-bounded by about friction over stiffness, also at standstill, where a slip is not defined. After the bristle model of
-Canudas de Wit et al. (LuGre), with the magic formula as its steady state.
+bounded by about friction over stiffness, also at standstill, where a slip is not defined.
 
 Friction scales the peak and leaves the initial stiffness. Not modelled: pneumatic trail and aligning moment, camber,
 turn slip; a sliding wheel pulls along its stiffness-weighted slip, not exactly against its sliding velocity.

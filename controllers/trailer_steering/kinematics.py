@@ -39,6 +39,11 @@ class AxleGroup:
         return cls(np.array(trailer.steered_distances), np.array(fixed), trailer.follow_distance, trailer.max_steer)
 
     @property
+    def centre(self) -> float:
+        """Mean distance of all axles behind the hitch [m]."""
+        return self.first_moment / (len(self.steered) + len(self.fixed))
+
+    @property
     def first_moment(self) -> float:
         """Sum of the distances [m]."""
         return float(self.steered.sum() + self.fixed.sum())

@@ -1,11 +1,10 @@
 """Path-following trailer steering from the measured hitch path alone; nothing of the tractor is used.
 
-The estimate holds the way of the hitch from the follow point to the hitch, in the trailer's frame. Its direction and
-offset beside the follow point say where the follow point has to go, its newest end where the hitch goes; the
+The estimate holds the way of the hitch from the follow point to the hitch, in the trailer's frame. Its offset and
+direction beside the follow point say where the follow point has to go, its newest end where the hitch goes; the
 trailer's kinematics then leave one angle for every axle. Three things make it good enough to be closed in a loop: the
-estimate, 0.1 to 0.2 s old, is carried on to the moment when the axles have answered; the slip of the axles is
-estimated from the trailer's measured motion and its steer encoders and given to them; and an integral over the
-travelled distance takes what is left.
+estimate, 0.1 to 0.2 s old, is carried on to the moment when the axles will have answered; the slip of the axles is
+estimated and given to them, its inertial part beforehand; and an integral over the travelled distance takes what is left.
 """
 
 from __future__ import annotations
@@ -18,17 +17,22 @@ import numpy as np
 
 from controllers.trailer import SteerCommand, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.prediction import Ahead, Predictor, SteerHistory, angles_at, recorded
+from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_path import chord_lengths, crossing, tangent
 from sensors.messages import SteerAngles
-from vehicle.clock import TICK, to_ticks
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_PERIOD = 20  # the controller's step; a demand acts for this long [ticks]
+_HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
-_HISTORY = 700  # of the steer encoders: the oldest usable estimate and its finite differences [ticks]
-_REACH = 0.75  # half window of the path tangent's fit [m]
+_MEASURABLE = 0.5  # slower than this the odometry's noise of some mm a frame is all that a slip shows [m/s]
+_HISTORY = 1300  # of the steer encoders: longer than the longest hold and a frame [ticks]
+_REACH = 0.75  # half window of the fit to the path beside the follow point [m]
+_MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is larger [rad]
+
+_LIMITS = {"gain": (0.0, 2.0), "integral": (0.0, 0.5), "compliance": (0.0, 0.1)}
+_LIMITS |= {"slip_distance": (0.1, 100.0), "hold": (0.0, 1.0), "fade_rate": (0.001, 1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,20 +43,26 @@ class PathPreviewParameters:
         ValueError: if a value is outside its limits.
     """
 
-    gain: float = 0.4  # turn of the follow point towards the path per offset [rad/m]
+    gain: float = 0.5  # turn of the follow point towards the path per offset [rad/m]
     integral: float = 0.02  # the same per offset and metre travelled [rad/m2]
-    slip_distance: float = 2.0  # low-pass on the axles' mean slip [m]
-    hold: float = 0.5  # how long the last command stands when there is no estimate any more [s]
-    fade_rate: float = 0.05  # at which the axles go straight after that [rad/s]
+    compliance: float = 0.022  # axle slip per lateral acceleration; 1/(4.6 g) for a truck tyre's 4.6 F_z/rad [rad s2/m]
+    slip_distance: float = 2.0  # low-pass on the rest of the axles' slip [m]
+    hold: float = 0.5  # the oldest estimate that is still steered by [s]
+    fade_rate: float = 0.05  # at which the axles go straight without one: 3 deg/s [rad/s]
 
     def __post_init__(self) -> None:
-        limits = {"gain": (0.0, 2.0), "integral": (0.0, 0.5), "slip_distance": (0.1, 100.0), "hold": (0.0, 5.0)}
-        limits["fade_rate"] = (0.001, 1.0)
         for field in fields(self):
-            low, high = limits[field.name]
-            value = getattr(self, field.name)
+            (low, high), value = _LIMITS[field.name], getattr(self, field.name)
             if not low <= value <= high:
                 raise ValueError(f"{field.name} = {value} must be between {low} and {high}")
+
+
+class Target(NamedTuple):
+    """The path beside the follow point, in the trailer's frame."""
+
+    offset: float  # + when it lies left [m]
+    direction: float  # + left [rad]
+    curvature: float  # + left [1/m]
 
 
 class PathPreviewMemory(NamedTuple):
@@ -62,8 +72,9 @@ class PathPreviewMemory(NamedTuple):
     seen: OffTracking | None  # newest usable estimate
     history: SteerHistory
     demand: tuple[float, ...]  # last command [rad]
-    mean_slip: float  # of the axles [-]
-    offset_integral: float  # of the offset over the distance [m2]
+    slip: float  # mean slip of the axles at that estimate [-]
+    other_slip: float  # the part of it that the path's curvature does not explain, low-passed [-]
+    bias: float  # integral part of the follow point's turn [rad]
 
 
 class PathPreview:
@@ -79,7 +90,7 @@ class PathPreview:
     def init(self) -> PathPreviewMemory:
         """Nothing seen yet, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return PathPreviewMemory(None, None, (), straight, 0.0, 0.0)
+        return PathPreviewMemory(None, None, (), straight, 0.0, 0.0, 0.0)
 
     def step(
         self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, steer: SteerAngles
@@ -98,52 +109,66 @@ class PathPreview:
         before = memory.seen
         if before is not None and seen.tick <= before.tick:
             return memory
-        memory = memory._replace(seen=seen)
-        if before is None or seen.v_x < _CREEP:
+        target = self._target(seen.path)
+        if target is None:
             return memory
-        # The velocities are means over the last frame: they belong to its middle.
-        middle = np.array([0.5 * (before.tick + seen.tick)])
-        angles = angles_at(memory.history, middle)[0]
-        slip = self._axles.mean_slip(seen.v_x, seen.v_y, seen.yaw_rate, angles)
-        way = math.hypot(seen.v_x, seen.v_y) * (seen.tick - before.tick) * TICK
-        share = 1.0 - math.exp(-way / self._parameters.slip_distance)
-        return memory._replace(mean_slip=memory.mean_slip + share * (slip - memory.mean_slip))
+        inertial = self._inertial_slip(seen, target)
+        other = memory.other_slip
+        if before is not None and seen.v_x > _MEASURABLE:
+            way = seen.v_x * (seen.tick - before.tick) * TICK
+            share = 1.0 - math.exp(-way / self._parameters.slip_distance)
+            # The velocities are means over the last frame: the angles of its middle belong to them.
+            angles = angles_at(memory.history, np.array([0.5 * (before.tick + seen.tick)]))[0]
+            slip = self._axles.mean_slip(seen.v_x, seen.v_y, seen.yaw_rate, angles)
+            other += share * (slip - inertial - other)
+        return memory._replace(seen=seen, slip=inertial + other, other_slip=other)
 
     def _wanted(self, memory: PathPreviewMemory, tick: int, elapsed: float) -> tuple[PathPreviewMemory, FloatArray]:
         """The angles wanted now [rad], not yet limited in rate."""
-        last = np.array(memory.demand)
-        seen, p = memory.seen, self._parameters
-        if seen is None:
-            return memory, np.zeros_like(last)
-        if seen.age(tick) > p.hold:
-            fade = p.fade_rate * elapsed
-            return memory, np.clip(0.0, last - fade, last + fade)
+        last, seen = np.array(memory.demand), memory.seen
+        if seen is None or seen.age(tick) > self._parameters.hold:
+            fade = self._parameters.fade_rate * elapsed
+            return memory._replace(bias=0.0), np.clip(0.0, last - fade, last + fade)
         if seen.v_x < _CREEP:
             return memory, last
-        until = tick + to_ticks(round(self._trailer.actuator_lag, 3), "actuator_lag") + _PERIOD // 2
-        ahead = self._predictor.ahead(seen, memory.mean_slip, memory.history, last, until)
-        beside = self._beside(seen, ahead)
-        if beside is None:
+        until = tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD
+        ahead = self._predictor.ahead(seen, memory.slip, memory.history, last, until)
+        target = self._target(ahead.frame.inverse().apply(seen.path))
+        if target is None:
             return memory, last
-        offset, direction = beside
-        integral = memory.offset_integral + offset * seen.v_x * elapsed
-        follow = direction + math.atan(p.gain * offset + p.integral * integral)
-        wanted = self._axles.steer_angles(ahead.hitch_direction, follow, memory.mean_slip)
-        if np.abs(wanted).max() >= self._trailer.max_steer:
-            integral = memory.offset_integral
-        return memory._replace(offset_integral=integral), wanted
+        slip = memory.other_slip + self._inertial_slip(seen, target)
+        bias = self._integrated(memory, target.offset * seen.v_x * elapsed)
+        follow_direction = target.direction + math.atan(self._parameters.gain * target.offset + bias)
+        return memory._replace(bias=bias), self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
 
-    def _beside(self, seen: OffTracking, ahead: Ahead) -> tuple[float, float] | None:
-        """Offset [m] and direction [rad] of the path beside the follow point then, in the trailer's frame then."""
-        path = ahead.frame.inverse().apply(seen.path)
+    def _target(self, path: FloatArray) -> Target | None:
+        """Where a path (n, 2) passes the follow point; None if it does not reach back that far."""
         s = chord_lengths(path)
         passed = crossing(path, s, -self._trailer.follow_distance)
         if passed is None:
             return None
-        return passed.y, held(tangent(path, s, passed.s, _REACH).direction)
+        beside = tangent(path, s, passed.s, _REACH)
+        return Target(passed.y, held(beside.direction), beside.curvature)
+
+    def _inertial_slip(self, seen: OffTracking, target: Target) -> float:
+        """Mean slip [-] that carries the trailer round, with its follow point at the target.
+
+        The moment of a trailer's inertia about the hitch is that of its mass at the centre of percussion; loaded
+        semitrailers have their axles about there. Lateral acceleration is linear along the axis, as the direction is.
+        """
+        speed = math.hypot(seen.v_x, seen.v_y)
+        at_hitch = speed * (seen.hitch_direction_rate + seen.yaw_rate)
+        at_follow_point = speed**2 * target.curvature
+        share = self._axles.centre / self._trailer.follow_distance
+        return -self._parameters.compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
+
+    def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
+        """The integral part [rad] after another ``area`` [m2] beside the path; it waits while all axles are at their limit."""
+        if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
+            return memory.bias
+        return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._parameters.integral * area))
 
     def _reachable(self, last: FloatArray, wanted: FloatArray, elapsed: float) -> FloatArray:
         """The wanted angles as far as the actuators' rate and angle allow [rad]."""
-        reach = self._trailer.max_steer_rate * elapsed
-        limit = self._trailer.max_steer
+        reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
         return np.clip(np.clip(wanted, last - reach, last + reach), -limit, limit)

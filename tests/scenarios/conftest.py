@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -53,7 +52,9 @@ def picture(rng: np.random.Generator) -> bytes:
     colour = np.stack([grey, grey * 1.02, grey * np.where(v > 195, 0.9, 1.08)], axis=-1)
     for _ in range(60):
         column, size = rng.uniform(0, WIDTH), rng.uniform(15, 70)
-        cv2.ellipse(colour, (int(column), int(198 - size / 2)), (int(size / 2.2), int(size / 1.6)), 0, 0, 360, (60, 88, 52), -1)
+        cv2.ellipse(
+            colour, (int(column), int(198 - size / 2)), (int(size / 2.2), int(size / 1.6)), 0, 0, 360, (60, 88, 52), -1
+        )
     encoded = cv2.imencode(".jpg", np.clip(colour[..., ::-1], 0, 255).astype(np.uint8))[1]
     return encoded.tobytes()
 
@@ -67,7 +68,9 @@ def camera_frames(rng: np.random.Generator, ticks: FloatArray) -> tuple[CameraFr
         u, v = rng.uniform(20, WIDTH - 20, count), rng.uniform(205, HEIGHT - 10, count)
         closer = 1.0 - 0.4 / (3.0 * 564.0 / (v - 195.0))
         tracks = np.column_stack([u, v, 671.5 + (u - 671.5) * closer + 4.0, 195.0 + (v - 195.0) * closer])
-        frames.append(CameraFrame(tick=int(tick), jpeg=jpeg, tracks=tracks.astype(np.float32), matches=count + 40, inliers=count))
+        frames.append(
+            CameraFrame(tick=int(tick), jpeg=jpeg, tracks=tracks.astype(np.float32), matches=count + 40, inliers=count)
+        )
     return tuple(frames)
 
 
@@ -96,7 +99,10 @@ def make_run(*, cameras: bool) -> RunResult:
         columns[f"steer_trailer_{k + 1}_command", "rad"] = path[:, 6 + k]
     if cameras:
         columns |= estimates(rng, path, true)
-    log = Log(tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns), np.column_stack(list(columns.values())))
+    log = Log(
+        tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns),
+        np.column_stack(list(columns.values())),
+    )
     return RunResult(
         scenario="roundabout",
         scenario_toml='trailer_steering = "command_steer"\nspeed_kmh = 14.4\n\n[surface]\nfriction = 0.8  # <dry>\n',
@@ -121,10 +127,10 @@ def estimates(rng: np.random.Generator, path: FloatArray, true: FloatArray) -> d
     captures = np.arange(10, n, 10)
     z, psi = path[:, 3] + 1j * path[:, 4], path[:, 5]
     motion = (z[captures] - z[captures - 10]) * np.exp(-1j * psi[captures - 10])
-    drifting = np.cumsum(rng.normal(0.0, 0.0015, len(captures))) + rng.normal(0.0, 0.006, len(captures))
+    noise = np.convolve(rng.normal(0.0, 0.011, len(captures)), np.full(4, 0.5), mode="same")  # the buffer smooths
     lost = np.isnan(true[captures])
     values = {
-        ("off_tracking_estimate", "m"): np.where(lost, 0.0, true[captures] + drifting),
+        ("off_tracking_estimate", "m"): np.where(lost, 0.0, true[captures] + noise),
         ("off_tracking_std", "m"): np.where(lost, np.inf, 0.012),
         ("matches", "-"): rng.integers(320, 400, len(captures)).astype(float),
         ("inliers", "-"): rng.integers(280, 320, len(captures)).astype(float),

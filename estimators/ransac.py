@@ -1,0 +1,73 @@
+"""The motion that most matches agree with, out of hypotheses from three matches each."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.reprojection import motion_jacobian, residuals
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray, transform
+
+_HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong
+_ITERATIONS = 4  # of Gauss-Newton from the prediction, for three points
+_GATE = 1.5  # reprojection error of an inlier [px]
+_JUDGES = 250  # matches that judge the hypotheses; more do not change the verdict
+_DAMPING = 1e-6  # [px2]; keeps three points in a line from being singular
+
+
+class Consensus(NamedTuple):
+    """A motion and the matches that agree with it."""
+
+    X_PC: FloatArray  # (4, 4)
+    inliers: NDArray[np.bool_]  # (n,)
+
+
+def consensus(
+    calibration: StereoCalibration,
+    points: FloatArray,
+    z: FloatArray,
+    X_PC: FloatArray,
+    rng: np.random.Generator,
+) -> Consensus:
+    """The best of the hypotheses and the prediction ``X_PC``, for points (n, 3) in P seen at z (n, 3) in C, n >= 3."""
+    triples = rng.integers(0, len(points), (_HYPOTHESES, 3))
+    R, p = _from_triples(calibration, points[triples], z[triples], X_PC)
+    R, p = np.concatenate([R, X_PC[None, :3, :3]]), np.concatenate([p, X_PC[None, :3, 3]])
+    judges = slice(None, None, max(1, len(points) // _JUDGES))
+    cost = np.minimum(_squared(residuals(calibration, R, p, points[judges], z[judges])), _GATE**2).sum(axis=1)
+    best = int(np.argmin(cost))
+    inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < _GATE**2
+    return Consensus(transform(R[best], p[best]), inliers)
+
+
+def _from_triples(
+    calibration: StereoCalibration, points: FloatArray, z: FloatArray, X_PC: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Rotations (m, 3, 3) and positions (m, 3) that fit the triples (m, 3, 3), all solved at once from ``X_PC``."""
+    m = len(points)
+    R, p = np.broadcast_to(X_PC[:3, :3], (m, 3, 3)), np.broadcast_to(X_PC[:3, 3], (m, 3))
+    for _ in range(_ITERATIONS):
+        J = motion_jacobian(calibration, R, p, points).reshape(m, 9, 6)
+        r = residuals(calibration, R, p, points, z).reshape(m, 9, 1)
+        J_t = J.transpose(0, 2, 1)
+        normal = J_t @ J + _DAMPING * np.eye(6)
+        step = np.asarray(np.linalg.solve(normal, J_t @ r), dtype=np.float64)[..., 0]
+        R, p = _rotations(step[:, :3]) @ R, p + step[:, 3:]
+    return R, p
+
+
+def _rotations(w: FloatArray) -> FloatArray:
+    """Rotation matrices (m, 3, 3) of rotation vectors (m, 3) [rad] (Rodrigues' formula)."""
+    angle = np.maximum(np.linalg.norm(w, axis=1), 1e-12)[:, None, None]
+    K = np.cross(w[:, None, :], np.eye(3)).transpose(0, 2, 1)  # columns w x e_i
+    rotations: FloatArray = np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * (K @ K)
+    return rotations
+
+
+def _squared(residual: FloatArray) -> FloatArray:
+    """Squared reprojection errors (...) [px2]."""
+    squared: FloatArray = np.square(residual).sum(axis=-1)
+    return squared

@@ -1,0 +1,118 @@
+"""Stereo odometry from frame to frame, by circular matching.
+
+Follows the steps of VISO2-S as de Saxe 2018, section 2.1, lists them (corners, circular matching, buckets, RANSAC,
+Gauss-Newton on the reprojection error), with sub-pixel tracks and, in place of the Kalman filter, the motion at the
+last velocity as a first guess: a filter would smooth the very increments whose sum is wanted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, Motion
+from estimators.features import Points, detect_corners
+from estimators.matching import Matches, match
+from estimators.pose import Solution, refined
+from estimators.ransac import consensus
+from estimators.rigid_motion import stretched
+from estimators.stereo_geometry import triangulate
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray
+
+_PER_BUCKET = 4  # corners; gives 450 to 550 matches on an ordinary road
+_PLENTY = 250  # matches below which errors grow: de Saxe 2018, section 3.2.1
+_FEWEST_INLIERS = 25  # fewer may agree by chance
+_AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
+_LONGEST_SPAN = 500  # between two frames; a truck has then gone too far to recognise the ground [ticks]
+
+
+class OdometryMemory(NamedTuple):
+    """The frame that the next one is compared with, its corners, and the last motion that was not lost."""
+
+    reference: StereoFrame | None = None
+    corners: Points | None = None
+    last: Motion | None = None
+
+
+class CircularOdometry:
+    """Motion between the pairs of a stereo rig, each compared with the one before."""
+
+    def __init__(self, calibration: StereoCalibration, *, seed: int = 0) -> None:
+        """An odometry for this rig; ``seed`` and a frame's tick fix the draws of RANSAC.
+
+        Raises:
+            ValueError: if the left camera is not above the ground.
+        """
+        height = float(calibration.X_SC[2, 3])
+        if not height > 0.0:
+            raise ValueError(f"camera height X_SC[2, 3] = {height} m must be positive")
+        self._calibration = calibration
+        self._seed = seed
+
+    def init(self) -> OdometryMemory:
+        """Memory before the first frame."""
+        return OdometryMemory()
+
+    def step(self, memory: OdometryMemory, frame: StereoFrame) -> tuple[OdometryMemory, Motion | None]:
+        """Memory with the frame in it, and the motion since the frame before; None for the first frame.
+
+        A frame without texture (dark, blinded) is lost and passed over: the next motion starts again at the frame
+        before it, unless that is too long ago.
+        """
+        corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
+        if memory.reference is None or memory.corners is None:
+            return OdometryMemory(frame, corners, None), None
+        motion = self._motion(memory.reference, memory.corners, frame, memory.last)
+        if motion.health is not Health.LOST:
+            return OdometryMemory(frame, corners, motion), motion
+        passed_over = len(corners) < _PLENTY and motion.tick - motion.previous_tick < _LONGEST_SPAN
+        return memory if passed_over else OdometryMemory(frame, corners, memory.last), motion
+
+    def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
+        """The motion found from the last velocity or, when that misleads, from rest."""
+        motion = self._motion_from(_predicted(last, reference.tick, frame.tick), reference, corners, frame)
+        if motion.health is Health.LOST and last is not None:
+            motion = self._motion_from(np.eye(4), reference, corners, frame)
+        return motion
+
+    def _motion_from(self, guess: FloatArray, reference: StereoFrame, corners: Points, frame: StereoFrame) -> Motion:
+        matches = match(self._calibration, reference, corners, frame, guess)
+        solution = None
+        if len(matches.current) >= _FEWEST_INLIERS:
+            rng = np.random.default_rng([self._seed, frame.tick])
+            points = triangulate(self._calibration, matches.previous)
+            agreed = consensus(self._calibration, points, matches.current, guess, rng)
+            solution = refined(self._calibration, matches, agreed.X_PC, agreed.inliers)
+        return _message(reference.tick, frame.tick, matches, solution)
+
+
+def _predicted(last: Motion | None, previous_tick: int, tick: int) -> FloatArray:
+    """The motion (4, 4) from one tick to the other at the velocity of the last one; none before the first."""
+    if last is None:
+        return np.eye(4)
+    return stretched(last.X_PC, (tick - previous_tick) / (last.tick - last.previous_tick))
+
+
+def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:
+    """The motion with its health; lost without a solution that enough matches agree with."""
+    inliers = np.zeros(len(matches.current), np.bool_) if solution is None else solution.inliers
+    agreeing = int(np.count_nonzero(inliers))
+    X_PC, covariance, health = np.eye(4), np.diag(np.full(6, np.inf)), Health.LOST
+    if solution is not None and solution.converged and agreeing >= _FEWEST_INLIERS:
+        X_PC, covariance = solution.X_PC, solution.covariance
+        doubtful = len(inliers) < _PLENTY or agreeing < _AGREEING * len(inliers)
+        health = Health.DEGRADED if doubtful else Health.OK
+    tracks = np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers]
+    return Motion(
+        tick=tick,
+        previous_tick=previous_tick,
+        X_PC=X_PC,
+        covariance=covariance,
+        matches=len(inliers),
+        inliers=agreeing,
+        health=health,
+        tracks=tracks.astype(np.float32),
+    )

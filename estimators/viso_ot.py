@@ -1,0 +1,76 @@
+"""VISO-OT: off-tracking from a stereo pair on the trailer alone (de Saxe 2018, section 2).
+
+de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
+Dynamics, 2018.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from estimators.estimates import Health, Motion, OffTracking
+from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.rigid_motion import UncertainMotion, seen_from
+from estimators.stereo_odometry import CircularOdometry, OdometryMemory
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VisoOtEstimate:
+    """Off-tracking and the camera motion it was updated with."""
+
+    off_tracking: OffTracking
+    motion: Motion
+
+
+class VisoOtMemory(NamedTuple):
+    """Memories of the odometry and of the buffer."""
+
+    odometry: OdometryMemory
+    buffer: BufferMemory
+
+
+class VisoOt:
+    """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
+
+    def __init__(self, calibration: StereoCalibration, follow_distance: float, odometry: CircularOdometry) -> None:
+        """For the rig behind ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive.
+        """
+        self._X_SC = calibration.X_SC
+        self._odometry = odometry
+        self._buffer = OffTrackingBuffer(follow_distance)
+
+    def init(self) -> VisoOtMemory:
+        """Memory before the first frame."""
+        return VisoOtMemory(self._odometry.init(), self._buffer.init())
+
+    def step(self, memory: VisoOtMemory, frame: StereoFrame) -> tuple[VisoOtMemory, VisoOtEstimate | None]:
+        """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
+        odometry, motion = self._odometry.step(memory.odometry, frame)
+        if motion is None:
+            return VisoOtMemory(odometry, memory.buffer), None
+        buffer, off_tracking = self._buffer.step(memory.buffer, body_motion(self._X_SC, motion))
+        return VisoOtMemory(odometry, buffer), VisoOtEstimate(off_tracking=off_tracking, motion=motion)
+
+
+def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
+    """Motion of the trailer body S from that of the camera at ``X_SC``: de Saxe 2018, eqs 1 and 2, in three dimensions.
+
+    A lost motion stays one, with its infinite covariance.
+    """
+    seen = UncertainMotion(motion.X_PC, motion.covariance)
+    if motion.health is not Health.LOST:
+        seen = seen_from(X_SC, seen)
+    return BodyMotion(
+        tick=motion.tick,
+        previous_tick=motion.previous_tick,
+        X_PC=seen.X,
+        covariance=seen.covariance,
+        health=motion.health,
+    )

@@ -1,0 +1,129 @@
+"""Drawing on pictures with OpenCV: lettering, lines and a strip chart. Colours are RGB."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from vehicle.frames import FloatArray
+
+Picture = NDArray[np.uint8]  # (height, width, 3), RGB
+Colour = tuple[int, int, int]
+
+PAPER, INK, SOFT, LINE = (255, 255, 255), (39, 49, 59), (91, 102, 115), (226, 230, 234)
+TRUE, ESTIMATED = (31, 95, 168), (224, 118, 26)  # as in the report
+SHIFT = 4  # binary digits behind the point of a pixel coordinate
+
+
+def blank(width: int, height: int) -> Picture:
+    """A picture without anything on it."""
+    return np.full((height, width, 3), PAPER[0], np.uint8)  # all three alike: several times faster than a colour
+
+
+@lru_cache(maxsize=512)
+def _lettering(text: str, size: int) -> NDArray[np.float32]:
+    """Coverage of every pixel by the text, shape (height, width, 1), 0 … 1."""
+    font = ImageFont.load_default(size)
+    left, _, right, _ = font.getbbox(text)
+    mask = Image.new("L", (math.ceil(right - left) + 2, round(1.35 * size)))
+    ImageDraw.Draw(mask).text((1 - left, 0.05 * size), text, fill=255, font=font)
+    return np.asarray(mask, dtype=np.float32)[..., None] / 255.0
+
+
+def write(
+    picture: Picture, text: str, at: tuple[int, int], *, size: int = 15, colour: Colour = INK, anchor: float = 0.0
+) -> None:
+    """Writes text into the picture; ``at`` is its upper left corner; ``anchor`` 1: right, 0.5: middle."""
+    cover = _lettering(text.replace("-", "−"), size)  # a minus sign as wide as the plus sign: numbers do not jump
+    height, width = cover.shape[:2]
+    u, v = round(at[0] - anchor * width), at[1]
+    u, v = max(0, min(u, picture.shape[1] - width)), max(0, min(v, picture.shape[0] - height))
+    patch = picture[v : v + height, u : u + width]
+    patch[:] = np.rint(
+        patch + cover[: patch.shape[0], : patch.shape[1]] * (np.array(colour) - patch.astype(np.float32))
+    )
+
+
+def curve(picture: Picture, points: FloatArray, colour: Colour, thickness: int = 1, *, closed: bool = False) -> None:
+    """An anti-aliased line through pixel coordinates (n, 2)."""
+    if len(points) > 1:
+        cv2.polylines(picture, [fixed_point(points)], closed, colour, thickness, cv2.LINE_AA, SHIFT)
+
+
+def fixed_point(points: FloatArray) -> NDArray[np.int32]:
+    """Pixel coordinates as OpenCV wants them: whole numbers of 1/16 px."""
+    fixed: NDArray[np.int32] = np.rint(points * 2**SHIFT).astype(np.int32)
+    return fixed
+
+
+def nice_step(span: float, steps: int) -> float:
+    """A step of 1, 2 or 5 times a power of ten that divides the span into at most about this many."""
+    rough = span / steps
+    power = 10.0 ** math.floor(math.log10(rough))
+    return power * next(m for m in (1, 2, 5, 10) if m * power >= rough * (1.0 - 1e-9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StripChart:
+    """Signals over the time of a whole run, drawn up to the present."""
+
+    background: Picture  # axes and lettering
+    left: int  # the plotting area inside it [px]
+    right: int
+    top: int
+    bottom: int
+    duration: float  # [s]
+    limit: float  # the value at the top; its negative is at the bottom
+
+    @classmethod
+    def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> StripChart:
+        """A chart of this width and height for values of either sign up to ``largest`` [m]."""
+        step = nice_step(2.0 * max(largest, 0.05), 6)  # below 5 cm there is nothing to see but noise
+        chart = cls(
+            background=blank(size[0], size[1]),
+            left=62,
+            right=size[0] - 20,
+            top=10,
+            bottom=size[1] - 44,
+            duration=max(duration, 1e-3),
+            limit=step * math.ceil(max(largest, 0.05) / step),
+        )
+        chart._axes(step)
+        return chart
+
+    def _axes(self, step: float) -> None:
+        count = round(self.limit / step)
+        digits = max(0, -math.floor(math.log10(step) + 1e-9))
+        for k in range(-count, count + 1):
+            v = round(float(self._pixels(np.array([0.0]), np.array([k * step]))[0, 1]))
+            cv2.line(self.background, (self.left, v), (self.right, v), SOFT if k == 0 else LINE, 1)
+            label = f"{k * step:+.{digits}f}" if k else "0"
+            write(self.background, label, (self.left - 8, v - 10), size=14, colour=SOFT, anchor=1.0)
+        every = nice_step(self.duration, 6)
+        for k in range(int(self.duration / every + 1e-9) + 1):
+            u = round(float(self._pixels(np.array([k * every]), np.array([0.0]))[0, 0]))
+            cv2.line(self.background, (u, self.top), (u, self.bottom), LINE, 1)
+            write(self.background, f"{k * every:g}", (u, self.bottom + 4), size=14, colour=SOFT, anchor=0.5)
+        middle = (self.left + self.right) // 2
+        write(self.background, "time [s]", (middle, self.bottom + 22), size=14, colour=SOFT, anchor=0.5)
+
+    def _pixels(self, time: FloatArray, values: FloatArray) -> FloatArray:
+        u = self.left + (self.right - self.left) * time / self.duration
+        v = 0.5 * (self.top + self.bottom) - 0.5 * (self.bottom - self.top) * values / self.limit
+        return np.column_stack([u, v])
+
+    def draw(self, now: float, curves: tuple[tuple[FloatArray, FloatArray, Colour, int], ...]) -> Picture:
+        """The chart at time ``now`` [s] with curves of (time, values without NaN, colour, thickness) up to it."""
+        picture = self.background.copy()
+        u = round(float(self._pixels(np.array([now]), np.array([0.0]))[0, 0]))
+        cv2.line(picture, (u, self.top), (u, self.bottom), (180, 188, 196), 1)
+        for time, values, colour, thickness in curves:
+            pixels = self._pixels(time[time <= now], values[time <= now])
+            curve(picture, pixels, colour, thickness)
+        return picture

@@ -1,0 +1,171 @@
+"""The `offtrack` command."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+from scenarios.scenario import load_scenario, scenario_names
+
+BAD_INPUT, INTERRUPTED = 2, 130
+
+app = typer.Typer(
+    name="offtrack",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help=(
+        "Closed-loop co-simulation of vehicles that slip, steered by what their cameras see.\n\n"
+        "Start with: offtrack run roundabout. It drives a long semitrailer round a 12.5 m circle, steered by what a "
+        "stereo camera on its roof sees, and writes a report, a video and all signals to runs/roundabout-1."
+    ),
+)
+
+
+@app.callback()
+def _offtrack() -> None:
+    """Closed-loop co-simulation of vehicles that slip, steered by what their cameras see."""
+
+
+@app.command()
+def scenarios() -> None:
+    """List the scenarios, a line each. Run one with: offtrack run NAME."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for name in scenario_names():
+        table.add_row(name, load_scenario(name).description)
+    Console().print(table)
+
+
+@app.command(
+    epilog=(
+        "Examples: offtrack run roundabout --set trailer_steering=none   "
+        "offtrack run figure-of-eight --set off_tracking=truth --no-video   "
+        "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025"
+    )
+)
+def run(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a key of the scenario, e.g. off_tracking=truth, trailer_steering=none, vehicle=my_truck.toml, "
+            "surface.friction=0.3, steering.gain=0.5. May be repeated.",
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Decides the world and all noise.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option(help="Run directory; must not exist yet.", show_default="runs/SCENARIO-N")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
+    record: Annotated[
+        Path | None, typer.Option(help="Also write the stereo images there, as a KITTI-style sequence.")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+) -> None:
+    """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
+    from scenarios.results import check_run_directory, next_run_directory, summary, write_run
+    from scenarios.run import run as run_scenario
+
+    chosen = load_scenario(scenario, settings or [])
+    directory = out or next_run_directory(chosen.name)
+    check_run_directory(directory)
+    if record:
+        check_run_directory(record)
+    with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
+        result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
+        write_run(result, directory, video=video, progress=bar.video)
+    numbers = summary(result)
+    if as_json:
+        print(json.dumps(numbers, indent=2))
+    elif not quiet:
+        _print_summary(numbers, directory)
+    if result.outcome == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+class _Bar:
+    """Progress of a run and of its video on one rich display."""
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress = progress
+        self._run = progress.add_task(title, total=1.0, detail="")
+        self._video: Any = None
+
+    def run(self, share: float, simulated: float) -> None:
+        self._progress.update(self._run, completed=share, detail=f"{simulated:.1f} s simulated")
+
+    def video(self, done: int, total: int) -> None:
+        if self._video is None:
+            self._progress.update(self._run, completed=1.0)
+            self._video = self._progress.add_task("video", total=total, detail="")
+        self._progress.update(self._video, completed=done)
+
+
+@contextmanager
+def _progress(title: str, *, shown: bool) -> Iterator[_Bar]:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[detail]}"),
+    )
+    with Progress(*columns, console=Console(stderr=True), disable=not shown) as progress:
+        yield _Bar(progress, title)
+
+
+def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
+    console = Console()
+    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
+    table.add_column("")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    for group, values in numbers.items():
+        if isinstance(values, dict):
+            for k, (name, value) in enumerate(values.items()):
+                shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+                table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
+    console.print(table)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
+
+
+def main() -> None:
+    """Entry point: every expected error is one line on standard error and exit code 2."""
+    from sensors.render import RendererUnavailableError
+
+    try:
+        code = app(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        print(error.format_message())
+        sys.exit(0)
+    except click.ClickException as error:
+        sys.exit(_refuse(error.format_message()))
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(INTERRUPTED)
+    except (ValueError, OSError, RendererUnavailableError) as error:
+        sys.exit(_refuse(str(error)))
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _refuse(message: str) -> int:
+    print(f"offtrack: {message}", file=sys.stderr)
+    return BAD_INPUT
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,285 @@
+"""The report of a run: one HTML page that needs nothing but itself."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable
+from html import escape
+
+import cv2
+import numpy as np
+
+from scenarios import figures
+from scenarios.results import CameraFrame, RunResult, Summary, manifest
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_STYLE = """
+:root { color-scheme: light; --ink: #1d2730; --soft: #5b6673; --line: #dfe4e8; --blue: #1f5fa8; --paper: #fff; }
+* { box-sizing: border-box; }
+body { margin: 0; background: #f4f6f8; color: var(--ink); line-height: 1.5;
+       font: 16px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans", sans-serif; }
+main { max-width: 1060px; margin: 0 auto; padding: 2.2rem 1.2rem 4rem; }
+header h1 { margin: 0; font-size: 1.9rem; line-height: 1.2; letter-spacing: -.01em; }
+header p { margin: .5rem 0 0; color: var(--soft); }
+.outcome { display: inline-block; padding: .1rem .65rem; border-radius: 1rem; font-size: .9rem; font-weight: 600;
+           background: #fbe4e2; color: #9b1c13; vertical-align: .3em; margin-left: .6rem; }
+.outcome.completed { background: #dcf2e4; color: #12633a; }
+section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; margin-top: 1.2rem;
+          padding: 1.2rem 1.4rem 1.3rem; }
+h2 { margin: 0 0 .3rem; font-size: 1.15rem; }
+section > p { margin: 0 0 .9rem; color: var(--soft); max-width: 48rem; }
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(225px, 1fr)); gap: 1rem; margin-top: 1.4rem; }
+.card { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: .9rem 1.1rem 1rem; }
+.card b { display: block; font-size: 1.75rem; line-height: 1.25; letter-spacing: -.02em; font-weight: 650; }
+.card b small { font-size: 1rem; font-weight: 500; color: var(--soft); letter-spacing: 0; }
+.card span { font-weight: 600; font-size: .92rem; }
+.card p { margin: .25rem 0 0; color: var(--soft); font-size: .88rem; line-height: 1.4; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-size: .93rem; }
+th, td { text-align: left; padding: .42rem .9rem .42rem 0; border-top: 1px solid var(--line); vertical-align: top; }
+tr:first-child > * { border-top: 0; }
+th { font-weight: 600; white-space: nowrap; }
+td.value { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
+td.meaning { color: var(--soft); }
+tr.group th { padding-top: 1rem; color: var(--blue); font-size: .8rem; text-transform: uppercase;
+              letter-spacing: .06em; }
+svg { display: block; width: 100%; height: auto; }
+svg text { font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans",
+                        sans-serif !important; }
+.camera { border-radius: 6px; overflow: hidden; }
+.bar { display: flex; height: 1.5rem; border-radius: 6px; overflow: hidden; margin: .2rem 0 .9rem; }
+.key { display: inline-block; width: .8rem; height: .8rem; border-radius: 3px; margin-right: .5rem; }
+details summary { cursor: pointer; font-weight: 600; }
+pre { background: #f4f6f8; border-radius: 6px; padding: .9rem 1rem; overflow-x: auto; font-size: .85rem;
+      line-height: 1.45; margin: .8rem 0 0; }
+@media print { body { background: #fff; } section, .card { break-inside: avoid; } }
+"""
+
+# group, name in the summary, what people call it, unit shown, factor to that unit, digits, meaning
+_NUMBERS: tuple[tuple[str, str, str, str, float, int, str], ...] = (
+    ("off_tracking", "true_rms_m", "True off-tracking, RMS", "m", 1, 3,
+     "How far the trailer's follow point typically runs beside the path of its hitch."),
+    ("off_tracking", "true_max_m", "True off-tracking, largest", "m", 1, 3,
+     "The largest distance of the follow point from the path of its hitch."),
+    ("off_tracking", "estimate_error_rms_m", "Estimate error, RMS", "mm", 1e3, 1,
+     "How far the estimate is typically from the truth at the moment the picture was taken."),
+    ("off_tracking", "estimate_error_max_m", "Estimate error, largest", "mm", 1e3, 1,
+     "The worst single estimate of the run."),
+    ("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
+     "Share of the estimates that could be used, once the trailer had driven its own length."),
+    ("swept_path", "max_width_m", "Swept width", "m", 1, 2,
+     "The widest strip of ground that the bodies of the combination need."),
+    ("swept_path", "min_inner_radius_m", "Inner radius", "m", 1, 2,
+     "The closest any body comes to the centre of the roundabout."),
+    ("swept_path", "tail_swing_m", "Tail swing", "m", 1, 3,
+     "How far a rear corner swings out beyond the straight before or after the turn."),
+    ("steer", "max_deg", "Largest trailer steer angle", "°", 1, 1,
+     "The largest angle of any steered trailer wheel."),
+    ("steer", "max_rate_deg_s", "Fastest trailer steering", "°/s", 1, 1,
+     "The highest rate at which a trailer axle was turned."),
+    ("odometry", "matches_mean", "Matches per frame", "", 1, 0,
+     "Features found again in all images of a frame, on average."),
+    ("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
+     "Those of them that agree on one motion of the camera, on average."),
+    ("odometry", "lost_frames", "Lost frames", "", 1, 0,
+     "Frames from which no motion of the camera could be found."),
+    ("odometry", "drift_percent", "Drift", "%", 1, 3,
+     "Position error of the visual odometry over one trailer length, as a share of the way driven."),
+)  # fmt: skip
+_GROUPS = {
+    "off_tracking": "Off-tracking",
+    "swept_path": "Swept path",
+    "steer": "Steering",
+    "odometry": "Visual odometry",
+}
+_CARDS = ("true_rms_m", "estimate_error_rms_m", "max_width_m", "realtime_factor")
+_REALTIME = ("timing", "realtime_factor", "Speed of the simulation", "× real time", 1, 2,
+             "Simulated time over computing time: above 1 it ran faster than reality.")  # fmt: skip
+
+
+def report_html(result: RunResult, summary: Summary) -> str:
+    """The whole page; ``summary`` is the run in numbers as :func:`scenarios.results.summary` gives it."""
+    body = "\n".join([_heading(result), _cards(summary), *_sections(result, summary)])
+    return (
+        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(result.scenario)} · offtrack</title>\n<style>{_STYLE}</style>\n</head>\n"
+        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _sections(result: RunResult, summary: Summary) -> Iterable[str]:
+    if len(result.log) > 1:
+        yield from _drawn(result)
+    else:
+        yield _section("Nothing to draw", "The run ended before the vehicle had moved.")
+    yield _section("All numbers", "", _table(summary))
+    yield _section("Where the time went", _timing_line(result), _timing(result))
+    yield _details(result)
+
+
+def _drawn(result: RunResult) -> Iterable[str]:
+    yield _section("Plan view", _PLAN.format(result.follow_distance), figures.plan_view(result))
+    yield _section("Off-tracking", _OFF_TRACKING, figures.off_tracking(result))
+    if np.isfinite(result.signal("health")).any():
+        yield _section("Error of the estimate", _ERROR, figures.estimate_error(result))
+    else:
+        yield _section("No estimate", "Nothing estimated the off-tracking in this run, so there is no error to show.")
+    if result.steer_signals():
+        yield _section("Steer angles", _STEER, figures.steer(result))
+    if result.frames:
+        yield _section("What the camera saw", _caption(result), _camera(_most_telling(result)))
+    else:
+        yield _section("No pictures", "No camera image was kept in this run.")
+    if np.isfinite(result.signal("matches")).any():
+        yield _section("Features", _MATCHES, figures.matches(result))
+
+
+_PLAN = (
+    "The follow point, {:.1f} m behind the hitch, is to drive where the hitch has driven. "
+    "Where the orange line covers the blue one, it does."
+)
+_OFF_TRACKING = (
+    "Lateral distance of the hitch's path from the follow point, seen from the trailer. It starts once the trailer has "
+    "driven its own length; each estimate stands at the time its picture was taken."
+)
+_ERROR = "About 95 of 100 errors should lie inside the band; if they do, the estimator knows how good it is."
+_STEER = "Solid: the road wheels as they stand. Dashed: what the controller asked for."
+_MATCHES = "Features found again in all images of a frame, and those of them that agree on one motion of the camera."
+
+
+def _heading(result: RunResult) -> str:
+    good = " completed" if result.outcome == "completed" else ""
+    combination = " + ".join(unit.name for unit in result.units)
+    return (
+        f'<header>\n<h1>{escape(result.scenario)}<span class="outcome{good}">{escape(result.outcome)}</span></h1>\n'
+        f"<p>{escape(combination)} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated</p>\n</header>"
+    )
+
+
+def _cards(summary: Summary) -> str:
+    shown = [row for row in (*_NUMBERS, _REALTIME) if row[1] in _CARDS and _value(summary, *row[:2]) is not None]
+    return '<div class="cards">\n' + "\n".join(_card(summary, *row) for row in shown) + "\n</div>"
+
+
+def _card(
+    summary: Summary, group: str, name: str, label: str, unit: str, factor: float, digits: int, meaning: str
+) -> str:
+    number = _text(_value(summary, group, name), factor, digits)
+    return f'<div class="card"><b>{number} <small>{unit}</small></b><span>{label}</span><p>{meaning}</p></div>'
+
+
+def _table(summary: Summary) -> str:
+    lines = []
+    for group, title in _GROUPS.items():
+        rows = [row for row in _NUMBERS if row[0] == group and _value(summary, group, row[1]) is not None]
+        lines += [f'<tr class="group"><th colspan="3">{title}</th></tr>'] if rows else []
+        for _, name, label, unit, factor, digits, meaning in rows:
+            number = _text(_value(summary, group, name), factor, digits)
+            lines.append(
+                f'<tr><th>{label}</th><td class="value">{number} {unit}</td><td class="meaning">{meaning}</td></tr>'
+            )
+    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+
+
+def _value(summary: Summary, group: str, name: str) -> float | int | None:
+    numbers = summary[group]
+    return numbers[name] if isinstance(numbers, dict) else None
+
+
+def _text(value: float | int | None, factor: float, digits: int) -> str:
+    return "–" if value is None else f"{factor * value:.{digits}f}"
+
+
+def _section(title: str, text: str, content: str = "") -> str:
+    return f"<section>\n<h2>{title}</h2>\n" + (f"<p>{text}</p>\n" if text else "") + f"{content}\n</section>"
+
+
+def _most_telling(result: RunResult) -> CameraFrame:
+    """The frame taken where the off-tracking was largest: in the middle of the turn, where the image flows most."""
+    true = result.signal("off_tracking_true")
+    if not np.isfinite(true).any():
+        return result.frames[len(result.frames) // 2]
+    worst = 1e3 * float(result.log["time"][np.nanargmax(np.abs(true))])
+    return min(result.frames, key=lambda frame: abs(frame.tick - worst))
+
+
+def _caption(result: RunResult) -> str:
+    frame = _most_telling(result)
+    if not len(frame.tracks):
+        return f"The left camera at {frame.tick * TICK:.1f} s."
+    return (
+        f"The left camera at {frame.tick * TICK:.1f} s, where the off-tracking was largest: {frame.matches} matches, "
+        f"{frame.inliers} of them inliers. Each stroke leads from where a feature was a frame ago to where it is."
+    )
+
+
+def _camera(frame: CameraFrame) -> str:
+    """The picture with the flow of its features drawn over it."""
+    image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    height, width = (0, 0) if image is None else image.shape[:2]
+    jpeg = base64.b64encode(frame.jpeg).decode()
+    return (
+        f'<svg class="camera" viewBox="0 0 {width} {height}" role="img" aria-label="camera image with its features">'
+        f'<image width="{width}" height="{height}" href="data:image/jpeg;base64,{jpeg}"/>'
+        f'<g stroke-width="1.6" stroke-linecap="round">{_strokes(frame.tracks.astype(np.float64))}</g></svg>'
+    )
+
+
+def _strokes(tracks: FloatArray) -> str:
+    """Lines from the previous to the current place of every feature, coloured by their length."""
+    if not len(tracks):
+        return ""
+    length = np.hypot(*(tracks[:, 2:] - tracks[:, :2]).T)
+    hue = 200.0 - 165.0 * np.clip(length / max(np.percentile(length, 95), 1e-9), 0.0, 1.0)  # blue: still; orange: fast
+    colours = [f"hsl({h:.0f} 95% 58%)" for h in hue]
+    return "".join(
+        f'<g stroke="{c}" fill="{c}"><path d="M{u0:.1f} {v0:.1f}L{u1:.1f} {v1:.1f}"/>'
+        f'<circle cx="{u1:.1f}" cy="{v1:.1f}" r="1.6"/></g>'
+        for (u0, v0, u1, v1), c in zip(tracks + 0.5, colours, strict=True)  # SVG counts from a pixel's corner
+    )
+
+
+_STAGES = (("physics", "#1f5fa8"), ("rendering", "#2a9d8f"), ("odometry", "#e0761a"), ("everything else", "#b8c0c8"))
+
+
+def _timing_line(result: RunResult) -> str:
+    timing = result.timing
+    return (
+        f"{timing.simulated_s:.1f} s of driving took {timing.wall_s:.1f} s of computing: "
+        f"{timing.realtime_factor:.2f} times real time."
+    )
+
+
+def _timing(result: RunResult) -> str:
+    timing = result.timing
+    seconds = (timing.physics_s, timing.render_s, timing.odometry_s, timing.rest_s)
+    total = max(sum(seconds), 1e-9)
+    bar = "".join(
+        f'<div style="width:{100 * t / total:.2f}%;background:{colour}"></div>'
+        for (_, colour), t in zip(_STAGES, seconds, strict=True)
+    )
+    rows = "".join(
+        f'<tr><th><span class="key" style="background:{colour}"></span>{name}</th><td class="value">{t:.2f} s</td>'
+        f'<td class="value">{100 * t / total:.0f} %</td>'
+        f'<td class="value">{1e3 * t / max(timing.simulated_s, 1e-9):.0f} ms per simulated second</td></tr>'
+        for (name, colour), t in zip(_STAGES, seconds, strict=True)
+    )
+    return f'<div class="bar">{bar}</div><div class="scroll"><table>{rows}</table></div>'
+
+
+def _details(result: RunResult) -> str:
+    facts = "".join(
+        f"<tr><th>{escape(key)}</th><td>{escape(_fact(value))}</td></tr>" for key, value in manifest(result).items()
+    )
+    return (
+        f"<section><details><summary>Resolved scenario</summary>"
+        f"<pre>{escape(result.scenario_toml)}</pre></details></section>"
+        f"<section><details><summary>Where these numbers come from</summary>"
+        f'<div class="scroll"><table>{facts}</table></div></details></section>'
+    )
+
+
+def _fact(value: object) -> str:
+    return ", ".join(f"{name} {version}" for name, version in value.items()) if isinstance(value, dict) else str(value)

@@ -1,0 +1,133 @@
+"""One run from start to finish: assemble, loop, and gather what it has to tell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.assembly import Assembly, assemble
+from scenarios.loop import Session
+from scenarios.recording import RecordingWriter
+from scenarios.results import CameraFrame, RunResult, Timing, UnitOutline
+from scenarios.run_log import run_log
+from scenarios.scenario import Scenario
+from vehicle.clock import TICK
+from vehicle.description import Vehicle
+
+Progress = Callable[[float, float], None]  # share done, simulated seconds so far
+
+
+def run(
+    scenario: Scenario,
+    seed: int,
+    *,
+    keep_frames: bool = False,
+    record: Path | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """The result of the scenario's closed-loop run; an interrupt ends it early and keeps what there is.
+
+    Args:
+        scenario: what to run.
+        seed: decides world and noise; the same seed on the same machine gives bitwise the same log and images.
+        keep_frames: keep what the left camera saw, for a video and the report.
+        record: folder to write the stereo images to, as a KITTI-style sequence.
+        progress: told the share of the course that is done.
+
+    Raises:
+        ValueError: one line, if something of the scenario does not fit.
+        RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
+    """
+    with ExitStack() as cleanup:
+        parts = assemble(scenario, seed, keep_colour=keep_frames, record=record is not None)
+        if parts.renderer:
+            cleanup.callback(parts.renderer.close)
+        recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
+        session = Session(parts, keep_frames=keep_frames, recorder=recorder)
+        try:
+            while session.outcome is None:
+                session.advance()
+                if progress:
+                    progress(session.progress, session.tick * TICK)
+        except KeyboardInterrupt:
+            session.outcome = "interrupted"
+        return _result(session)
+
+
+def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
+    if parts.camera is None:
+        raise ValueError("there is no camera to record")
+    return RecordingWriter(directory, parts.camera.calibration, parts.trailer.follow_distance)
+
+
+def _result(session: Session) -> RunResult:
+    parts = session.parts
+    units = parts.vehicle.units
+    calibration = parts.camera.calibration if parts.camera else None
+    log = run_log(
+        session.rows,
+        session.estimates,
+        units=[unit.name for unit in units],
+        trailer_unit=parts.trailer_unit,
+        follow_distance=parts.trailer.follow_distance,
+        tractor_steers=sum(len(unit.steered_axles) for unit in units[: parts.trailer_unit]),
+        X_SC=calibration.X_SC if calibration else None,
+    )
+    seconds = session.seconds
+    return RunResult(
+        scenario=parts.scenario.name,
+        scenario_toml=parts.scenario.to_toml(),
+        seed=parts.seed,
+        outcome=session.outcome or "unfinished",
+        log=log,
+        units=_outlines(parts.vehicle),
+        follow_distance=parts.trailer.follow_distance,
+        road=parts.course.centreline,
+        road_half_width=parts.course.road_half_width,
+        circle_centre=parts.course.surface_centre,
+        timing=Timing(
+            simulated_s=session.tick * TICK,
+            wall_s=seconds["total"],
+            physics_s=seconds["physics"],
+            render_s=seconds["render"],
+            odometry_s=seconds["odometry"],
+        ),
+        frames=_camera_frames(session),
+        manifest={
+            "opengl_renderer": parts.renderer.name if parts.renderer else "none",
+            "frames_sha256": session.images_sha256,
+        },
+        trailer_steer_limit=parts.trailer.max_steer or None,
+    )
+
+
+def _camera_frames(session: Session) -> tuple[CameraFrame, ...]:
+    motions = {estimate.motion.tick: estimate.motion for estimate in session.estimates if estimate.motion}
+    none = np.empty((0, 4), dtype=np.float32)
+    return tuple(
+        CameraFrame(
+            tick=tick,
+            jpeg=jpeg,
+            tracks=motions[tick].tracks if tick in motions else none,
+            matches=motions[tick].matches if tick in motions else 0,
+            inliers=motions[tick].inliers if tick in motions else 0,
+        )
+        for tick, jpeg in session.frames
+    )
+
+
+def _outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
+    return tuple(
+        UnitOutline(
+            name=unit.name,
+            front_x=unit.front_x,
+            rear_x=unit.rear_x,
+            width=unit.width,
+            axles=tuple(axle.x for axle in unit.axles),
+            tracks=tuple(axle.track for axle in unit.axles),
+        )
+        for unit in vehicle.units
+    )

@@ -1,0 +1,91 @@
+"""Rendered stereo pairs: the only place that touches pyrender and OpenGL, and it does so not before it has to.
+
+Works without a GPU (Mesa's software renderer through EGL). One renderer is live per process at a time: close one
+before opening the next, and never fork after one has been opened (spawn instead).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from sensors.messages import ColourImage
+from sensors.rig import StereoCalibration
+from sensors.world import World
+from vehicle.frames import FloatArray
+
+if TYPE_CHECKING:
+    from sensors.render.pair import PairRenderer
+
+__all__ = ["RendererUnavailableError", "StereoRenderer"]
+
+
+class RendererUnavailableError(RuntimeError):
+    """There is no working OpenGL on this machine."""
+
+    def __init__(self, cause: BaseException) -> None:
+        reason = " ".join(str(cause).split()) or type(cause).__name__
+        super().__init__(
+            f"no rendered cameras: OpenGL through EGL failed ({reason}); install it with "
+            "'apt-get install libegl1 libgl1 libgl1-mesa-dri', or run without cameras: off_tracking=truth"
+        )
+
+
+class StereoRenderer:
+    """What both cameras of a rig see of a world, from any pose of the body that carries them.
+
+    Raises:
+        RendererUnavailableError: if EGL or OpenGL is missing or does not work.
+    """
+
+    def __init__(self, world: World, calibration: StereoCalibration) -> None:
+        self._calibration = calibration
+        self._pair: PairRenderer | None = _opened(world, calibration)
+        self._name = self._pair.name
+
+    @property
+    def name(self) -> str:
+        """The OpenGL renderer's own name, with its version."""
+        return self._name
+
+    def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
+        """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
+        pair = self._live()
+        pair.draw(*self._cameras(X_WB))
+        left, right = pair.read_colour()
+        return left, right
+
+    def render_depth(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Left and right true depth along the optical axis [m], (height, width), infinite in the sky."""
+        pair = self._live()
+        pair.draw(*self._cameras(X_WB))
+        left, right = pair.read_depth()
+        return left, right
+
+    def close(self) -> None:
+        """Give back the OpenGL context; closing twice does no harm."""
+        if self._pair is not None:
+            self._pair.close()
+            self._pair = None
+
+    def _live(self) -> PairRenderer:
+        if self._pair is None:
+            raise ValueError("this StereoRenderer is closed: open a new one")
+        return self._pair
+
+    def _cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """X_WC of the left and of the right camera."""
+        X_WCl = X_WB @ self._calibration.X_SC
+        return X_WCl, X_WCl @ self._calibration.X_ClCr
+
+
+def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
+    """A renderer on a context of its own; anything that goes wrong in there means: no OpenGL here."""
+    os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
+    os.environ["PYGLET_HEADLESS"] = "true"
+    try:
+        from sensors.render.pair import PairRenderer
+
+        return PairRenderer.open(world, calibration)
+    except (ImportError, OSError, ArithmeticError) as error:
+        raise RendererUnavailableError(error) from error

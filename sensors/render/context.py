@@ -1,0 +1,127 @@
+"""An OpenGL context without a window, and the few OpenGL objects that pyrender does not offer as they are needed.
+
+Importing this module imports pyrender and loads EGL.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import EGL, GL
+from OpenGL.error import Error as OpenGlError
+from pyrender.platforms.egl import EGLDevice, EGLPlatform, query_devices
+from pyrender.shader_program import ShaderProgram, ShaderProgramCache
+
+from vehicle.frames import FloatArray
+
+_SHADERS = Path(__file__).parent / "shaders"
+_FORMATS = {  # (channels, bytes a channel): internal format, format, type
+    (3, 1): (GL.GL_RGB8, GL.GL_RGB, GL.GL_UNSIGNED_BYTE),
+    (4, 1): (GL.GL_RGBA8, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE),
+    (2, 2): (GL.GL_RG16, GL.GL_RG, GL.GL_UNSIGNED_SHORT),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """A live OpenGL context of this process."""
+
+    platform: EGLPlatform
+    name: str
+
+    def make_current(self) -> None:
+        """Direct the OpenGL calls that follow to this context."""
+        self.platform.make_current()
+
+    def close(self) -> None:
+        """Destroy the context but leave EGL's display, which belongs to the whole process, as it is."""
+        display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
+        EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+        EGL.eglDestroyContext(display, context)
+
+
+def open_context() -> Context:
+    """A context on the first device that gives one: a graphics card that may be used, or else the processor.
+
+    Raises:
+        OSError: with what the last device said if none works.
+    """
+    failure: Exception = OSError("EGL knows no device")
+    for device in query_devices():
+        try:
+            return _opened_on(device)
+        except (OpenGlError, AssertionError) as error:  # pyrender asserts that EGL's calls succeed
+            failure = error
+    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}") from failure
+
+
+def _opened_on(device: EGLDevice) -> Context:
+    platform = EGLPlatform(1, 1, device=device)  # drawn into a framebuffer object: the size does not matter
+    platform.init_context()
+    name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
+    return Context(platform, f"{name}, OpenGL {version}")
+
+
+def upload_texture(image: NDArray[np.uint8] | NDArray[np.uint16], *, repeat: bool, mipmaps: bool) -> int:
+    """Name of a new texture; the image's first row gets v = 0."""
+    internal, layout, kind = _FORMATS[image.shape[2], image.itemsize]
+    texture = int(GL.glGenTextures(1))
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
+    data = np.ascontiguousarray(image)
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, image.shape[1], image.shape[0], 0, layout, kind, data)
+    if mipmaps:
+        GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
+    wrap = GL.GL_REPEAT if repeat else GL.GL_CLAMP_TO_EDGE
+    shrink = GL.GL_LINEAR_MIPMAP_LINEAR if mipmaps else GL.GL_LINEAR
+    for key, value in (
+        (GL.GL_TEXTURE_WRAP_S, wrap),
+        (GL.GL_TEXTURE_WRAP_T, wrap),
+        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
+        (GL.GL_TEXTURE_MIN_FILTER, shrink),
+    ):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+    return texture
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Program:
+    """A linked shader program with its uniforms."""
+
+    identity: int
+    locations: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, cache: ShaderProgramCache, name: str) -> Program:
+        """The program of ``shaders/<name>.vert`` and ``.frag``; the cache owns it."""
+        program: ShaderProgram = cache.get_program(f"{name}.vert", f"{name}.frag")
+        program._add_to_context()
+        return cls(int(program._program_id))
+
+    def use(self, uniforms: Mapping[str, float | tuple[float, ...] | FloatArray]) -> None:
+        """Make this the current program and set uniforms: numbers, vectors or matrices; a texture's unit is an int."""
+        GL.glUseProgram(self.identity)
+        for name, value in uniforms.items():
+            if name not in self.locations:
+                self.locations[name] = int(GL.glGetUniformLocation(self.identity, name))
+            _set(self.locations[name], value)
+
+
+def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
+    if isinstance(value, int):
+        GL.glUniform1i(location, value)
+        return
+    array = np.ascontiguousarray(value, dtype=np.float32)
+    if array.ndim == 2:
+        GL.glUniformMatrix4fv(location, 1, GL.GL_TRUE, array)
+    else:
+        (GL.glUniform1fv, GL.glUniform2fv, GL.glUniform3fv)[max(array.size, 1) - 1](location, 1, array)
+
+
+def shader_cache() -> ShaderProgramCache:
+    """pyrender's cache, filled from this package's shaders."""
+    return ShaderProgramCache(shader_dir=str(_SHADERS))

@@ -1,0 +1,250 @@
+"""Two views of a world in one framebuffer: pyrender's renderer with shaders and a drawing order of its own.
+
+Importing this module imports pyrender and loads EGL.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from OpenGL import GL
+from pyrender import Mesh as GlMesh
+from pyrender import Primitive, Scene
+from pyrender.renderer import Renderer
+
+from sensors import sky
+from sensors.ground import RoadMap
+from sensors.messages import ColourImage
+from sensors.render.context import Context, Program, open_context, shader_cache, upload_texture
+from sensors.rig import StereoCalibration
+from sensors.scenery import Stand
+from sensors.shapes import Mesh
+from sensors.things import Colour, Part
+from sensors.world import World
+from vehicle.frames import FloatArray, inverse
+
+_NEAR, _FAR = 0.3, 2500.0  # [m]
+_SUN_COLOUR, _SKY_COLOUR = (0.92, 0.87, 0.76), (0.40, 0.45, 0.52)
+_HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
+
+
+def projection(calibration: StereoCalibration) -> FloatArray:
+    """Clip coordinates (4, 4) from points in the camera frame C (OpenCV axes, z forward).
+
+    Row v of the image becomes row v of the framebuffer, counted from OpenGL's bottom, so that what is read back is
+    the right way up; the centre of the first pixel is (0, 0), half a pixel inside OpenGL's corner.
+    """
+    c, P = calibration, np.zeros((4, 4))
+    P[0, 0], P[0, 2] = 2.0 * c.focal_length / c.width, 2.0 * (c.cx + 0.5) / c.width - 1.0
+    P[1, 1], P[1, 2] = 2.0 * c.focal_length / c.height, 2.0 * (c.cy + 0.5) / c.height - 1.0
+    P[2, 2], P[2, 3] = (_FAR + _NEAR) / (_FAR - _NEAR), -2.0 * _FAR * _NEAR / (_FAR - _NEAR)
+    P[3, 2] = 1.0
+    return P
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Crowd:
+    """All individuals of one part of a thing, drawn by one call."""
+
+    primitive: Primitive
+    texture: int
+    tint: Colour
+    matrices: NDArray[np.float32]  # (n, 4, 4) transposed for OpenGL
+    spheres: FloatArray  # (n, 4) centre in W and radius [m]: what need not be drawn if it is out of view
+
+
+class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
+    """Draws both views with one set of OpenGL objects; read-back is one call for both."""
+
+    def __init__(self, context: Context, world: World, calibration: StereoCalibration) -> None:
+        super().__init__(calibration.width, calibration.height)
+        self._context, self._projection = context, projection(calibration)
+        self._width, self._height = calibration.width, calibration.height
+        self._program_cache = shader_cache()
+        self._programs = {name: Program.load(self._program_cache, name) for name in ("ground", "thing", "sky")}
+        self._textures = {key: upload_texture(t, repeat=True, mipmaps=True) for key, t in world.textures.items()}
+        self._detail = upload_texture(world.detail, repeat=True, mipmaps=True)
+        self._panorama = upload_texture(world.panorama[::-1], repeat=True, mipmaps=False)
+        road, road_range = _packed(world.road)
+        self._road = upload_texture(road, repeat=False, mipmaps=False)
+        self._crowds = [self._crowd(stand, part) for stand in world.stands for part in stand.thing.parts]
+        self._ground, self._sky = _primitive(world.ground), _over_the_view()
+        scene = Scene()
+        scene.add(GlMesh([self._ground, self._sky, *(crowd.primitive for crowd in self._crowds)]))
+        self._update_context(scene, 0)
+        self._set_constants(world, road_range)
+        self._make_framebuffer()
+        self._colour = np.empty((2, self._height, self._width, 3), dtype=np.uint8)
+
+    @classmethod
+    def open(cls, world: World, calibration: StereoCalibration) -> PairRenderer:
+        """A renderer on a context of its own."""
+        return cls(open_context(), world, calibration)
+
+    @property
+    def name(self) -> str:
+        """OpenGL's name of the renderer and its version."""
+        return self._context.name
+
+    def close(self) -> None:
+        """Free everything in the context, and the context."""
+        self._context.make_current()
+        GL.glDeleteTextures([*self._textures.values(), self._detail, self._panorama, self._road])
+        GL.glDeleteRenderbuffers(2, self._buffers)
+        GL.glDeleteFramebuffers(1, [self._framebuffer])
+        self.delete()
+        self._context.close()
+
+    def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
+        """Draw what the left and the right camera see from their poses X_WC (4, 4)."""
+        self._context.make_current()
+        self._prepare()
+        views = [(X_WC, self._projection @ inverse(X_WC)) for X_WC in (X_WCl, X_WCr)]
+        self._draw_things(views)
+        self._draw_ground(views)
+        self._draw_sky(views)
+        GL.glBindVertexArray(0)
+
+    def read_colour(self) -> NDArray[np.uint8]:
+        """Both images (2, height, width, 3), RGB."""
+        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
+        shape = (self._width, 2 * self._height)
+        GL.glReadPixels(0, 0, *shape, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=self._colour)
+        return self._colour.copy()
+
+    def read_depth(self) -> FloatArray:
+        """Depth of both views (2, height, width) along the optical axis [m]; infinite where nothing is."""
+        depth = np.empty((2, self._height, self._width), dtype=np.float32)
+        GL.glReadPixels(0, 0, self._width, 2 * self._height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
+        stored = depth.astype(np.float64)
+        return np.where(stored < 1.0, _FAR * _NEAR / (_FAR - stored * (_FAR - _NEAR)), np.inf)
+
+    def _crowd(self, stand: Stand, part: Part) -> _Crowd:
+        matrices = stand.poses.copy()
+        scale = np.linalg.norm(stand.poses[:, :3, 0], axis=1)
+        middle = 0.5 * (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0))
+        reach = float(np.linalg.norm(part.mesh.vertices - middle, axis=1).max())
+        centres = stand.poses[:, :3, :3] @ middle + stand.poses[:, :3, 3]
+        matrices[:, 3, 3] = stand.brightness
+        transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)
+        primitive = _primitive(part.mesh, poses=matrices)
+        spheres = np.column_stack([centres, scale * reach])
+        return _Crowd(primitive, self._textures[part.texture], part.colour, transposed, spheres)
+
+    def _set_constants(self, world: World, road_range: tuple[float, float]) -> None:
+        """Uniforms that never change."""
+        light = {"sun": world.sun, "sun_colour": _SUN_COLOUR, "sky_colour": _SKY_COLOUR}
+        haze = {"haze": sky.HAZE, "haze_range": _HAZE_RANGE}
+        road = world.road
+        size = road.cell * np.array(road.light.shape[::-1])
+        layers = {"detail": 0, "road": 1, "detail_period": world.detail_period, "road_half_width": world.road_half_width}
+        on_map = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "road_range": road_range}
+        self._programs["ground"].use({**light, **haze, **layers, **on_map})
+        self._programs["thing"].use({**light, **haze, "surface": 0})
+        self._programs["sky"].use({"panorama": 0, "elevation": (sky.LOWEST, sky.HIGHEST - sky.LOWEST)})
+
+    def _make_framebuffer(self) -> None:
+        """One framebuffer for both views, the right one above the left one; no multisampling: it costs the most."""
+        self._buffers = GL.glGenRenderbuffers(2)
+        self._framebuffer = int(GL.glGenFramebuffers(1))
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        formats = (GL.GL_RGBA8, GL.GL_DEPTH_COMPONENT32F)
+        places = (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT)
+        for buffer, layout, place in zip(self._buffers, formats, places, strict=True):
+            GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
+            GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, layout, self._width, 2 * self._height)
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
+
+    def _prepare(self) -> None:
+        GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
+        for capability in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE, GL.GL_SCISSOR_TEST):
+            GL.glEnable(capability)
+        GL.glFrontFace(GL.GL_CW)  # the projection turns the picture over
+        GL.glDepthFunc(GL.GL_LEQUAL)  # the sky lies on the far plane
+        GL.glScissor(0, 0, self._width, 2 * self._height)
+        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+
+    def _view(self, index: int) -> None:
+        for select in (GL.glViewport, GL.glScissor):
+            select(0, index * self._height, self._width, self._height)
+
+    def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
+        """Draw the individuals that either view may see."""
+        program = self._programs["thing"]
+        drawn = []
+        for crowd in self._crowds:
+            seen = np.logical_or(*(_in_view(VP, crowd.spheres) for _, VP in views))
+            if seen.any():
+                GL.glBindBuffer(GL.GL_ARRAY_BUFFER, crowd.primitive._buffers[1])  # [1]: the instances' matrices
+                GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, np.ascontiguousarray(crowd.matrices[seen]))
+                drawn.append((crowd, int(seen.sum())))
+        GL.glActiveTexture(GL.GL_TEXTURE0)
+        for index, (X_WC, VP) in enumerate(views):
+            self._view(index)
+            program.use({"view_projection": VP, "camera": X_WC[:3, 3]})
+            for crowd, count in drawn:
+                program.use({"tint": crowd.tint})
+                GL.glBindTexture(GL.GL_TEXTURE_2D, crowd.texture)
+                _draw(crowd.primitive, count)
+
+    def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
+        for unit, texture in ((GL.GL_TEXTURE1, self._road), (GL.GL_TEXTURE0, self._detail)):
+            GL.glActiveTexture(unit)
+            GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+        for index, (X_WC, VP) in enumerate(views):
+            self._view(index)
+            self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3]})
+            _draw(self._ground, 1)
+
+    def _draw_sky(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
+        """The sky where nothing else was drawn."""
+        GL.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
+        for index, (X_WC, _) in enumerate(views):
+            self._view(index)
+            self._programs["sky"].use({"unprojection": _unprojection(self._projection, X_WC)})
+            _draw(self._sky, 1)
+
+
+def _packed(road: RoadMap) -> tuple[NDArray[np.uint16], tuple[float, float]]:
+    """The road's map in 16 bits a channel, and the distance [m] that the values 0 and 1 of its first one stand for."""
+    low, span = float(road.edge_distance.min()), float(np.ptp(road.edge_distance))
+    channels = np.stack([(road.edge_distance - low) / span, road.light], axis=-1)
+    return np.round(np.clip(channels, 0.0, 1.0) * 65535.0).astype(np.uint16), (low, span)
+
+
+def _primitive(mesh: Mesh, poses: FloatArray | None = None) -> Primitive:
+    shade = np.repeat(mesh.shade[:, None], 4, axis=1)
+    return Primitive(
+        positions=mesh.vertices, normals=mesh.normals, texcoord_0=mesh.uv, color_0=shade, indices=mesh.faces, poses=poses
+    )
+
+
+def _over_the_view() -> Primitive:
+    """A triangle that covers the whole view, in clip coordinates."""
+    corners = np.array([[-1.0, -1.0, 1.0], [-1.0, 3.0, 1.0], [3.0, -1.0, 1.0]])  # clockwise: the front, see _prepare
+    return Primitive(positions=corners, indices=np.array([[0, 1, 2]]))
+
+
+def _unprojection(projection: FloatArray, X_WC: FloatArray) -> FloatArray:
+    """Directions in W (4, 4) from clip coordinates: the view's rays without the camera's position."""
+    to_directions = np.eye(4)
+    to_directions[:3, :3] = X_WC[:3, :3]
+    return to_directions @ np.linalg.inv(projection)
+
+
+def _in_view(VP: FloatArray, spheres: FloatArray) -> NDArray[np.bool_]:
+    """Which spheres (n, 4) reach into the view, judged by its left, right, lower, upper and near plane."""
+    planes = np.concatenate([VP[3] + VP[:3], VP[3] - VP[:2]]).reshape(5, 4)
+    planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    inside: NDArray[np.bool_] = ((spheres[:, :3] @ planes[:, :3].T + planes[:, 3]) > -spheres[:, 3:]).all(axis=1)
+    return inside
+
+
+def _draw(primitive: Primitive, instances: int) -> None:
+    GL.glBindVertexArray(primitive._vaid)
+    GL.glDrawElementsInstanced(
+        GL.GL_TRIANGLES, primitive.indices.size, GL.GL_UNSIGNED_INT, ctypes.c_void_p(0), instances
+    )
