@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from vehicle.frames import FloatArray
 
 _LEAST_POINTS = 5  # two more than a parabola has coefficients, so that noise of single points averages out
+_BISECTIONS = 40  # a metre to 1e-12 m
 _LEAST_SPAN = 0.1  # shorter pieces carry the direction of the noise, not of the path [m]
 
 
@@ -47,9 +47,18 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
         return None
     around = slice(max(index - 2, 0), index + 2)
     origin = s[index - 1]
-    cubic = np.linalg.solve(np.vander(s[around] - origin), path[around])
-    u = brentq(lambda u: float(np.polyval(cubic[:, 0], u)) - x, 0.0, s[index] - origin, xtol=1e-12)
+    cubic = np.asarray(np.linalg.solve(np.vander(s[around] - origin), path[around]), dtype=np.float64)
+    u = _falls_to(cubic[:, 0], x, s[index] - origin)
     return Crossing(s=float(origin + u), y=float(np.polyval(cubic[:, 1], u)), beyond=index)
+
+
+def _falls_to(coefficients: FloatArray, value: float, end: float) -> float:
+    """Where in (0, ``end``) the polynomial falls to the value, by bisection: rounding at the ends cannot upset it."""
+    low, high = 0.0, end
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if np.polyval(coefficients, middle) > value else (low, middle)
+    return high
 
 
 def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import chord_lengths, crossing, tangent
+from estimators.hitch_path import Crossing, chord_lengths, crossing, tangent
 from estimators.pose_chain import Sample, extended, first_sample, lateral_std, positions_now, up_to
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
@@ -88,44 +88,52 @@ class OffTrackingBuffer:
             samples = _with_motion(memory.samples, motion)
         else:
             samples, last = (first_sample(motion.tick),), None
-        samples = self._trimmed(samples)
-        return BufferMemory(samples, last), self._estimate(samples, motion, lost)
+        line = self._line(samples)
+        samples = samples[: len(line.s)]
+        return BufferMemory(samples, last), _estimate(samples, line, motion, lost)
 
-    def _trimmed(self, samples: tuple[Sample, ...]) -> tuple[Sample, ...]:
-        """The samples that the follow point, and the fit of the tangent there, can still need."""
-        path = positions_now(samples)[:, :2]
-        s = chord_lengths(path)
-        passed = crossing(path, s, -self._follow_distance)
-        reach = _LONGEST * self._follow_distance if passed is None else passed.s + _BEYOND
-        return samples[: 2 + int(np.searchsorted(s, reach))]  # one more beyond for the cubic
-
-    def _estimate(self, samples: tuple[Sample, ...], motion: BodyMotion, lost: bool) -> OffTracking:
+    def _line(self, samples: tuple[Sample, ...]) -> _Line:
+        """The hitch path as far back as the follow point and the fit of the tangent there can still need it."""
         positions = positions_now(samples)
-        path = positions[:, :2]
-        s = chord_lengths(path)
-        passed = crossing(path, s, -self._follow_distance)
-        value, std, health, path_tangent = 0.0, math.inf, Health.LOST, 0.0
-        if passed is not None:
-            path_tangent = tangent(path, s, passed.s, 0.5 * _FIT).direction
-            if not lost:
-                value, std = passed.y, lateral_std(samples, positions, passed, path_tangent)
-                doubtful = any(sample.doubtful for sample in samples[1 : passed.beyond + 1])
-                health = Health.DEGRADED if doubtful else Health.OK
-        at_hitch = tangent(path, s, 0.0, _FIT)
-        v_x, v_y, yaw_rate = _velocity(motion)
-        return OffTracking(
-            tick=motion.tick,
-            value=value,
-            std=std,
-            health=health,
-            path=path,
-            hitch_direction=at_hitch.direction,
-            hitch_direction_rate=at_hitch.curvature * math.hypot(v_x, v_y) - yaw_rate,
-            path_tangent=path_tangent,
-            v_x=v_x,
-            v_y=v_y,
-            yaw_rate=yaw_rate,
-        )
+        s = chord_lengths(positions[:, :2])
+        passed = crossing(positions[:, :2], s, -self._follow_distance)
+        reach = _LONGEST * self._follow_distance if passed is None else passed.s + _BEYOND
+        needed = 2 + int(np.searchsorted(s, reach))  # one more beyond for the cubic
+        return _Line(positions[:needed], s[:needed], passed)
+
+
+class _Line(NamedTuple):
+    """The hitch path in the newest S."""
+
+    positions: FloatArray  # (n, 3) newest first [m]
+    s: FloatArray  # (n,) length of the chords from the newest point back [m]
+    passed: Crossing | None  # where it passes the follow point
+
+
+def _estimate(samples: tuple[Sample, ...], line: _Line, motion: BodyMotion, lost: bool) -> OffTracking:
+    path, passed = line.positions[:, :2], line.passed
+    value, std, health, path_tangent = 0.0, math.inf, Health.LOST, 0.0
+    if passed is not None:
+        path_tangent = tangent(path, line.s, passed.s, 0.5 * _FIT).direction
+        if not lost:
+            value, std = passed.y, lateral_std(samples, line.positions, passed, path_tangent)
+            doubtful = any(sample.doubtful for sample in samples[1 : passed.beyond + 1])
+            health = Health.DEGRADED if doubtful else Health.OK
+    at_hitch = tangent(path, line.s, 0.0, _FIT)
+    v_x, v_y, yaw_rate = _velocity(motion)
+    return OffTracking(
+        tick=motion.tick,
+        value=value,
+        std=std,
+        health=health,
+        path=path,
+        hitch_direction=at_hitch.direction,
+        hitch_direction_rate=at_hitch.curvature * math.hypot(v_x, v_y) - yaw_rate,
+        path_tangent=path_tangent,
+        v_x=v_x,
+        v_y=v_y,
+        yaw_rate=yaw_rate,
+    )
 
 
 def _with_motion(samples: tuple[Sample, ...], motion: BodyMotion) -> tuple[Sample, ...]:

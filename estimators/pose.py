@@ -29,7 +29,7 @@ _SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that o
 _MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _FINEST = 0.02  # no tracker is better [px]
 _FEWEST = 6  # matches for a solution with anything left over to judge it by
-_DAMPING = 1e-9  # keeps the solution finite where all matches are alike [1/px2]
+_DAMPING = 1e-12  # share of the trace; keeps the solution finite where all matches are alike
 
 
 class Solution(NamedTuple):
@@ -45,7 +45,7 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
     """The motion that fits the matches best, starting from ``X_PC`` and the matches (n,) that agree with it."""
     points = triangulate(calibration, matches.previous)
     R, p, step = X_PC[:3, :3], X_PC[:3, 3], np.full(6, np.inf)
-    normal = _DAMPING * np.eye(6)
+    normal = np.eye(6)
     variance = np.inf
     for _ in range(_ROUNDS):
         if np.count_nonzero(inliers) < _FEWEST:
@@ -57,11 +57,12 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
             weight = np.where(inliers, np.minimum(1.0, _HUBER * sigma / np.maximum(error, 1e-9)), 0.0)
             J = motion_jacobian(calibration, R, p, points)
             A = (weight[:, None, None] * information @ J).reshape(-1, 6)
-            normal = A.T @ J.reshape(-1, 6) + _DAMPING * np.eye(6)
+            normal = A.T @ J.reshape(-1, 6)
+            normal += _DAMPING * np.trace(normal) * np.eye(6)
             step = np.asarray(np.linalg.solve(normal, A.T @ r.ravel()), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
         error, sigma = _normalised(residuals(calibration, R, p, points, matches.current), information, inliers)
-        variance = 3.0 * np.sum(weight * error**2) / (3.0 * np.count_nonzero(inliers) - 6.0)
+        variance = _FINEST**2 + 3.0 * np.sum(weight * error**2) / (3.0 * np.count_nonzero(inliers) - 6.0)
         inliers = error < _CUT * sigma
     converged = bool(np.abs(step).max() < _CONVERGED)
     covariance = _CORRELATION**2 * variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)

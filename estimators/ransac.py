@@ -15,7 +15,8 @@ _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when
 _ITERATIONS = 4  # of Gauss-Newton from the prediction, for three points
 _GATE = 1.5  # reprojection error of an inlier [px]
 _JUDGES = 250  # matches that judge the hypotheses; more do not change the verdict
-_DAMPING = 1e-6  # [px2]; keeps three points in a line from being singular
+_DAMPING = 1e-9  # share of the trace; keeps three points in a line from being singular
+_LONGEST_STEP = 1.0  # an iteration may go; triples of wrong matches would run away [rad, m]
 
 
 class Consensus(NamedTuple):
@@ -53,8 +54,10 @@ def _from_triples(
         J = motion_jacobian(calibration, R, p, points).reshape(m, 9, 6)
         r = residuals(calibration, R, p, points, z).reshape(m, 9, 1)
         J_t = J.transpose(0, 2, 1)
-        normal = J_t @ J + _DAMPING * np.eye(6)
+        normal = J_t @ J
+        normal += _DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(6)
         step = np.asarray(np.linalg.solve(normal, J_t @ r), dtype=np.float64)[..., 0]
+        step = np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
         R, p = _rotations(step[:, :3]) @ R, p + step[:, 3:]
     return R, p
 

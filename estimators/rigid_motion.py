@@ -6,9 +6,9 @@ the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from vehicle.frames import FloatArray, inverse, orthonormalised, skew, so3_exp, transform
@@ -59,5 +59,11 @@ def stretched(X: FloatArray, ratio: float) -> FloatArray:
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
-    """The rotation vector (3,) [rad] of R (3, 3)."""
-    return np.asarray(cv2.Rodrigues(R)[0], dtype=np.float64).ravel()
+    """The rotation vector (3,) [rad] of R (3, 3), for turns well below half a turn.
+
+    OpenCV's Rodrigues takes rotations below 1e-5 rad for none; the increments of an odometry are of that order.
+    """
+    w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(angle) along the axis
+    sine = float(np.linalg.norm(w))
+    angle = math.atan2(sine, 0.5 * (float(np.trace(R)) - 1.0))
+    return w * (angle / sine if sine > 0.0 else 1.0)

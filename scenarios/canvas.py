@@ -28,7 +28,10 @@ def blank(width: int, height: int) -> Picture:
 
 @lru_cache(maxsize=512)
 def _lettering(text: str, size: int) -> NDArray[np.float32]:
-    """Coverage of every pixel by the text, shape (height, width, 1), 0 … 1."""
+    """Coverage of every pixel by the text, shape (height, width, 1), 0 … 1.
+
+    Pillow's own typeface is on every machine; it has no minus sign and no dash but the hyphen.
+    """
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text)
     mask = Image.new("L", (math.ceil(right - left) + 2, round(1.35 * size)))
@@ -40,7 +43,7 @@ def write(
     picture: Picture, text: str, at: tuple[int, int], *, size: int = 15, colour: Colour = INK, anchor: float = 0.0
 ) -> None:
     """Writes text into the picture; ``at`` is its upper left corner; ``anchor`` 1: right, 0.5: middle."""
-    cover = _lettering(text.replace("-", "−"), size)  # a minus sign as wide as the plus sign: numbers do not jump
+    cover = _lettering(text, size)
     height, width = cover.shape[:2]
     u, v = round(at[0] - anchor * width), at[1]
     u, v = max(0, min(u, picture.shape[1] - width)), max(0, min(v, picture.shape[0] - height))

@@ -19,7 +19,7 @@ from vehicle.frames import FloatArray, Pose2
 Direction = Literal["left", "right"]
 _SIDE: Final[dict[Direction, float]] = {"left": 1.0, "right": -1.0}
 
-_ENTRY = 25.0  # > 20 m of straight hitch path before the turn [m]
+_ENTRY = 30.0  # 14 m of buffer, and some seconds in which the loop closes before the turn [m]
 _EXIT = 35.0  # a follow point 19 m behind the tractor's front is 16 m out of the turn [m]
 _RADIUS = 12.5  # outer circle of the EU roundabout, Directive 97/27/EC [m]
 _RAMP = 4.0  # of curvature into a circle: 16 deg/s of steer at 15 km/h, half of what a driver can do [m]
@@ -142,7 +142,7 @@ def _rear_axle_way(path: Path, reference: tuple[float, float]) -> FloatArray:
 
 def _headings(path: Path, stations: FloatArray, reference: tuple[float, float]) -> FloatArray:
     """Heading of T [rad] while the guided point goes along the path and the rear axle does not slide sideways."""
-    x_ref, y_ref = reference
+    x_ref = reference[0]
 
     def rate(s: float, psi: float) -> float:
         chi = path.pose(s).psi - psi
@@ -161,7 +161,7 @@ def _check(front_x: float, width: float, radius: float, **lengths: float) -> Non
     _check_positive(front_x=front_x, width=width, radius=radius, **lengths)
     tightest = math.hypot(front_x, width)
     if radius <= tightest:
-        raise ValueError(f"radius = {radius} m must exceed {tightest:.2f} m: the tractor would turn about its rear axle")
+        raise ValueError(f"radius = {radius} m must exceed {tightest:.2f} m: no tractor turns about its own wheel")
 
 
 def _check_positive(**lengths: float) -> None:

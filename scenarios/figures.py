@@ -27,6 +27,7 @@ TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart
 _ROAD, _SWEPT, _LOST = "#eef0f2", "#cfe0f1", "#f6d5d2"
 _AXLES = ("#1f5fa8", "#2a9d8f", "#8e5ea2", "#c2571a")
 _WIDTH = 9.6  # [in] of every figure; the page scales it
+_SLENDER = 0.15  # height over width of a course below which it is not drawn to scale
 _STYLE: Any = {  # matplotlib's types for it change with its version
     "svg.fonttype": "none",
     "font.size": 9.5,
@@ -72,19 +73,23 @@ def plan_view(result: RunResult) -> str:
     swept = [placed(unit.corners, pose) for unit, pose in zip(result.units, poses, strict=True)]
     everything = np.concatenate([corners.reshape(-1, 2) for corners in swept])
     low, high = everything.min(axis=0) - 2.0, everything.max(axis=0) + 2.0
-    height = float(np.clip(_WIDTH * (high[1] - low[1]) / (high[0] - low[0]) + 0.9, 2.8, 8.2))
+    shape = float((high[1] - low[1]) / (high[0] - low[0]))
+    slender = shape < _SLENDER  # to scale, a straight road would be a thread in which nothing can be told apart
+    height = 2.9 if slender else min(_WIDTH * shape + 0.9, 8.2)
     with _drawing("plan", height) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
         rows = _rows_every(poses[0], 0.15)
         for corners in swept:
             ax.add_collection(PolyCollection(list(corners[rows]), facecolor=_SWEPT, edgecolor=_SWEPT, linewidth=0.4))
         ax.plot([], [], color=_SWEPT, linewidth=7, label="swept by the bodies")
-        _combination(ax, result, poses)
+        if not slender:
+            _combination(ax, result, poses)
         hitch = poses[-1][:, :2]
         follow = placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0]
         ax.plot(*hitch.T, color=TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
         ax.plot(*follow.T, color=ESTIMATED, linewidth=1.5, label="path of the follow point", zorder=5)
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
+        ax.set(aspect="auto" if slender else "equal", ylabel="y [m], stretched" if slender else "y [m]")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return drawing.svg
 

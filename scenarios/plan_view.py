@@ -13,6 +13,7 @@ from scenarios.swept_path import UnitOutline, placed, placed_wheels
 from vehicle.frames import FloatArray
 
 _ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
+_KEY = 36  # [px] height of the key at the top
 _FOLLOW_SCALE = 9.0  # [px/m] a 16.5 m combination is then 150 px long
 _LEAST_SCALE = 5.5  # [px/m] below this the vehicle is too small to see in a view of the whole course
 
@@ -48,7 +49,7 @@ class PlanView:
         """The view of this width and height that suits the course; hitch and follow point are the last unit's."""
         ends = [placed(unit.corners, pose).reshape(-1, 2) for unit, pose in zip(units, poses, strict=True)]
         low, high = np.min([e.min(axis=0) for e in ends], axis=0), np.max([e.max(axis=0) for e in ends], axis=0)
-        whole = float(np.min(np.array(size) / (high - low + 6.0)))
+        whole = float(np.min((np.array(size) - [0, _KEY]) / (high - low + 6.0)))
         fits = whole >= _LEAST_SCALE
         return cls(
             width=size[0],
@@ -78,7 +79,7 @@ class PlanView:
         return picture
 
     def _pixels(self, points: FloatArray, centre: FloatArray) -> FloatArray:
-        middle = 0.5 * np.array([self.width - 1, self.height - 1])
+        middle = 0.5 * np.array([self.width - 1, self.height - 1 + _KEY])
         pixels: FloatArray = middle + self.scale * np.array([1.0, -1.0]) * (points - centre)
         return pixels
 

@@ -28,7 +28,7 @@ header p { margin: .5rem 0 0; color: var(--soft); }
 section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; margin-top: 1.2rem;
           padding: 1.2rem 1.4rem 1.3rem; }
 h2 { margin: 0 0 .3rem; font-size: 1.15rem; }
-section > p { margin: 0 0 .9rem; color: var(--soft); max-width: 48rem; }
+section > p { margin: 0 0 .9rem; color: var(--soft); max-width: 54rem; }
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(225px, 1fr)); gap: 1rem; margin-top: 1.4rem; }
 .card { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: .9rem 1.1rem 1rem; }
 .card b { display: block; font-size: 1.75rem; line-height: 1.25; letter-spacing: -.02em; font-weight: 650; }

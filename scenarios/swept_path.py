@@ -16,7 +16,7 @@ from vehicle.frames import FloatArray
 _QUARTER_TURN = 0.5 * math.pi
 _TURN = math.radians(10.0)  # less than this is a lane change, not a turn with an inside and an outside
 _STATION_SPACING = 0.25  # [m] between the cross-sections in which the width is measured
-_ROW_SPACING = 0.1  # [m] of travel between the outlines used; at 90 degrees articulation a corner moves as far
+_ROW_SPACING = 0.1  # [m] of travel between the outlines used: a way this short is all but straight
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,10 +149,19 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
 
 
 def _cuts(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Where the edges of quadrilaterals (n, 4, 2) cut the line through a point square to the tangent [m], + left."""
+    """Where bodies with corners (n, 4, 2) over time cut the line through a point square to the tangent [m], + left.
+
+    Both the edges at each time and the ways of the corners from one time to the next: corners reach farthest.
+    """
     along = (corners - point) @ tangent
     lateral = (corners - point) @ np.array([-tangent[1], tangent[0]])
-    next_along, next_lateral = np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1)
+    edges = _crossings(along, lateral, np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1))
+    ways = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
+    return np.concatenate([edges, ways])
+
+
+def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, next_lateral: FloatArray) -> FloatArray:
+    """Lateral place at which each stroke from one point to the next passes along = 0, for those that do."""
     cut = (along <= 0.0) != (next_along <= 0.0)
     share = along[cut] / (along[cut] - next_along[cut])
     crossing: FloatArray = lateral[cut] + share * (next_lateral[cut] - lateral[cut])

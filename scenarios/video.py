@@ -98,7 +98,7 @@ class _Composition:
         write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
         speed = f"{3.6 * self.result.signal('v_x_' + self.result.units[0].name)[row]:.1f} km/h"
         steer = [math.degrees(log[name][row]) for name in self.result.steer_signals()]
-        steering = f"{steer[-1]:+.1f}°" if steer else "–"
+        steering = f"{steer[-1]:+.1f}°" if steer else "none"
         readings: tuple[tuple[str, str, Colour], ...] = (
             ("speed", speed, INK),
             ("rear axle steer", steering, INK),
@@ -120,7 +120,7 @@ def _there(time: FloatArray, values: FloatArray, every: int) -> tuple[FloatArray
 
 def _newest(signal: tuple[FloatArray, FloatArray], now: float) -> str:
     known = signal[1][signal[0] <= now]
-    return f"{known[-1]:+.3f} m" if known.size else "–"
+    return f"{known[-1]:+.3f} m" if known.size else "none"
 
 
 def camera_picture(frame: CameraFrame) -> Picture:

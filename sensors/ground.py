@@ -5,19 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.fft
 from scipy.spatial import cKDTree
 
 from sensors.shapes import Mesh, grid_faces
+from sensors.textures import NoiseArray, fractal_noise
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
 _HORIZON = 900.0  # from there on hills go over into the haze [m]
 _FINE = 12.0  # cells stay fine this far beyond the bounding box [m]
-_CELLS = 160  # fine cells along the longer side at most, so that long courses stay drawable
+_CELL = 2.0  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 6 m [m]
+_CELLS = 300  # fine cells along the longer side at most, so that long courses stay drawable
 _MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
 _MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
+_MAP_REACH = 16.0  # distances from the road's edge are kept up to this [m]
 _SPACING = 0.05  # of the points that stand for the centreline: distance error below 0.1 mm at the road's edge [m]
 
 
@@ -77,29 +80,37 @@ class Centreline:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoadMap:
-    """What the ground is like around the road, on a lattice whose first node is ``origin``."""
+    """What the ground is like around the road, on a lattice of nodes ``cell`` apart from ``origin`` on."""
 
     origin: FloatArray  # (2,) W of node [0, 0] [m]
     cell: float  # [m]
-    edge_distance: NDArray[np.float32]  # (ny, nx) distance from the road's edge, negative on the road [m]
-    light: NDArray[np.float32]  # (ny, nx) 1 in the sun, 0 in full shadow
+    edge_distance: NoiseArray  # (ny, nx) distance from the road's edge, negative on the road [m]
+    light: NoiseArray  # (ny, nx) 1 in the sun, 0 in full shadow
+    gravel: NoiseArray  # (ny, nx) beside the road: how much gravel shows, 0..1; on it: how worn it is, 0..1
+    lushness: NoiseArray  # (ny, nx) of the grass, 0..1
 
 
-MAP_REACH = 16.0  # distances from the road's edge are kept up to this [m]
-
-
-def road_map(centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray) -> RoadMap:
-    """The map of a road along a centreline, all in the sun, over the box from ``low`` to ``high`` [m]."""
+def road_map(
+    rng: np.random.Generator, centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray
+) -> RoadMap:
+    """The map of a road along a centreline, all in the sun, over the box from ``low`` to ``high`` [m] at least."""
     cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
-    nx, ny = (np.ceil((high - low) / cell).astype(int) + 1).tolist()
+    nx, ny = (scipy.fft.next_fast_len(int(side / cell) + 2, real=True) for side in high - low)
     nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
-    reach = road_half_width + MAP_REACH
-    distance = np.minimum(centreline.distance(nodes, up_to=reach), reach)
+    reach = road_half_width + _MAP_REACH
+    edge_distance = np.minimum(centreline.distance(nodes, up_to=reach), reach) - road_half_width
+    blotches = fractal_noise(rng, (ny, nx), 1.0, (cell / 12.0, 0.4))
+    lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (cell / 60.0, cell / 1.5))
+    beside = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
+    wheels = np.clip(1.0 - np.abs(np.abs(edge_distance + road_half_width) - 1.0) / 0.6, 0.0, 1.0)
+    worn = 0.5 + 0.15 * blotches + 0.15 * wheels
     return RoadMap(
         origin=low,
         cell=cell,
-        edge_distance=(distance - road_half_width).astype(np.float32),
+        edge_distance=edge_distance.astype(np.float32),
         light=np.ones((ny, nx), dtype=np.float32),
+        gravel=np.where(edge_distance < 0.0, worn, beside).astype(np.float32),
+        lushness=lushness,
     )
 
 
@@ -107,21 +118,20 @@ def ground_mesh(rng: np.random.Generator, terrain: Terrain, low: FloatArray, hig
     """A lattice over the course, fine around it and ever coarser towards the horizon.
 
     ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it meets
-    itself nowhere again at the same shift. ``shade`` is a slow variation of the soil, 0..1.
+    itself nowhere again at the same shift.
     """
-    cell = max(1.0, float((high - low).max() + 2 * _FINE) / _CELLS)
+    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
     axes = [_graded_axis(low[i], high[i], cell) for i in range(2)]
     xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     vertices = np.concatenate([xy, terrain.height(xy)[..., None]], axis=-1)
     bend = np.stack([Waves(rng, wavelengths=(18.0, 70.0), count=7)(xy) for _ in range(2)], axis=-1)
-    soil = 0.5 + 0.22 * Waves(rng, wavelengths=(9.0, 90.0), count=9)(xy)
     d_x, d_y = (np.gradient(vertices[..., 2], axes[i], axis=i) for i in range(2))
     normals = np.stack([-d_x, -d_y, np.ones_like(d_x)], axis=-1)
     return Mesh(
         vertices=vertices.reshape(-1, 3),
         normals=(normals / np.linalg.norm(normals, axis=-1, keepdims=True)).reshape(-1, 3),
         uv=(xy + 0.8 * bend).reshape(-1, 2),
-        shade=np.clip(soil, 0.0, 1.0).ravel(),
+        shade=np.ones(xy[..., 0].size),
         faces=grid_faces(len(axes[0]), len(axes[1])),
     )
 

@@ -29,7 +29,7 @@ def to_bytes(image: NDArray[np.floating]) -> TextureArray:
 
 def sigmoid(x: NoiseArray) -> NoiseArray:
     """Soft step from 0 to 1 around x = 0."""
-    return np.asarray(1.0 / (1.0 + np.exp(-x)), dtype=np.float32)
+    return np.asarray(0.5 + 0.5 * np.tanh(0.5 * x), dtype=np.float32)
 
 
 def coloured(levels: NoiseArray, dark: tuple[float, float, float], bright: tuple[float, float, float]) -> NoiseArray:

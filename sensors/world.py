@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors import sky, textures
-from sensors.ground import MAP_REACH, Centreline, RoadMap, Terrain, ground_mesh, road_map
+from sensors.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
 from sensors.scenery import Plot, Stand, kerbs, planted
 from sensors.shapes import Mesh
 from sensors.textures import TextureArray
@@ -20,6 +20,7 @@ from vehicle.surface import Surface
 _DETAIL_SIZE = 2048  # [px]
 _DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
 _SUN_ELEVATION = 0.75  # [rad]
+_MAP_MARGIN = 60.0  # shadows are seen, and the lie of the land does not repeat, this far around the course [m]
 _MAX_DENSITY = 2.0
 _TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
     "foliage": textures.foliage,
@@ -42,7 +43,6 @@ class World:
     detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
     detail_period: float  # [m]
     road: RoadMap
-    road_half_width: float  # [m]
     stands: tuple[Stand, ...]
     textures: dict[str, TextureArray]  # those the things name
     panorama: TextureArray  # see sensors.sky
@@ -81,13 +81,12 @@ def build_world(
     if scenery_density > 0.0:
         plot = Plot(rng, line, terrain, clearance, scenery_density)
         stands = [kerbs(plot, road_half_width), *planted(plot)]
-    road = road_map(line, road_half_width, low - 0.6 * MAP_REACH - 40.0, high + 0.6 * MAP_REACH + 40.0)
+    road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
     return World(
         ground=ground_mesh(rng, terrain, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
         road=replace(road, light=_shadows(road, stands, sun)),
-        road_half_width=road_half_width,
         stands=tuple(stand for stand in stands if len(stand.poses)),
         textures={name: make(rng) for name, make in _TEXTURES.items()},
         panorama=sky.panorama(rng),
@@ -116,4 +115,6 @@ def _shadows(road: RoadMap, stands: list[Stand], sun: FloatArray) -> NDArray[np.
                 thrown = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]
                 outline = cv2.convexHull(((thrown + pose[:2, 3] - road.origin) / road.cell).astype(np.float32))
                 cv2.fillConvexPoly(light, np.round(outline * 16.0).astype(np.int32), 0.0, shift=4)
-    return np.asarray(cv2.GaussianBlur(light, (0, 0), 0.35 / road.cell), dtype=np.float32)
+    soft = cv2.GaussianBlur(light, (0, 0), 0.35 / road.cell)
+    soft[[0, -1]], soft[:, [0, -1]] = 1.0, 1.0
+    return np.asarray(soft, dtype=np.float32)

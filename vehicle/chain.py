@@ -44,7 +44,8 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
     felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
     hitches = _hitch_forces(vehicle, e, specific, ground)
     travel = from_unit(Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0])), Vector(s.v_x, s.v_y))
-    lags = ca.SX([unit.suspension_lag for unit in vehicle.units])
+    lags = _column(unit.suspension_lag for unit in vehicle.units)
+    towed_lags = _column(unit.suspension_lag for unit in vehicle.units[1:])
     return State(
         x=_column([travel.x]),
         y=_column([travel.y]),
@@ -54,8 +55,8 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
         yaw_rate=_column(rates.yaw_rate),
         a_x=(_column(a.x for a in felt) - s.a_x) / lags,
         a_y=(_column(a.y for a in felt) - s.a_y) / lags,
-        hitch_x=(_column(F.x for F in hitches) - s.hitch_x) / lags[1:],
-        hitch_y=(_column(F.y for F in hitches) - s.hitch_y) / lags[1:],
+        hitch_x=(_column(F.x for F in hitches) - s.hitch_x) / towed_lags,
+        hitch_y=(_column(F.y for F in hitches) - s.hitch_y) / towed_lags,
         omega=_column(wheel.omega for wheel in rolling),
         deflection_x=_column(wheel.deflection.x for wheel in rolling),
         deflection_y=_column(wheel.deflection.y for wheel in rolling),

@@ -30,6 +30,7 @@ Inertia = Annotated[float, _quantity("kg m2", gt=0.0, le=1e7)]
 Position = Annotated[float, _quantity("m", ge=-40.0, le=40.0)]
 Length = Annotated[float, _quantity("m", gt=0.0, le=10.0)]
 Fraction = Annotated[float, _quantity("-", ge=0.0, le=1.0)]
+Flag = Annotated[bool, Field(strict=True)]
 Lag = Annotated[float, _quantity("s", gt=0.0, le=5.0)]
 
 
@@ -56,8 +57,8 @@ class Axle(_Frozen):
 
     x: Position
     track: Length
-    steered: bool
-    driven: bool = False
+    steered: Flag
+    driven: Flag = False
     wheel_radius: Annotated[float, _quantity("m", gt=0.0, le=3.0)]
     wheel_inertia: Annotated[float, _quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
     ackermann_x: Position | None = None  # where the axes of the axle's steered wheels meet; None: they stay parallel
@@ -226,7 +227,7 @@ def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:
     tables = plain.pop("tyres", {})
     if not isinstance(tables, dict):
         raise ValueError(f"{path}: tyres: must be tables [tyres.name]")
-    tyres = {name: checked(Tyre, table, f"{path}: tyres.{name}") for name, table in tables.items()}
+    tyres = {name: checked(Tyre, table, str(path), f"tyres.{name}") for name, table in tables.items()}
     for key, axle in _axles(plain):
         name = axle.get("tyre")
         if isinstance(name, str):

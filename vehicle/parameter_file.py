@@ -52,8 +52,8 @@ def sources(node: Any, key: str = "") -> dict[str, str]:
     return found
 
 
-def checked(model: type[Model], plain: dict[str, Any], file: str) -> Model:
-    """The model filled from plain contents.
+def checked(model: type[Model], plain: dict[str, Any], file: str, table: str = "") -> Model:
+    """The model filled from plain contents, which lie in the ``table`` of this dotted name in the file.
 
     Raises:
         ValueError: one line naming file, dotted key, value, limit and unit of the first thing wrong.
@@ -61,7 +61,7 @@ def checked(model: type[Model], plain: dict[str, Any], file: str) -> Model:
     try:
         return model.model_validate(plain)
     except ValidationError as error:
-        raise ValueError(f"{file}: {_first_complaint(model, error)}") from error
+        raise ValueError(f"{file}: {_first_complaint(model, error, table)}") from error
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -70,9 +70,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
     return f"; did you mean '{close[0]}'?" if close else ""
 
 
-def _first_complaint(model: type[BaseModel], error: ValidationError) -> str:
-    first = error.errors()[0]
-    key = ".".join(str(part) for part in first["loc"])
+def _first_complaint(model: type[BaseModel], error: ValidationError, table: str) -> str:
+    complaints = error.errors()
+    unknown = [one for one in complaints if one["type"] == "extra_forbidden"]  # a misspelt key is missing, too
+    first = (unknown or complaints)[0]
+    key = ".".join(str(part) for part in (*([table] if table else []), *first["loc"]))
     if first["type"] == "extra_forbidden":
         known = _fields_at(model, first["loc"][:-1])
         return f"unknown key '{key}'{nearest(str(first['loc'][-1]), known)}"
@@ -81,7 +83,8 @@ def _first_complaint(model: type[BaseModel], error: ValidationError) -> str:
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "value_error":
         return f"{key}: {message}" if key else message
-    return f"{key} = {first['input']!r}: {message[0].lower()}{message[1:]}{_unit_at(model, first['loc'])}"
+    limit = message.replace("Input should be", "must be")
+    return f"{key} = {first['input']!r} {limit}{_unit_at(model, first['loc'])}"
 
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, Any]:

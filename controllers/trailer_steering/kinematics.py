@@ -1,13 +1,16 @@
 """How a trailer's axles and its motion belong together: a rigid body led at the hitch, on tyres of equal stiffness.
 
 The lateral velocity of a rigid trailer is linear along its axis and the longitudinal one constant. So the tangent of
-the direction of travel beta(x) at the distance x behind the hitch is linear in x: ``tan beta(x) = tan gamma_h (1 - x/Lf)
-+ tan beta_f x/Lf`` with the direction gamma_h of the hitch and beta_f of the follow point, Lf behind it. An axle steered
-by that angle rolls without slip; all of them then share one instantaneous centre.
+the direction of travel beta(x) at the distance x behind the hitch is linear in x:
 
-Where the axles slip, the moment of their side forces about the hitch, ``sum(x_i C (tan beta_i - tan delta_i))`` for small
-slip, balances what the trailer's inertia and the ground's slope ask for. Divided by ``C sum(x_i)`` it is the *mean slip*:
-a property of the load, not of the steering, and as such it can be measured at one moment and used at the next.
+    tan beta(x) = tan gamma_h (1 - x/Lf) + tan beta_f x/Lf
+
+with the direction gamma_h of the hitch and beta_f of the follow point, Lf behind it. An axle steered by that angle
+rolls without slip; all of them then share one instantaneous centre.
+
+Where the axles slip, the moment of their side forces about the hitch, ``sum(x_i C (tan beta_i - tan delta_i))`` for
+small slip, balances what the trailer's inertia and the ground's slope ask for. Divided by ``C sum(x_i)`` it is the
+*mean slip*: a property of the load, not of the steering, so it can be measured at one moment and used at the next.
 """
 
 from __future__ import annotations

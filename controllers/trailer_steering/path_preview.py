@@ -4,7 +4,7 @@ The estimate holds the way of the hitch from the follow point to the hitch, in t
 direction beside the follow point say where the follow point has to go, its newest end where the hitch goes; the
 trailer's kinematics then leave one angle for every axle. Three things make it good enough to be closed in a loop: the
 estimate, 0.1 to 0.2 s old, is carried on to the moment when the axles will have answered; the slip of the axles is
-estimated and given to them, its inertial part beforehand; and an integral over the travelled distance takes what is left.
+estimated and given to them, its inertial part beforehand; an integral over the distance takes what is left.
 """
 
 from __future__ import annotations
@@ -27,12 +27,9 @@ from vehicle.frames import FloatArray
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _MEASURABLE = 0.5  # slower than this the odometry's noise of some mm a frame is all that a slip shows [m/s]
-_HISTORY = 1300  # of the steer encoders: longer than the longest hold and a frame [ticks]
+_HISTORY = 3000  # of the steer encoders: age of an estimate and the hold, with room for slow cameras [ticks]
 _REACH = 0.75  # half window of the fit to the path beside the follow point [m]
 _MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is larger [rad]
-
-_LIMITS = {"gain": (0.0, 2.0), "integral": (0.0, 0.5), "compliance": (0.0, 0.1)}
-_LIMITS |= {"slip_distance": (0.1, 100.0), "hold": (0.0, 1.0), "fade_rate": (0.001, 1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,18 +40,28 @@ class PathPreviewParameters:
         ValueError: if a value is outside its limits.
     """
 
-    gain: float = 0.5  # turn of the follow point towards the path per offset [rad/m]
-    integral: float = 0.02  # the same per offset and metre travelled [rad/m2]
-    compliance: float = 0.022  # axle slip per lateral acceleration; 1/(4.6 g) for a truck tyre's 4.6 F_z/rad [rad s2/m]
-    slip_distance: float = 2.0  # low-pass on the rest of the axles' slip [m]
-    hold: float = 0.5  # the oldest estimate that is still steered by [s]
-    fade_rate: float = 0.05  # at which the axles go straight without one: 3 deg/s [rad/s]
+    gain: float  # turn of the follow point towards the path per offset [rad/m]
+    integral: float  # the same per offset and metre travelled [rad/m2]
+    compliance: float  # slip of the axles per lateral acceleration [rad s2/m]
+    slip_distance: float  # low-pass on the rest of the axles' slip [m]
+    hold: float  # how long the last usable estimate is steered by [s]
+    fade_rate: float  # at which the axles go straight after that [rad/s]
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            (low, high), value = _LIMITS[field.name], getattr(self, field.name)
+            (low, high, unit), value = _LIMITS[field.name], getattr(self, field.name)
             if not low <= value <= high:
-                raise ValueError(f"{field.name} = {value} must be between {low} and {high}")
+                raise ValueError(f"{field.name} = {value} {unit} must be between {low:g} and {high:g} {unit}")
+
+
+_LIMITS = {
+    "gain": (0.0, 2.0, "rad/m"),
+    "integral": (0.0, 0.5, "rad/m2"),
+    "compliance": (0.0, 0.1, "rad s2/m"),
+    "slip_distance": (0.1, 100.0, "m"),
+    "hold": (0.0, 2.0, "s"),
+    "fade_rate": (0.001, 1.0, "rad/s"),
+}
 
 
 class Target(NamedTuple):
@@ -70,6 +77,7 @@ class PathPreviewMemory(NamedTuple):
 
     tick: int | None  # of the last step; None before the first
     seen: OffTracking | None  # newest usable estimate
+    seen_at: int  # when it arrived [ticks]
     history: SteerHistory
     demand: tuple[float, ...]  # last command [rad]
     slip: float  # mean slip of the axles at that estimate [-]
@@ -80,17 +88,42 @@ class PathPreviewMemory(NamedTuple):
 class PathPreview:
     """The axle angles that bring the follow point onto the path of the hitch, and keep it there."""
 
-    def __init__(self, trailer: TrailerGeometry, **parameters: float) -> None:
-        """A controller for the trailer; ``parameters`` are those of `PathPreviewParameters`."""
+    def __init__(
+        self,
+        trailer: TrailerGeometry,
+        *,
+        gain: float = 0.5,
+        integral: float = 0.03,
+        compliance: float = 0.022,  # 1/(4.6 g): cornering stiffness of a truck tyre over its load
+        slip_distance: float = 1.5,
+        hold: float = 1.0,
+        fade_rate: float = 0.05,
+    ) -> None:
+        """A controller for the trailer; the parameters are those of `PathPreviewParameters`.
+
+        Raises:
+            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+        """
+        if not trailer.steered_distances:
+            raise ValueError("path_preview: the trailer has no steered axle")
         self._trailer = trailer
-        self._parameters = PathPreviewParameters(**parameters)
+        self._parameters = PathPreviewParameters(
+            gain=gain,
+            integral=integral,
+            compliance=compliance,
+            slip_distance=slip_distance,
+            hold=hold,
+            fade_rate=fade_rate,
+        )
         self._axles = AxleGroup.of(trailer)
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathPreviewMemory:
         """Nothing seen yet, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return PathPreviewMemory(None, None, (), straight, 0.0, 0.0, 0.0)
+        return PathPreviewMemory(
+            tick=None, seen=None, seen_at=0, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0
+        )
 
     def step(
         self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, steer: SteerAngles
@@ -99,12 +132,12 @@ class PathPreview:
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         memory = memory._replace(tick=tick, history=recorded(memory.history, steer, _HISTORY))
         if off_tracking is not None and off_tracking.health is not Health.LOST:
-            memory = self._noticed(memory, off_tracking)
+            memory = self._noticed(memory, tick, off_tracking)
         memory, wanted = self._wanted(memory, tick, elapsed)
         demand = self._reachable(np.array(memory.demand), wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _noticed(self, memory: PathPreviewMemory, seen: OffTracking) -> PathPreviewMemory:
+    def _noticed(self, memory: PathPreviewMemory, tick: int, seen: OffTracking) -> PathPreviewMemory:
         """Memory with a usable estimate; a new one shows how much the axles slipped on the way to it."""
         before = memory.seen
         if before is not None and seen.tick <= before.tick:
@@ -112,21 +145,29 @@ class PathPreview:
         target = self._target(seen.path)
         if target is None:
             return memory
-        inertial = self._inertial_slip(seen, target)
-        other = memory.other_slip
-        if before is not None and seen.v_x > _MEASURABLE:
-            way = seen.v_x * (seen.tick - before.tick) * TICK
-            share = 1.0 - math.exp(-way / self._parameters.slip_distance)
-            # The velocities are means over the last frame: the angles of its middle belong to them.
-            angles = angles_at(memory.history, np.array([0.5 * (before.tick + seen.tick)]))[0]
-            slip = self._axles.mean_slip(seen.v_x, seen.v_y, seen.yaw_rate, angles)
-            other += share * (slip - inertial - other)
-        return memory._replace(seen=seen, slip=inertial + other, other_slip=other)
+        inertial, other = self._inertial_slip(seen, target), memory.other_slip
+        if before is not None:
+            other += self._share(before, seen) * (self._measured_slip(memory, before, seen) - inertial - other)
+        return memory._replace(seen=seen, seen_at=tick, slip=inertial + other, other_slip=other)
+
+    def _share(self, before: OffTracking, seen: OffTracking) -> float:
+        """Weight of a new measurement of slip against the old ones: of the way made since the estimate before."""
+        interval = (seen.tick - before.tick) * TICK
+        if seen.v_x < _MEASURABLE or interval > self._parameters.hold:
+            return 0.0
+        return 1.0 - math.exp(-seen.v_x * interval / self._parameters.slip_distance)
+
+    def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, seen: OffTracking) -> float:
+        """Mean slip of the axles [-] between two estimates."""
+        # The velocities are means over the last frame: the angles of its middle belong to them.
+        angles = angles_at(memory.history, np.array([0.5 * (before.tick + seen.tick)]))[0]
+        v_x = max(seen.v_x, _MEASURABLE)
+        return self._axles.mean_slip(v_x, seen.v_y, seen.yaw_rate, angles)
 
     def _wanted(self, memory: PathPreviewMemory, tick: int, elapsed: float) -> tuple[PathPreviewMemory, FloatArray]:
         """The angles wanted now [rad], not yet limited in rate."""
         last, seen = np.array(memory.demand), memory.seen
-        if seen is None or seen.age(tick) > self._parameters.hold:
+        if seen is None or (tick - memory.seen_at) * TICK > self._parameters.hold:
             fade = self._parameters.fade_rate * elapsed
             return memory._replace(bias=0.0), np.clip(0.0, last - fade, last + fade)
         if seen.v_x < _CREEP:
@@ -163,7 +204,7 @@ class PathPreview:
         return -self._parameters.compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
 
     def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
-        """The integral part [rad] after another ``area`` [m2] beside the path; it waits while all axles are at their limit."""
+        """The integral part [rad] after another ``area`` [m2] beside the path; it waits while all axles are at limit."""
         if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
             return memory.bias
         return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._parameters.integral * area))

@@ -15,7 +15,7 @@ from sensors.messages import SteerAngles
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, wrap
 
-_STEP = 0.02  # of the integration [s]; at 20 km/h the trailer turns by 1 deg in it, and the midpoint rule is exact to 1e-5
+_STEP = 0.02  # of the integration [s]; a trailer turns by 1 deg in it, which the midpoint rule gets to 1e-5
 
 
 class SteerReading(NamedTuple):
@@ -68,7 +68,7 @@ class Predictor:
         course_rate = seen.hitch_direction_rate + seen.yaw_rate
         steps = max(1, math.ceil((until - seen.tick) * TICK / _STEP))
         dt = (until - seen.tick) * TICK / steps
-        middles = seen.tick + (np.arange(steps) + 0.5) * dt / TICK
+        middles: FloatArray = seen.tick + (np.arange(steps, dtype=np.float64) + 0.5) * (dt / TICK)
         moments = self._axles.steer_moment(self._angles(history, demand, middles)).tolist()
         x = y = psi = 0.0
         for k, moment in enumerate(moments):

@@ -19,11 +19,7 @@ from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 from vehicle.frames import FloatArray
 
 _SHADERS = Path(__file__).parent / "shaders"
-_FORMATS = {  # (channels, bytes a channel): internal format, format, type
-    (3, 1): (GL.GL_RGB8, GL.GL_RGB, GL.GL_UNSIGNED_BYTE),
-    (4, 1): (GL.GL_RGBA8, GL.GL_RGBA, GL.GL_UNSIGNED_BYTE),
-    (2, 2): (GL.GL_RG16, GL.GL_RG, GL.GL_UNSIGNED_SHORT),
-}
+_LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,21 +62,18 @@ def _opened_on(device: EGLDevice) -> Context:
     return Context(platform, f"{name}, OpenGL {version}")
 
 
-def upload_texture(image: NDArray[np.uint8] | NDArray[np.uint16], *, repeat: bool, mipmaps: bool) -> int:
-    """Name of a new texture; the image's first row gets v = 0."""
-    internal, layout, kind = _FORMATS[image.shape[2], image.itemsize]
+def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
+    """Name of a new texture that repeats; its first row gets v = 0; ``shrink`` is OpenGL's filter for far away."""
+    internal, layout = _LAYOUTS[image.shape[2]]
     texture = int(GL.glGenTextures(1))
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
     data = np.ascontiguousarray(image)
-    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, image.shape[1], image.shape[0], 0, layout, kind, data)
-    if mipmaps:
-        GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
-    wrap = GL.GL_REPEAT if repeat else GL.GL_CLAMP_TO_EDGE
-    shrink = GL.GL_LINEAR_MIPMAP_LINEAR if mipmaps else GL.GL_LINEAR
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, internal, image.shape[1], image.shape[0], 0, layout, GL.GL_UNSIGNED_BYTE, data)
+    GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
     for key, value in (
-        (GL.GL_TEXTURE_WRAP_S, wrap),
-        (GL.GL_TEXTURE_WRAP_T, wrap),
+        (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
+        (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
         (GL.GL_TEXTURE_MAG_FILTER, GL.GL_LINEAR),
         (GL.GL_TEXTURE_MIN_FILTER, shrink),
     ):

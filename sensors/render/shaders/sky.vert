@@ -1,12 +1,13 @@
 #version 330 core
-layout(location = 0) in vec3 position;  // a triangle over the whole view
+layout(location = 0) in vec3 position;  // a direction in W
+layout(location = 2) in vec2 texcoord;
 
-uniform mat4 unprojection;  // from clip coordinates on the far plane to directions in W
+uniform mat4 view_projection;  // of a camera at the origin: the sky is infinitely far away
 
-out vec3 direction;
+out vec2 uv;
 
 void main()
 {
-    gl_Position = vec4(position.xy, 1.0, 1.0);
-    direction = (unprojection * vec4(position.xy, 1.0, 1.0)).xyz;
+    gl_Position = (view_projection * vec4(position, 1.0)).xyww;  // on the far plane
+    uv = texcoord;
 }

@@ -1,0 +1,135 @@
+"""What every trailer steering law of the catalogue must keep, whoever wrote it."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controllers.trailer import TrailerGeometry, TrailerSteering
+from estimators.estimates import Health, OffTracking
+from scenarios.catalogue import TRAILER_STEERING, resolve
+from sensors.messages import SteerAngles
+
+TRAILER = TrailerGeometry(
+    follow_distance=14.0,
+    axle_distances=(8.0, 9.31, 10.62),
+    steered=(False, True, True),
+    max_steer=0.5,
+    max_steer_rate=0.35,
+    actuator_lag=0.15,
+)
+PERIOD = 20  # between two steps of a controller [ticks]
+CAMERA = 100  # between two estimates, and their latency [ticks]
+
+
+def estimate(tick: int, *, turn: float, health: Health = Health.OK, speed: float = 2.8) -> OffTracking:
+    """An estimate as on a circle of curvature ``turn`` [1/m], the rear 0.3 m inside of the hitch's path."""
+    s = np.linspace(0.0, 16.0, 60)
+    path = np.column_stack([-s, -0.5 * turn * s**2])
+    lost = health is Health.LOST
+    return OffTracking(
+        tick=tick,
+        value=0.0 if lost else -0.3 * float(np.sign(turn)),
+        std=np.inf if lost else 0.01,
+        health=health,
+        path=path,
+        hitch_direction=7.0 * turn,
+        hitch_direction_rate=0.1 * turn,
+        path_tangent=-7.0 * turn,
+        v_x=speed,
+        v_y=7.0 * turn * speed,
+        yaw_rate=speed * turn,
+    )
+
+
+def mirrored(e: OffTracking) -> OffTracking:
+    return OffTracking(
+        tick=e.tick,
+        value=-e.value,
+        std=e.std,
+        health=e.health,
+        path=e.path * [1.0, -1.0],
+        hitch_direction=-e.hitch_direction,
+        hitch_direction_rate=-e.hitch_direction_rate,
+        path_tangent=-e.path_tangent,
+        v_x=e.v_x,
+        v_y=-e.v_y,
+        yaw_rate=-e.yaw_rate,
+    )
+
+
+def drive(law: TrailerSteering[Any], estimates: dict[int, OffTracking], until: int, side: float = 1.0) -> np.ndarray:
+    """Commands (steps, axles) of the law with perfect actuators, estimates arriving at their ticks."""
+    memory, newest, angles, commands = law.init(), None, np.zeros(2), []
+    for tick in range(0, until, PERIOD):
+        newest = estimates.get(tick, newest)
+        seen = newest if newest is None or side > 0 else mirrored(newest)
+        memory, command = law.step(memory, tick, seen, SteerAngles(tick=tick, angles=angles))
+        angles = command.angles
+        commands.append(angles.copy())
+    return np.array(commands)
+
+
+@pytest.fixture(params=sorted(TRAILER_STEERING))
+def law(request: pytest.FixtureRequest) -> TrailerSteering[Any]:
+    built: TrailerSteering[Any] = resolve("trailer_steering", request.param, TRAILER_STEERING)(TRAILER)
+    return built
+
+
+TURN = {k: estimate(k - CAMERA, turn=0.08) for k in range(CAMERA, 4000, CAMERA)}
+
+
+def test_commands_stay_finite_and_within_the_actuators_limits(law: TrailerSteering[Any]) -> None:
+    """A demand beyond what the axles can do would hide in the actuators; rates get a rounding's allowance."""
+    commands = drive(law, TURN, 4000)
+    assert np.isfinite(commands).all()
+    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
+    assert np.abs(np.diff(commands, axis=0)).max() <= TRAILER.max_steer_rate * PERIOD * 1e-3 + 1e-9
+
+
+def test_nothing_is_commanded_before_anything_is_known(law: TrailerSteering[Any]) -> None:
+    """Without a first estimate the trailer must stay a plain trailer."""
+    unfilled = {k: estimate(k - CAMERA, turn=0.08, health=Health.LOST) for k in range(CAMERA, 2000, CAMERA)}
+    assert not drive(law, {}, 1000).any()
+    assert not drive(law, unfilled, 2000).any()
+
+
+def test_losing_the_estimate_for_good_ends_with_straight_wheels(law: TrailerSteering[Any]) -> None:
+    """Old news must not steer a trailer forever: after 30 s without an estimate the axles are straight."""
+    commands = drive(law, {k: e for k, e in TURN.items() if k < 2000}, 32000)
+    assert not commands[-1].any()
+
+
+def test_swapping_left_and_right_flips_the_commands(law: TrailerSteering[Any]) -> None:
+    """Mirror symmetry pins all the signs at once; exact, since every operation is odd or even."""
+    np.testing.assert_allclose(drive(law, TURN, 4000, side=-1.0), -drive(law, TURN, 4000), atol=1e-9)
+
+
+def test_a_step_is_pure(law: TrailerSteering[Any]) -> None:
+    """The same memory and estimate give the same command, and the memory given is not changed."""
+    memory = law.init()
+    for tick in range(0, 1000, PERIOD):
+        memory, _ = law.step(memory, tick, TURN.get(tick), SteerAngles(tick=tick, angles=np.zeros(2)))
+    before = pickle.dumps(memory)
+    first = law.step(memory, 1000, TURN[1000], SteerAngles(tick=1000, angles=np.zeros(2)))[1]
+    again = law.step(memory, 1000, TURN[1000], SteerAngles(tick=1000, angles=np.zeros(2)))[1]
+    np.testing.assert_array_equal(first.angles, again.angles)
+    assert pickle.dumps(memory) == before
+
+
+def test_law_and_memory_can_be_pickled(law: TrailerSteering[Any]) -> None:
+    """Runs travel to other processes and are snapshotted."""
+    memory, _ = law.step(law.init(), 0, None, SteerAngles(tick=0, angles=np.zeros(2)))
+    pickle.loads(pickle.dumps((law, memory)))
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-9, -1.0])
+def test_standstill_and_reversing_are_survived(law: TrailerSteering[Any], speed: float) -> None:
+    """Divisions by the speed must not blow up where there is none."""
+    still = {k: estimate(k - CAMERA, turn=0.08, speed=speed) for k in range(CAMERA, 2000, CAMERA)}
+    commands = drive(law, still, 2000)
+    assert np.isfinite(commands).all()
+    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12

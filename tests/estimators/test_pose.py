@@ -1,0 +1,128 @@
+"""RANSAC and Gauss-Newton on matches of points with known motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimators.matching import Matches
+from estimators.pose import _CORRELATION, refined
+from estimators.ransac import consensus
+from estimators.rigid_motion import rotation_vector
+from estimators.stereo_geometry import project, triangulate
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+
+STD = 0.1  # [px] of a coordinate
+# camera axes: yawing to the left is turning about -y, driving on is -z for a camera that looks back
+MOTION = transform(rotation_zyx(0.002, -0.03, 0.004), np.array([0.05, 0.01, -0.5]))
+
+
+def points_ahead(rng: np.random.Generator, count: int, calibration: StereoCalibration) -> FloatArray:
+    """Points that both cameras see before and after the motion, half of them on the ground."""
+    depth = rng.uniform(8.0, 60.0, count)
+    x, y = rng.uniform(-0.8, 0.8, count) * depth, np.where(rng.random(count) < 0.5, 3.0, rng.uniform(-2.0, 3.0, count))
+    return np.column_stack([x, y, depth])
+
+
+def images(calibration: StereoCalibration, points: FloatArray, rng: np.random.Generator, std: float) -> FloatArray:
+    """Noisy z (n, 3); the row is the mean of two."""
+    return project(calibration, points) + std * rng.standard_normal(points.shape) * [1.0, math.sqrt(0.5), 1.0]
+
+
+def matched(calibration: StereoCalibration, rng: np.random.Generator, count: int, std: float) -> Matches:
+    points = points_ahead(rng, count, calibration)
+    moved = (points - MOTION[:3, 3]) @ MOTION[:3, :3]
+    return Matches(images(calibration, points, rng, std), images(calibration, moved, rng, std))
+
+
+def error(X_PC: FloatArray) -> FloatArray:
+    return np.concatenate([rotation_vector(MOTION[:3, :3] @ X_PC[:3, :3].T), MOTION[:3, 3] - X_PC[:3, 3]])
+
+
+def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0):
+    points = triangulate(calibration, matches.previous)
+    agreed = consensus(calibration, points, matches.current, np.eye(4), np.random.default_rng(seed))
+    return agreed, refined(calibration, matches, agreed.X_PC, agreed.inliers)
+
+
+def test_triangulation_inverts_projection(calibration: StereoCalibration) -> None:
+    """Points and their images determine each other."""
+    points = points_ahead(np.random.default_rng(0), 50, calibration)
+    assert triangulate(calibration, project(calibration, points)) == pytest.approx(points, abs=1e-9)  # rounding
+
+
+def test_exact_matches_give_the_exact_motion(calibration: StereoCalibration) -> None:
+    """No noise, no outliers: Gauss-Newton ends at the truth."""
+    _, solution = solved(calibration, matched(calibration, np.random.default_rng(1), 300, 0.0))
+    assert solution.converged
+    assert error(solution.X_PC) == pytest.approx(np.zeros(6), abs=1e-9)  # quadratic convergence
+    assert solution.inliers.all()
+
+
+def test_wrong_matches_are_left_out(calibration: StereoCalibration) -> None:
+    """Four in ten matches are anywhere, a fifth of these with one coordinate off by 3 px only."""
+    rng = np.random.default_rng(2)
+    matches = matched(calibration, rng, 400, STD)
+    current = matches.current.copy()
+    current[:128] += rng.uniform(-40.0, 40.0, (128, 3))
+    current[128:160, 0] += 3.0
+    agreed, solution = solved(calibration, Matches(matches.previous, current))
+    assert not solution.inliers[128:160].any()
+    assert solution.inliers[160:].mean() > 0.98  # 4 sigma
+    normalised = error(solution.X_PC) / np.sqrt(np.diag(solution.covariance))
+    assert np.abs(normalised).max() < 3.0
+    assert np.linalg.norm(error(solution.X_PC)) < np.linalg.norm(error(agreed.X_PC))
+
+
+def test_a_moving_body_does_not_take_over(calibration: StereoCalibration) -> None:
+    """A third of the matches sit on a vehicle that moves by itself, consistently."""
+    rng = np.random.default_rng(3)
+    matches = matched(calibration, rng, 450, STD)
+    points = np.column_stack([rng.uniform(-3, 3, 150), rng.uniform(-1, 2, 150), rng.uniform(8, 12, 150)])
+    carried = points + np.array([0.0, 0.0, -0.6])
+    previous, current = matches.previous.copy(), matches.current.copy()
+    previous[:150], current[:150] = images(calibration, points, rng, STD), images(calibration, carried, rng, STD)
+    _, solution = solved(calibration, Matches(previous, current))
+    assert solution.inliers[:150].mean() < 0.02
+    assert np.abs(error(solution.X_PC) / np.sqrt(np.diag(solution.covariance))).max() < 3.0
+
+
+def test_covariance_is_that_of_the_errors(calibration: StereoCalibration) -> None:
+    """Normalised squared errors average to 6 for independent noise, but for the allowance for correlated tracks."""
+    squared = []
+    for seed in range(150):
+        rng = np.random.default_rng(100 + seed)
+        _, solution = solved(calibration, matched(calibration, rng, 250, STD), seed)
+        e = error(solution.X_PC)
+        squared.append(e @ np.linalg.solve(solution.covariance / _CORRELATION**2, e))
+    # chi-squared of 6 degrees: mean 6, its standard error over 150 draws sqrt(12 / 150) = 0.28
+    assert np.mean(squared) == pytest.approx(6.0, abs=0.9)
+
+
+def test_the_same_seed_gives_the_same_motion(calibration: StereoCalibration) -> None:
+    """Bitwise: nothing but the generator decides."""
+    matches = matched(calibration, np.random.default_rng(4), 200, STD)
+    first, second = solved(calibration, matches, 7)[1], solved(calibration, matches, 7)[1]
+    assert np.array_equal(first.X_PC, second.X_PC)
+    assert np.array_equal(first.covariance, second.covariance)
+
+
+def test_matches_that_say_nothing_do_not_converge_or_say_so(calibration: StereoCalibration) -> None:
+    """All matches are one and the same point: no motion comes out that would claim to be certain."""
+    z = np.repeat(np.array([[700.0, 250.0, 680.0]]), 40, axis=0)
+    points = triangulate(calibration, z)
+    agreed = consensus(calibration, points, z, np.eye(4), np.random.default_rng(0))
+    solution = refined(calibration, Matches(z, z), agreed.X_PC, agreed.inliers)
+    assert np.sqrt(np.linalg.eigvalsh(solution.covariance).max()) > 1.0  # [rad or m]
+
+
+def test_hypotheses_follow_the_inverse_convention(calibration: StereoCalibration) -> None:
+    """X_PC is the pose of the current camera in the previous one: a point moves by its inverse."""
+    rng = np.random.default_rng(5)
+    matches = matched(calibration, rng, 100, 0.0)
+    p_P, p_C = triangulate(calibration, matches.previous), triangulate(calibration, matches.current)
+    X_CP = inverse(solved(calibration, matches)[1].X_PC)
+    assert p_P @ X_CP[:3, :3].T + X_CP[:3, 3] == pytest.approx(p_C, abs=1e-6)

@@ -1,0 +1,83 @@
+"""The log is a faithful, read-only table, in memory and on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from scenarios.log import Log, Signal, read_log, write_log
+
+SIGNALS = (Signal("time", "s", "time"), Signal("e", "m", "off-tracking, + left"), Signal("std", "m", "its deviation"))
+
+
+def a_log() -> Log:
+    return Log.from_rows(SIGNALS, [(0.0, np.nan, np.inf), (0.01, -0.0, 0.1), (0.02, 1.0 / 3.0, 1e-300)])
+
+
+def test_a_log_survives_the_disk_bit_by_bit(tmp_path: Path) -> None:
+    """NaN, infinity, minus zero and the last bit of a third must come back, as hashes are compared across machines."""
+    write_log(a_log(), tmp_path / "signals.parquet")
+    back = read_log(tmp_path / "signals.parquet")
+    assert back == a_log()
+    assert back.sha256() == a_log().sha256()
+
+
+def test_missing_values_are_nulls_and_units_are_in_the_schema(tmp_path: Path) -> None:
+    """Other programs read the file: they must see the missing estimate as missing, and the unit without our code."""
+    write_log(a_log(), tmp_path / "signals.parquet")
+    table = pq.read_table(tmp_path / "signals.parquet")
+    assert table.column("e").null_count == 1
+    assert table.column("std").null_count == 0
+    assert table.schema.field("e").metadata == {b"unit": b"m", b"description": b"off-tracking, + left"}
+
+
+def test_an_empty_log_survives_the_disk(tmp_path: Path) -> None:
+    """A run interrupted before its first row still writes its directory."""
+    write_log(Log.from_rows(SIGNALS, []), tmp_path / "signals.parquet")
+    assert read_log(tmp_path / "signals.parquet") == Log.from_rows(SIGNALS, [])
+
+
+def test_signals_are_read_by_name_and_can_not_be_changed() -> None:
+    """A log that anyone could write to would no longer be the record of the run."""
+    source = np.zeros((4, 3))
+    log = Log(SIGNALS, source)
+    source[:] = 1.0
+    assert log["e"].tolist() == [0.0, 0.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="read-only"):
+        log["e"][0] = 1.0
+    with pytest.raises(KeyError, match="no signal 'nonsense'"):
+        log["nonsense"]
+
+
+def test_the_hash_sees_a_single_bit_and_a_unit() -> None:
+    """Runs are called equal by this hash alone."""
+    rows = a_log().rows.copy()
+    rows[2, 1] = np.nextafter(rows[2, 1], 1.0)
+    other_unit = (*SIGNALS[:2], Signal("std", "mm", "its deviation"))
+    hashes = {log.sha256() for log in (a_log(), Log(SIGNALS, rows), Log(other_unit, a_log().rows))}
+    assert len(hashes) == 3
+
+
+def test_every_nan_is_the_same_nan() -> None:
+    """The sign of a NaN depends on how it came about and means nothing; it must not make equal runs unequal."""
+    assert Log(SIGNALS, np.full((1, 3), -np.nan)) == Log(SIGNALS, np.full((1, 3), np.nan))
+
+
+def test_a_signal_can_be_added_after_the_run() -> None:
+    """The true off-tracking needs the whole path."""
+    log = a_log().with_signal(Signal("true", "m", "truth"), np.array([1.0, 2.0, 3.0]))
+    assert log.names == ("time", "e", "std", "true")
+    assert log["true"].tolist() == [1.0, 2.0, 3.0]
+    assert "true" in log
+    assert "true" not in a_log()
+
+
+def test_rows_that_do_not_fit_and_double_names_are_refused() -> None:
+    """Either would put values under the wrong name."""
+    with pytest.raises(ValueError, match="do not fit 3 signals"):
+        Log(SIGNALS, np.zeros((4, 2)))
+    with pytest.raises(ValueError, match="must differ"):
+        Log((SIGNALS[0], SIGNALS[0]), np.zeros((4, 2)))

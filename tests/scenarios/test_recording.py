@@ -1,0 +1,109 @@
+"""Recordings can be read by anyone who reads KITTI, and survive an interruption."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.recording import RecordingWriter
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration, StereoRig
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+
+RIG = StereoRig(facing="rear", width=64, height=32, hfov=math.radians(100), x=-12.0, y=0.0, z=3.0, baseline=0.5)
+
+
+@pytest.fixture
+def calibration() -> StereoCalibration:
+    return RIG.calibration()
+
+
+def frame(k: int) -> StereoFrame:
+    rng = np.random.default_rng(k)
+    left, right = rng.integers(0, 256, (2, 32, 64), dtype=np.uint8)
+    return StereoFrame(tick=100 * k + 50, left=left, right=right)
+
+
+def pose(k: int) -> FloatArray:
+    return transform(rotation_zyx(0.3 * k, 0.01, -0.02 * k), np.array([5.0 + k, 2.0, 0.1]))
+
+
+def record(directory: Path, calibration: StereoCalibration, frames: int) -> None:
+    with RecordingWriter(directory, calibration, 11.9) as recording:
+        for k in range(frames):
+            recording.add(frame(k), pose(k))
+
+
+def test_images_come_back_unchanged(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """PNG loses nothing: estimators see on disk what they saw in the loop."""
+    record(tmp_path / "a", calibration, 3)
+    for k in range(3):
+        for side, image in ((0, frame(k).left), (1, frame(k).right)):
+            back = cv2.imread(str(tmp_path / "a" / f"image_{side}" / f"{k:06d}.png"), cv2.IMREAD_UNCHANGED)
+            np.testing.assert_array_equal(back, image)
+
+
+def test_times_are_those_of_the_captures(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """In seconds, to the tick."""
+    record(tmp_path / "a", calibration, 3)
+    assert (tmp_path / "a" / "times.txt").read_text().split() == ["0.050", "0.150", "0.250"]
+
+
+def test_poses_are_those_of_the_left_camera_from_the_first_one(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """X_C0Ck = X_SC^-1 X_WS0^-1 X_WSk X_SC; the first is the identity."""
+    record(tmp_path / "a", calibration, 4)
+    poses = np.loadtxt(tmp_path / "a" / "poses.txt").reshape(-1, 3, 4)
+    np.testing.assert_allclose(poses[0], np.eye(4)[:3], atol=1e-11)  # twelve digits are written
+    expected = inverse(calibration.X_SC) @ inverse(pose(0)) @ pose(3) @ calibration.X_SC
+    np.testing.assert_allclose(poses[3], expected[:3], atol=1e-10)
+
+
+def test_the_projections_reproject(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """A point 10 m ahead on the axis: the principal point on the left, f b / Z further left on the right."""
+    record(tmp_path / "a", calibration, 1)
+    lines = (tmp_path / "a" / "calib.txt").read_text().splitlines()
+    assert [line[:3] for line in lines] == ["P0:", "P1:"]
+    P0, P1 = (np.array(line[3:].split(), dtype=float).reshape(3, 4) for line in lines)
+    left, right = (P @ [0.0, 0.0, 10.0, 1.0] / 10.0 for P in (P0, P1))
+    assert left[:2] == pytest.approx([31.5, 15.5])
+    assert left[0] - right[0] == pytest.approx(calibration.focal_length * 0.5 / 10.0)
+
+
+def test_the_rig_is_exact(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """What KITTI has no place for."""
+    record(tmp_path / "a", calibration, 1)
+    rig = tomllib.loads((tmp_path / "a" / "rig.toml").read_text(encoding="utf-8"))
+    np.testing.assert_array_equal(np.array(rig["X_SC"]), calibration.X_SC)
+    assert rig["baseline"] == 0.5
+    assert rig["follow_distance"] == 11.9
+
+
+def test_an_interrupted_recording_is_usable_under_its_working_name(
+    tmp_path: Path, calibration: StereoCalibration
+) -> None:
+    """The frames so far, with as many lines in the lists as there are images."""
+    recording = RecordingWriter(tmp_path / "a", calibration, 11.9)
+    recording.add(frame(0), pose(0))
+    recording.add(frame(1), pose(1))
+    with pytest.raises(RuntimeError), recording:
+        raise RuntimeError
+    assert not (tmp_path / "a").exists()
+    left = tmp_path / "a.recording"
+    assert len((left / "times.txt").read_text().splitlines()) == 2
+    assert len((left / "poses.txt").read_text().splitlines()) == 2
+    assert len(list(left.glob("image_*/*.png"))) == 4
+    with pytest.raises(ValueError, match=r"a\.recording is not empty"):
+        RecordingWriter(tmp_path / "a", calibration, 11.9)
+
+
+def test_a_directory_with_something_in_it_is_refused(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """Before anything is written."""
+    (tmp_path / "mine.txt").touch()
+    with pytest.raises(ValueError, match="not empty"):
+        RecordingWriter(tmp_path, calibration, 11.9)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

@@ -1,0 +1,121 @@
+"""The report is one page that needs nothing else, and says only what the run can tell."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from scenarios.log import Log
+from scenarios.report import report_html
+from scenarios.results import RunResult, summary
+
+VOID = {"meta", "link", "br", "img", "image", "path", "use", "circle", "rect"}
+
+
+class Balance(HTMLParser):
+    """Notes tags that are not closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.wrong: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Closed in itself."""
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID and (not self.open or self.open.pop() != tag):
+            self.wrong.append(tag)
+
+
+@pytest.fixture(scope="module")
+def page(camera_run: RunResult) -> str:
+    return report_html(camera_run, summary(camera_run))
+
+
+def test_the_page_loads_nothing_from_elsewhere(page: str) -> None:
+    """It is mailed around and opened behind firewalls; xmlns and ids of SVG are names, not links."""
+    assert set(re.findall(r'(?:src|href)="([^"]{5})', page)) <= {"data:", "#m", *re.findall(r'href="(#[^"]{4})', page)}
+    assert "@import" not in page
+    assert not re.findall(r"url\((?!#)", page)
+
+
+def test_the_page_is_well_formed(page: str) -> None:
+    """Every tag closed in order."""
+    balance = Balance()
+    balance.feed(page)
+    assert balance.wrong == []
+    assert balance.open == []
+
+
+def test_all_sections_are_there(page: str) -> None:
+    """What a reader expects of a run with cameras."""
+    titles = re.findall(r"<h2>(.*?)</h2>", page)
+    assert titles == [
+        "Plan view",
+        "Off-tracking",
+        "Error of the estimate",
+        "Steer angles",
+        "What the camera saw",
+        "Features",
+        "All numbers",
+        "Where the time went",
+    ]
+
+
+def test_numbers_are_shown_in_the_unit_beside_them(page: str, camera_run: RunResult) -> None:
+    """The summary is in metres, the error is shown in millimetres."""
+    numbers = summary(camera_run)["off_tracking"]
+    assert isinstance(numbers, dict)
+    error = numbers["estimate_error_rms_m"]
+    assert error is not None
+    assert f"{1e3 * error:.1f} mm" in page
+    assert "0.62 <small>× real time" in page
+
+
+def test_the_scenario_is_quoted_not_interpreted(page: str) -> None:
+    """A comment with angle brackets must not become a tag."""
+    assert "# &lt;dry&gt;" in page
+
+
+def test_every_track_is_drawn_over_the_picture(page: str, camera_run: RunResult) -> None:
+    """The frame with the largest off-tracking, all its features."""
+    assert page.count('r="1.6"') in {len(frame.tracks) for frame in camera_run.frames}
+
+
+def test_identifiers_of_different_figures_do_not_clash(page: str) -> None:
+    """All figures share one page: a repeated id would make one figure use another's clip path."""
+    identifiers = re.findall(r'<(?:clipPath|path|defs)[^>]* id="([^"]+)"', page)
+    assert len(set(identifiers)) == len(identifiers)
+
+
+def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
+    """No empty diagrams."""
+    page = report_html(blind_run, summary(blind_run))
+    titles = re.findall(r"<h2>(.*?)</h2>", page)
+    assert "No estimate" in titles
+    assert "No pictures" in titles
+    assert "Features" not in titles
+    assert "Visual odometry" not in page
+
+
+def test_the_same_run_gives_the_same_page(camera_run: RunResult, page: str) -> None:
+    """No dates, no random identifiers: reports can be compared."""
+    assert report_html(camera_run, summary(camera_run)) == page
+
+
+def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) -> None:
+    """A run in which the odometry never worked must not break its own report."""
+    rows = camera_run.log.rows.copy()
+    health = camera_run.log.names.index("health")
+    rows[np.isfinite(rows[:, health]), health] = 2.0
+    lost = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, rows))
+    assert "no estimate" in report_html(lost, summary(lost))

@@ -1,0 +1,184 @@
+"""The summary has the promised names, and a run directory appears complete or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.log import Log, read_log
+from scenarios.results import (
+    RunResult,
+    Timing,
+    appearing_at_once,
+    check_run_directory,
+    next_run_directory,
+    summary,
+    write_run,
+)
+
+NAMES = {
+    "off_tracking": ["true_rms_m", "true_max_m", "estimate_error_rms_m", "estimate_error_max_m", "valid_fraction"],
+    "swept_path": ["max_width_m", "min_inner_radius_m", "tail_swing_m"],
+    "steer": ["max_deg", "max_rate_deg_s"],
+    "odometry": ["matches_mean", "inliers_mean", "lost_frames", "drift_percent"],
+    "timing": ["simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s"],
+}
+
+
+def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunResult) -> None:
+    """Users' scripts and our own checks read these names, with cameras or without."""
+    for run in (camera_run, blind_run):
+        numbers = summary(run)
+        assert list(numbers) == ["outcome", "scenario", "seed", *NAMES]
+        assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # the isinstance beside it makes it a dict
+
+
+def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
+    """Each number against what the synthetic run was made with."""
+    numbers = json.loads(json.dumps(summary(camera_run), allow_nan=False))
+    log = camera_run.log
+    assert numbers["off_tracking"]["true_max_m"] == pytest.approx(np.nanmax(np.abs(log["off_tracking_true"])), abs=1e-6)
+    assert numbers["off_tracking"]["estimate_error_rms_m"] == pytest.approx(0.011, rel=0.3)  # [m] 250 samples of noise
+    assert numbers["off_tracking"]["valid_fraction"] == 1.0
+    assert numbers["odometry"]["lost_frames"] == 1
+    assert numbers["odometry"]["drift_percent"] == pytest.approx(1.0, abs=0.1)  # made 1 % short; chord for arc
+    assert numbers["odometry"]["inliers_mean"] == pytest.approx(300.0, abs=3.0)
+    largest = max(np.max(np.abs(log[f"steer_trailer_{k}"])) for k in (1, 2, 3))
+    assert numbers["steer"]["max_deg"] == pytest.approx(math.degrees(largest), abs=1e-6)
+    assert numbers["timing"]["realtime_factor"] == pytest.approx(25.45 / 41.0, abs=1e-6)
+
+
+def test_what_was_not_measured_is_null(blind_run: RunResult) -> None:
+    """Zero would be a lie: there was no camera."""
+    numbers = summary(blind_run)
+    assert numbers["odometry"] == dict.fromkeys(NAMES["odometry"])
+    off_tracking = numbers["off_tracking"]
+    assert isinstance(off_tracking, dict)
+    assert off_tracking["estimate_error_rms_m"] is None
+    assert off_tracking["true_rms_m"] is not None
+
+
+def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run: RunResult, tmp_path: Path) -> None:
+    """Interrupted before the first or the second row."""
+    for rows in (0, 1):
+        log = Log(blind_run.log.signals, blind_run.log.rows[:rows])
+        run = dataclasses.replace(blind_run, outcome="interrupted", log=log)
+        json.dumps(summary(run), allow_nan=False)
+        write_run(run, tmp_path / f"run-{rows}")
+        assert "Nothing to draw" in (tmp_path / f"run-{rows}" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> None:
+    """Everything that is promised, and nothing of the writing left behind."""
+    short = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, camera_run.log.rows[:900]))
+    told: list[tuple[int, int]] = []
+    directory = write_run(short, tmp_path / "runs" / "a", progress=lambda done, of: told.append((done, of)))
+    assert [path.name for path in tmp_path.joinpath("runs").iterdir()] == ["a"]
+    names = {path.name for path in directory.iterdir()}
+    assert names >= {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html"}
+    assert len(names) == 6  # and a video or a GIF
+    assert read_log(directory / "signals.parquet") == short.log
+    manifest = json.loads((directory / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["signals_sha256"] == short.log.sha256()
+    assert manifest["frames_sha256"] == "0" * 64
+    assert set(manifest["versions"]) == {"python", "offtrack", "numpy", "casadi", "opencv"}
+    assert json.loads((directory / "summary.json").read_text(encoding="utf-8")) == summary(short)
+    assert (directory / "scenario.toml").read_text(encoding="utf-8") == short.scenario_toml
+    assert told[-1][0] == told[-1][1] > 0
+
+
+def test_without_video_there_is_none(blind_run: RunResult, tmp_path: Path) -> None:
+    """``--no-video``."""
+    assert len(list(write_run(blind_run, tmp_path / "a", video=False).iterdir())) == 5
+
+
+def test_a_directory_with_something_in_it_is_refused_and_left_alone(blind_run: RunResult, tmp_path: Path) -> None:
+    """Nobody's results may be written over."""
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "mine.txt").touch()
+    with pytest.raises(ValueError, match="not empty"):
+        write_run(blind_run, tmp_path / "a", video=False)
+    assert [path.name for path in tmp_path.rglob("*")] == ["a", "mine.txt"]
+
+
+def test_what_can_not_become_a_run_directory_is_refused_beforehand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Known before a run of minutes, not after it."""
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="is a file"):
+        check_run_directory(tmp_path / "file")
+    with pytest.raises(ValueError, match="can not be made"):
+        check_run_directory(tmp_path / "file" / "a")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with pytest.raises(ValueError, match="name a new folder inside it"):
+        check_run_directory(Path())
+    (tmp_path / "empty").mkdir()
+    check_run_directory(tmp_path / "empty")
+    check_run_directory(tmp_path / "new" / "deep")
+    assert not (tmp_path / "new").exists()
+
+
+def test_nothing_is_left_when_writing_fails(tmp_path: Path) -> None:
+    """A full disk in the middle: no half-written run, no litter."""
+
+    def half_way() -> None:
+        with appearing_at_once(tmp_path / "a") as folder:
+            (folder / "signals.parquet").touch()
+            raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        half_way()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_directory_is_used(tmp_path: Path) -> None:
+    """``mktemp -d`` and ``--out`` go together."""
+    (tmp_path / "a").mkdir()
+    with appearing_at_once(tmp_path / "a") as folder:
+        (folder / "x").touch()
+        assert os.listdir(tmp_path / "a") == []
+    assert os.listdir(tmp_path / "a") == ["x"]
+
+
+def test_run_directories_are_numbered_beyond_those_there_are(tmp_path: Path) -> None:
+    """A gap is not filled: a later run has a higher number."""
+    assert next_run_directory("roundabout", tmp_path) == tmp_path / "roundabout-1"
+    for name in ("roundabout-1", "roundabout-9", "roundabout-right-30", "roundabout-x"):
+        (tmp_path / name).mkdir()
+    assert next_run_directory("roundabout", tmp_path) == tmp_path / "roundabout-10"
+
+
+def test_timing_adds_up() -> None:
+    """What is in no stage is the rest; a run that took no time has no factor."""
+    timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
+    assert timing.rest_s == pytest.approx(1.5)
+    assert timing.realtime_factor == 2.0
+    assert math.isnan(dataclasses.replace(timing, wall_s=0.0).realtime_factor)
+
+
+def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
+    """Three steered axles of three; with one signal it is the rearmost axle."""
+    assert blind_run.steer_signals() == ("steer_trailer_1", "steer_trailer_2", "steer_trailer_3")
+    np.testing.assert_array_equal(blind_run.axle_steer(blind_run.trailer)[:, 2], blind_run.log["steer_trailer_3"])
+    np.testing.assert_array_equal(blind_run.axle_steer(blind_run.units[0])[:, 0], blind_run.log["steer_tractor"])
+    keep = [
+        k for k, name in enumerate(blind_run.log.names) if not name.startswith(("steer_trailer_2", "steer_trailer_3"))
+    ]
+    log = Log(tuple(blind_run.log.signals[k] for k in keep), blind_run.log.rows[:, keep])
+    one = dataclasses.replace(blind_run, log=log)
+    np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], log["steer_trailer_1"])
+    assert not one.axle_steer(one.trailer)[:, :2].any()
+
+
+def test_a_result_can_be_sent_to_another_process(camera_run: RunResult) -> None:
+    """Studies run in parallel."""
+    assert summary(pickle.loads(pickle.dumps(camera_run))) == summary(camera_run)

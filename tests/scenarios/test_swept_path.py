@@ -1,0 +1,146 @@
+"""Swept path against closed forms and against the roundabout table of the domain reference."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scenarios.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swing
+from vehicle.frames import FloatArray
+
+RIGID = UnitOutline("rigid", 5.0, -2.0, 2.5, (3.8, 0.0), (2.0, 1.8))
+# The table's rig: domain reference C.1, "B.1 rig": wheelbase 3.8, kingpin 0.7745, L2 7.70, rear 11.9, width 2.55 m.
+TRACTOR = UnitOutline("tractor", 5.2, -0.9, 2.55, (3.8, 0.0), (2.05, 1.85))
+TRAILER = UnitOutline("trailer", 1.6, -11.9, 2.55, (-7.7,), (2.05,))
+KINGPIN, AXLE, OUTER = 0.7745, 7.70, 12.5
+
+
+def on_circle(radius: float, turns: float = 1.0) -> FloatArray:
+    """Poses of a body whose frame runs round a left circle about (0, radius), always along its tangent."""
+    psi = np.linspace(0.0, 2 * math.pi * turns, 2000)
+    return np.column_stack([radius * np.sin(psi), radius * (1.0 - np.cos(psi)), psi])
+
+
+def roundabout(side: int, turn: float = 2 * math.pi) -> tuple[FloatArray, FloatArray]:
+    """Tractor and trailer, no slip; the outer front corner goes straight, round a 12.5 m circle, and straight again."""
+    step, entry = 0.004, 15.0
+    x_ref, y_ref = TRACTOR.front_x, -0.5 * side * TRACTOR.width
+    s = np.arange(0.0, entry + OUTER * turn + 20.0, step)
+    chi = np.clip((s - entry) / OUTER, 0.0, turn)  # direction of the corner's path, as for a left turn
+    straight = np.where(s < entry, s, np.maximum(entry, s - OUTER * turn))
+    beyond = straight - entry
+    u = x_ref + entry + OUTER * np.sin(chi) + beyond * np.cos(chi)
+    v = OUTER * (1.0 - np.cos(chi)) + beyond * np.sin(chi)
+    psi_T, psi_S, rows = 0.0, 0.0, []
+    for k in range(len(s)):
+        c, d = math.cos(side * psi_T), math.sin(side * psi_T)
+        x, y = u[k] - c * x_ref + d * y_ref, side * v[k] + y_ref - d * x_ref - c * y_ref
+        rows.append((x, y, side * psi_T, x + KINGPIN * c, y + KINGPIN * d, side * psi_S))
+        # the rear axle does not slide sideways: so the corner's speed across the tractor is yaw rate times its x
+        yaw_rate = math.sin(chi[k] - psi_T) / x_ref
+        v_x = math.cos(chi[k] - psi_T) + yaw_rate * side * y_ref
+        gamma = psi_T - psi_S
+        psi_S += step * (v_x * math.sin(gamma) + KINGPIN * yaw_rate * math.cos(gamma)) / AXLE
+        psi_T += step * yaw_rate
+    poses = np.array(rows)
+    return poses[:, :3], poses[:, 3:]
+
+
+def test_a_rectangle_on_a_circle_has_its_corner_outside_and_its_flank_inside() -> None:
+    """Outer radius: the outer front corner; inner: the middle of the inner flank, where the radius stands on it."""
+    inner, outer = swept_radii((RIGID,), (on_circle(10.0),), (0.0, 10.0))
+    assert inner == pytest.approx(10.0 - 1.25, abs=1e-9)  # rounding
+    assert outer == pytest.approx(math.hypot(10.0 + 1.25, 5.0), abs=1e-9)
+
+
+def test_a_rectangle_on_a_circle_has_the_same_width_across_its_path() -> None:
+    """The path of the middle of the front is concentric, so square to it is radial."""
+    path = swept_path((RIGID,), (on_circle(10.0),), None)
+    assert path.max_width == pytest.approx(math.hypot(11.25, 5.0) - 8.75, abs=2e-3)  # [m] finite steps of 0.1 m
+    assert math.isnan(path.min_inner_radius)
+
+
+def test_straight_driving_sweeps_the_own_width() -> None:
+    """Nothing swings and nothing cuts in."""
+    straight = np.column_stack([np.linspace(0.0, 50.0, 500), np.zeros(500), np.zeros(500)])
+    path = swept_path((RIGID,), (straight,), None)
+    assert path.max_width == pytest.approx(2.5, abs=1e-9)  # rounding
+    assert math.isnan(path.tail_swing)
+
+
+def test_dragging_at_an_angle_sweeps_the_rectangles_shadow() -> None:
+    """Width across the direction of travel: L sin(a) + W cos(a)."""
+    slip = math.radians(14.0)
+    dragged = np.column_stack([np.linspace(0.0, 60.0, 600), np.zeros(600), np.full(600, slip)])
+    expected = 7.0 * math.sin(slip) + 2.5 * math.cos(slip)
+    assert swept_path((RIGID,), (dragged,), None).max_width == pytest.approx(expected, abs=1e-6)  # rounding
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_the_roundabout_table_is_met(side: int) -> None:
+    """Domain reference C.1, "B.1 rig", outer corner on 12.5 m: inner 5.330, swept 7.170, tail swing 0.241 m."""
+    poses = roundabout(side)
+    centre = (TRACTOR.front_x + 15.0, side * (OUTER - 0.5 * TRACTOR.width))
+    path = swept_path((TRACTOR, TRAILER), poses, centre)
+    assert path.min_inner_radius == pytest.approx(5.330, abs=0.004)  # [m] the table stops at 360 degrees, this goes on
+    assert path.max_outer_radius == pytest.approx(OUTER, abs=1e-3)
+    assert path.max_width == pytest.approx(7.170, abs=0.004)
+    assert path.tail_swing == pytest.approx(0.241, abs=0.002)  # [m] Euler steps of 4 mm: 0.0395 at 1 cm, 0.2401 at 2 mm
+
+
+def test_more_than_a_full_turn_is_still_one_roundabout() -> None:
+    """450 degrees: the straight entry crosses the circle's exit and must count as neither."""
+    poses = roundabout(1, 2.5 * math.pi)
+    centre = (TRACTOR.front_x + 15.0, OUTER - 0.5 * TRACTOR.width)
+    inner, outer = swept_radii((TRACTOR, TRAILER), poses, centre)
+    assert inner == pytest.approx(5.32, abs=0.02)  # [m] some way on towards the steady circle
+    assert outer == pytest.approx(OUTER, abs=1e-3)
+
+
+def test_the_width_across_the_path_agrees_with_the_radii() -> None:
+    """On the circle both measure the same strip; the path of the front's middle is all but concentric."""
+    across = swept_path((TRACTOR, TRAILER), roundabout(1), None).max_width
+    assert across == pytest.approx(7.170, abs=0.08)  # [m] the front's path is no exact circle at entry and exit
+
+
+def test_tail_swing_at_entry_has_the_closed_form() -> None:
+    """A body turning about a point of its middle line at x = 0: hypot(overhang, R + W/2) - R - W/2."""
+    straight = np.column_stack([np.linspace(-20.0, -0.1, 200), np.zeros(200), np.zeros(200)])
+    poses = np.concatenate([straight, on_circle(10.0, turns=0.25)])
+    assert tail_swing((RIGID,), (poses,)) == pytest.approx(
+        math.hypot(2.0, 11.25) - 11.25, abs=1e-5
+    )  # [m] steps of 1e-3 rad
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_rear_that_swings_out_on_the_way_out_is_seen_too(side: int) -> None:
+    """A trailer that points 0.2 rad too far into the turn when it is back on the straight has its rear outside."""
+    yaw = np.concatenate([np.linspace(0.0, math.pi / 2, 300), np.full(300, math.pi / 2)])
+    beyond = np.concatenate([np.zeros(300), np.linspace(0.0, 30.0, 300)])
+    tractor = np.column_stack([30.0 * np.sin(yaw), 30.0 * (1.0 - np.cos(yaw)) + beyond, yaw])
+    trailer = tractor + np.column_stack(
+        [np.zeros((600, 2)), np.concatenate([np.zeros(300), np.linspace(0.2, 0.0, 300)])]
+    )
+    mirror = np.array([1.0, side, side])
+    swing = tail_swing((RIGID, TRAILER), (tractor * mirror, trailer * mirror))
+    assert swing == pytest.approx(11.9 * math.sin(0.2) + 1.275 * math.cos(0.2) - 1.275, abs=1e-9)  # rounding
+
+
+def test_a_vehicle_that_never_turned_was_on_no_roundabout() -> None:
+    """An interrupted run may end on the entry."""
+    straight = np.column_stack([np.linspace(0.0, 5.0, 50), np.zeros(50), np.zeros(50)])
+    path = swept_path((RIGID,), (straight,), (20.0, 12.0))
+    assert math.isnan(path.max_width)
+    assert math.isnan(path.min_inner_radius)
+
+
+def test_wheels_turn_about_their_own_middle() -> None:
+    """A steered wheel stays under its axle; an unsteered one stays along the body."""
+    pose = np.array([[10.0, 5.0, math.pi / 2]])
+    wheels = placed_wheels(RIGID, pose, np.array([[math.pi / 2, 0.0]]))[0]
+    middles = placed(np.array([[3.8, 1.0], [3.8, -1.0], [0.0, 0.9], [0.0, -0.9]]), pose)[0]
+    np.testing.assert_allclose(wheels.mean(axis=1), middles, atol=1e-12)  # rounding
+    assert np.ptp(wheels[0][:, 0]) == pytest.approx(1.0)  # steered by 90 degrees: its length lies along x again
+    assert np.ptp(wheels[2][:, 1]) == pytest.approx(1.0)

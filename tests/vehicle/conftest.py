@@ -1,0 +1,49 @@
+"""Vehicles to test with, each also as a chain of one, two or three units."""
+
+from __future__ import annotations
+
+import pytest
+
+from vehicle.description import Vehicle, load_vehicle
+
+
+def a_double(tractor_semitrailer: Vehicle) -> Vehicle:
+    """The tractor, its semi-trailer with a coupling behind, a dolly, and the semi-trailer again."""
+    tractor, trailer = tractor_semitrailer.units
+    lead = trailer.model_copy(update={"name": "lead", "hitch_x": -11.0, "hitch_height": 0.9})
+    dolly = trailer.model_copy(
+        update={
+            "name": "dolly",
+            "mass": 2500.0,
+            "yaw_inertia": 2000.0,
+            "cg_x": -3.8,
+            "cg_height": 0.8,
+            "hitch_roll_share": 0.0,
+            "axles": tuple(
+                axle.model_copy(update={"x": x}) for axle, x in zip(trailer.axles, (-3.2, -4.5), strict=False)
+            ),
+            "hitch_x": -3.7,
+            "hitch_height": 1.15,
+        }
+    )
+    return Vehicle(name="a_double", drive=tractor_semitrailer.drive, units=(tractor, lead, dolly, trailer))
+
+
+@pytest.fixture(scope="session")
+def tractor_semitrailer() -> Vehicle:
+    return load_vehicle("eu_tractor_semitrailer")
+
+
+@pytest.fixture(scope="session")
+def longer_semitrailer() -> Vehicle:
+    return load_vehicle("uk_longer_semitrailer")
+
+
+@pytest.fixture(scope="session", params=["tractor alone", "tractor and semi-trailer", "steered trailer", "A-double"])
+def chain(request: pytest.FixtureRequest, tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle) -> Vehicle:
+    return {
+        "tractor alone": tractor_semitrailer.model_copy(update={"units": tractor_semitrailer.units[:1]}),
+        "tractor and semi-trailer": tractor_semitrailer,
+        "steered trailer": longer_semitrailer,
+        "A-double": a_double(tractor_semitrailer),
+    }[request.param]

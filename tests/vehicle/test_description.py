@@ -1,0 +1,136 @@
+"""Vehicle files: every number has a source, every mistake one clear line."""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vehicle.description import Vehicle, load_vehicle, vehicle_names, vehicle_sources
+
+FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"
+
+
+def numbers(node: Any, key: str = "") -> dict[str, float]:
+    """Every bare number of a TOML tree, and every sourced one under its own key."""
+    if isinstance(node, dict) and "value" in node:
+        return {key: node["value"]}
+    if isinstance(node, bool | str):
+        return {}
+    if isinstance(node, dict | list):
+        children = node.items() if isinstance(node, dict) else enumerate(node)
+        return {k: v for name, child in children for k, v in numbers(child, f"{key}.{name}".lstrip(".")).items()}
+    return {key: node}
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_shipped_vehicles_load_and_each_number_has_a_source(name: str) -> None:
+    """A guess says so; anything else names where it was read or how it was derived."""
+    assert load_vehicle(name).name == name
+    contents = tomllib.loads((FILE.parent / f"{name}.toml").read_text())
+    stated = vehicle_sources(name)
+    assert numbers(contents).keys() == stated.keys()
+    assert all(len(source) >= 5 for source in stated.values())
+
+
+def test_names_are_those_of_the_contract() -> None:
+    """Scenario files refer to vehicles by name."""
+    assert {"eu_tractor_semitrailer", "uk_longer_semitrailer"} <= set(vehicle_names())
+
+
+def test_the_two_combinations_have_their_published_dimensions() -> None:
+    """96/53/EC: at most 16.50 m; the longer semi-trailer: 15.65 m, follow point 14 m behind the hitch."""
+    eu, uk = load_vehicle("eu_tractor_semitrailer"), load_vehicle("uk_longer_semitrailer")
+    assert eu.mass == uk.mass == 40000.0
+    assert 16.0 < eu.length <= 16.5
+    trailer = uk.units[1]
+    assert trailer.front_x - trailer.rear_x == pytest.approx(15.65)
+    assert trailer.follow_x == -14.0
+    assert [axle.x for axle in trailer.axles] == [-8.0, -9.31, -10.62]
+    assert [axle.steered for axle in trailer.axles] == [False, True, True]
+
+
+def test_degrees_of_the_file_are_radians_in_the_program() -> None:
+    """Trailer actuators: +-30 deg, 20 deg/s, 0.15 s."""
+    steering = load_vehicle("uk_longer_semitrailer").units[1].steering
+    assert steering is not None
+    assert (steering.limit, steering.rate_limit, steering.lag) == (math.radians(30.0), math.radians(20.0), 0.15)
+
+
+def test_an_unknown_name_is_answered_with_the_nearest_and_all_known() -> None:
+    """One line, so that a terminal shows it whole."""
+    with pytest.raises(ValueError, match=r"did you mean 'uk_longer_semitrailer'.*known: eu_tractor") as caught:
+        load_vehicle("uk_longer_semitrailr")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_is_loaded_as_a_file_and_plain_numbers_do(tmp_path: Path) -> None:
+    """Users need not write sources."""
+    plain = re.sub(r"\{ value = (\S+), source = \"[^\"]*\" \}", r"\1", FILE.read_text())
+    assert "source" not in plain
+    mine = tmp_path / "mine.toml"
+    mine.write_text(plain)
+    assert load_vehicle(str(mine)) == load_vehicle("eu_tractor_semitrailer")
+    assert vehicle_sources(str(mine)) == {}
+
+
+MISTAKES = [
+    ("value = 32000.0", "value = -32000.0", ["units.1.mass = -32000.0", "greater than 0", "[kg]"]),
+    ("value = 0.25,", "value = 250,", ["drive.lag = 250", "less than or equal to 5", "[s]"]),
+    ("value = 4.60,", "value = nan,", ["tyres.trailer.cornering_stiffness = nan", "finite", "[1/rad]"]),
+    ("value = 28880.0,", 'value = "28880",', ["units.0.yaw_inertia = '28880'", "valid number", "[kg m2]"]),
+    ("\nyaw_inertia", "\nyaw_intertia", ["unknown key 'units.0.yaw_intertia'", "did you mean 'yaw_inertia'"]),
+    ("cg_height =", "# cg_height =", ["key 'units.0.cg_height' [m] is missing"]),
+    ("[drive]", "[dirve]", ["unknown key 'dirve'", "did you mean 'drive'"]),
+    ('tyre = "steer"', 'tyre = "ster"', ["units.0.axles.0.tyre = 'ster'", "did you mean 'steer'"]),
+    ("[units.steering]", "[units.stering]", ["stering", "did you mean 'steering'"]),
+    ("driven = true", "driven = false", ["units.0", "driven axle"]),
+    ("value = -7.70,", "value = -6.0,", ["units.1", "front to rear", "[m]"]),
+    ("value = -9.01,", "value = 9.01,", ["units.1", "[m]"]),
+    ("\nhitch_height", "\n# hitch_height", ["units.0", "hitch_x and hitch_height", "[m]"]),
+    ("steered = true", "steered = 1", ["units.0.axles.0.steered = 1", "boolean"]),
+    ("name =", "name", ["not a TOML file"]),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "said"), MISTAKES)
+def test_a_mistake_in_a_file_gives_one_clear_line(tmp_path: Path, right: str, wrong: str, said: list[str]) -> None:
+    """File, dotted key, value, limit and unit: what is needed to put it right."""
+    text = FILE.read_text()
+    assert right in text
+    bad = tmp_path / "bad.toml"
+    bad.write_text(text.replace(right, wrong, 1))
+    with pytest.raises(ValueError, match=r"bad\.toml: ") as caught:
+        load_vehicle(str(bad))
+    message = str(caught.value)
+    assert "\n" not in message
+    for words in said:
+        assert words in message
+
+
+@pytest.mark.parametrize("shapeless", ["units = 3", "tyres = 3", "units = [3]", "[[units]]\naxles = 3"])
+def test_a_file_of_quite_another_shape_gives_one_clear_line(tmp_path: Path, shapeless: str) -> None:
+    """Not a traceback from inside the loader."""
+    bad = tmp_path / "bad.toml"
+    bad.write_text(f'name = "bad"\n{shapeless}\n')
+    with pytest.raises(ValueError, match=r"bad\.toml: [^\n]+$"):
+        load_vehicle(str(bad))
+
+
+def test_a_missing_file_is_named() -> None:
+    """Not found, and not a traceback of the reader."""
+    with pytest.raises(ValueError, match=r"nowhere/mine\.toml: cannot be read: No such file"):
+        load_vehicle("nowhere/mine.toml")
+
+
+def test_a_vehicle_is_a_value(tractor_semitrailer: Vehicle) -> None:
+    """Equal data, equal vehicle: compiled equations are shared by it, and it cannot be changed under them."""
+    again = load_vehicle("eu_tractor_semitrailer")
+    assert hash(again) == hash(tractor_semitrailer)
+    with pytest.raises(ValueError, match="frozen"):
+        again.units[0].mass = 1.0  # type: ignore[misc]  # exactly what must be refused

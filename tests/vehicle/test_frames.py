@@ -1,0 +1,113 @@
+"""Frames: compositions cancel, angles wrap, rotations are rotations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicle.frames import (
+    R_BODY_CAMERA,
+    Pose2,
+    inverse,
+    orthonormalised,
+    planar,
+    rotation_zyx,
+    skew,
+    so3_exp,
+    transform,
+    wrap,
+)
+
+angles = st.floats(-20.0, 20.0)
+positions = st.floats(-100.0, 100.0)
+poses = st.builds(Pose2, positions, positions, angles)
+vectors = st.tuples(angles, angles, angles).map(np.array)
+ROUNDING = 1e-12  # 100 m and a few products: 100 * eps * 10
+
+
+@given(poses, poses)
+def test_composition_with_the_inverse_cancels(X_AB: Pose2, X_BC: Pose2) -> None:
+    """X_BA X_AB X_BC is X_BC."""
+    X = X_AB.inverse() @ (X_AB @ X_BC)
+    assert (X.x, X.y) == pytest.approx((X_BC.x, X_BC.y), abs=ROUNDING)
+    assert wrap(X.psi - X_BC.psi) == pytest.approx(0.0, abs=ROUNDING)
+
+
+@given(poses, poses)
+def test_planar_and_spatial_poses_compose_alike(X_AB: Pose2, X_BC: Pose2) -> None:
+    """A planar pose is a rigid pose that turns about z only."""
+
+    def spatial(X: Pose2) -> np.ndarray:
+        return transform(rotation_zyx(X.psi, 0.0, 0.0), np.array([X.x, X.y, 0.0]))
+
+    X = planar(spatial(X_AB) @ spatial(X_BC))
+    expected = X_AB @ X_BC
+    assert (X.x, X.y) == pytest.approx((expected.x, expected.y), abs=ROUNDING)
+    assert wrap(X.psi - expected.psi) == pytest.approx(0.0, abs=ROUNDING)
+
+
+@given(poses, positions, positions)
+def test_a_point_moves_like_the_origin_of_a_frame_there(X_AB: Pose2, x: float, y: float) -> None:
+    """p_AQ is the position of X_AB @ X_BQ."""
+    at = X_AB @ Pose2(x, y, 0.0)
+    assert X_AB.apply(np.array([[x, y]]))[0] == pytest.approx((at.x, at.y), abs=ROUNDING)
+
+
+def test_left_is_positive() -> None:
+    """A frame turned left by a quarter has its x axis where the left was."""
+    assert Pose2(1.0, 2.0, math.pi / 2).apply(np.array([[3.0, 0.0]]))[0] == pytest.approx((1.0, 5.0), abs=1e-15)
+
+
+@given(angles)
+def test_wrapped_angles_differ_by_whole_turns(angle: float) -> None:
+    """Half a turn to the right is reported as half a turn to the left."""
+    wrapped = wrap(angle)
+    assert -math.pi < wrapped <= math.pi
+    assert (angle - wrapped) / math.tau == pytest.approx(round((angle - wrapped) / math.tau), abs=1e-12)
+    assert wrap(-math.pi) == math.pi
+
+
+@given(angles, angles, angles)
+def test_yaw_pitch_roll_is_the_product_of_three_turns(yaw: float, pitch: float, roll: float) -> None:
+    """R = R_z(yaw) R_y(pitch) R_x(roll), each by Rodrigues' formula."""
+    z, y, x = np.eye(3)[::-1]
+    product = so3_exp(yaw * z) @ so3_exp(pitch * y) @ so3_exp(roll * x)
+    np.testing.assert_allclose(rotation_zyx(yaw, pitch, roll), product, atol=1e-13)
+
+
+def test_pitch_is_nose_down_and_roll_left_side_up() -> None:
+    """ISO 8855: the nose of a body pitched by a little lies lower, its left side after a roll higher."""
+    assert (rotation_zyx(0.0, 0.1, 0.0) @ [1.0, 0.0, 0.0])[2] < 0.0
+    assert (rotation_zyx(0.0, 0.0, 0.1) @ [0.0, 1.0, 0.0])[2] > 0.0
+
+
+@given(vectors)
+def test_the_exponential_is_a_rotation_about_its_vector(w: np.ndarray) -> None:
+    """Orthonormal, right-handed, and its axis stays."""
+    R = so3_exp(w)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-13)
+    assert np.linalg.det(R) == pytest.approx(1.0, abs=1e-13)
+    np.testing.assert_allclose(R @ w, w, atol=1e-12)
+    np.testing.assert_allclose(skew(w) @ np.array([1.0, 2.0, 3.0]), np.cross(w, [1.0, 2.0, 3.0]), atol=1e-12)
+
+
+def test_inverse_of_a_rigid_pose_cancels() -> None:
+    """X_BA X_AB is the identity."""
+    X = transform(rotation_zyx(1.0, 0.2, -0.4), np.array([10.0, -20.0, 3.0]))
+    np.testing.assert_allclose(inverse(X) @ X, np.eye(4), atol=1e-14)
+
+
+def test_orthonormalising_undoes_a_small_stretch() -> None:
+    """The rotation nearest to a stretched rotation is that rotation: polar decomposition."""
+    R = rotation_zyx(0.3, -0.2, 0.1)
+    stretch = np.eye(3) + 1e-3 * np.array([[1.0, 0.5, 0.0], [0.5, -1.0, 0.2], [0.0, 0.2, 0.4]])
+    np.testing.assert_allclose(orthonormalised(R @ stretch), R, atol=1e-14)
+
+
+def test_a_camera_looks_along_the_body_axis_with_its_rows_level() -> None:
+    """OpenCV axes of a forward camera: z forward, x to the right (-y), y down (-z)."""
+    np.testing.assert_array_equal(R_BODY_CAMERA @ np.eye(3), np.column_stack([[0, -1, 0], [0, 0, -1], [1, 0, 0]]))

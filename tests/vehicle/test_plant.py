@@ -1,0 +1,312 @@
+"""The plant: what a heavy vehicle does on a road, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from vehicle.description import GRAVITY, Vehicle
+from vehicle.frames import FloatArray, Pose2, rotation_zyx
+from vehicle.plant import DivergedError, Plant, VehicleCommand
+from vehicle.surface import Surface
+from vehicle.truth import Truth
+
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+DRY = Surface(friction=0.8)
+CONTROL = 20  # [ticks]
+
+
+def steered_axles(vehicle: Vehicle) -> int:
+    return sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+
+
+def drive(
+    plant: Plant,
+    state: FloatArray,
+    seconds: float,
+    command: VehicleCommand | Callable[[Truth], VehicleCommand],
+) -> tuple[FloatArray, list[Truth]]:
+    """Final state and what was seen every 20 ms, the first before the first step."""
+    seen = []
+    for tick in range(0, round(seconds * 1000), CONTROL):
+        seen.append(plant.observe(state, tick))
+        state = plant.step(state, command(seen[-1]) if callable(command) else command, CONTROL)
+    return state, seen
+
+
+def keeping(speed: float, steer: float, n_trailer: int) -> Callable[[Truth], VehicleCommand]:
+    """A driver with a fixed steering wheel and a proportional foot."""
+    return lambda now: VehicleCommand(steer, 1.0 * (speed - now.velocities[0, 0]), (0.0,) * n_trailer)
+
+
+# --- straight ahead ---
+
+
+@pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
+def test_a_free_rolling_combination_coasts_down_by_rolling_resistance(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    """Deceleration 0.006 g of the mass with its turning wheels, and not the slightest yaw."""
+    vehicle: Vehicle = request.getfixturevalue(name)
+    plant = Plant(vehicle, DRY)
+    _, seen = drive(
+        plant,
+        plant.initial_state(Pose2(3.0, -2.0, 0.7), 10.0),
+        4.0,
+        VehicleCommand(0.0, 0.0, (0.0,) * steered_axles(vehicle)),
+    )
+    spin = sum(2 * axle.wheel_inertia / axle.wheel_radius**2 for unit in vehicle.units for axle in unit.axles)
+    slowing = (seen[50].velocities[0, 0] - seen[-1].velocities[0, 0]) / (0.02 * (len(seen) - 1 - 50))
+    assert slowing == pytest.approx(
+        0.006 * GRAVITY * vehicle.mass / (vehicle.mass + spin), rel=2e-3
+    )  # 1e-3 is the 1 ms step's
+    np.testing.assert_allclose(seen[-1].poses[:, 2], 0.7, atol=1e-9)
+    way = math.hypot(seen[-1].poses[0, 0] - 3.0, seen[-1].poses[0, 1] + 2.0)
+    assert way == pytest.approx(10.0 * 3.98 - 0.5 * slowing * 3.98**2, abs=0.02)  # tyres wind up in the first 0.3 s
+
+
+def test_loads_are_settled_from_the_start_also_on_a_slope(tractor_semitrailer: Vehicle) -> None:
+    """The combination has stood on its cross-fall for long: loads do not move in the first second."""
+    plant = Plant(tractor_semitrailer, Surface(friction=0.8, cross_fall=0.05))
+    _, seen = drive(plant, plant.initial_state(Pose2(0.0, 0.0, 0.3), 5.0), 1.0, VehicleCommand(0.0, 0.06, ()))
+    first, last = seen[0].wheel_loads, seen[-1].wheel_loads
+    assert first.sum() == pytest.approx(tractor_semitrailer.mass * GRAVITY / math.hypot(1.0, 0.05), rel=1e-4)
+    np.testing.assert_allclose(first, last, rtol=0.05)  # tyres take up the cross-fall: some yaw acceleration
+    assert (first[1::2] > first[::2]).all()  # the ground falls to the right
+
+
+# --- brakes, drive and friction ---
+
+
+def test_a_combination_stops_and_holds_on_a_hill(tractor_semitrailer: Vehicle) -> None:
+    """Braking at 2 m/s2 to rest on 5 % and holding: it rocks on its tyres, then creeps less than 1 mm/s.
+
+    A brake that only opposes motion through a smooth function of speed lets the vehicle creep by some mm/s.
+    """
+    plant = Plant(tractor_semitrailer, Surface(friction=0.8, grade=0.05))
+    state, seen = drive(plant, plant.initial_state(ORIGIN, 8.0), 9.0, VehicleCommand(0.02, -2.0, ()))
+    speeds = np.array([now.velocities[0, 0] for now in seen])
+    stopped = int(np.argmax(speeds < 0.0))
+    assert 3.0 < 0.02 * stopped < 4.5  # 8 m/s at 2 m/s2 and what the hill adds to the lagging brakes
+    assert speeds.min() > -0.25  # rebound: 2.5 m/s2 let go over some 11 rad/s of rocking on tyres and brakes [m/s]
+    _, later = drive(plant, state, 4.0, VehicleCommand(0.02, -2.0, ()))
+    creep = (later[-1].poses[0, 0] - later[0].poses[0, 0]) / 4.0
+    assert abs(creep) < 1e-3
+    assert max(abs(now.velocities[0, 0]) for now in later) < 1e-3  # no chatter either
+
+
+def test_brakes_stop_in_the_demanded_time_on_dry_road(tractor_semitrailer: Vehicle) -> None:
+    """3 m/s2 from 15 m/s, 0.25 s of lag; rolling resistance helps by 0.06 m/s2, spinning wheels take 1.3 %."""
+    plant = Plant(tractor_semitrailer, DRY)
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 15.0), 5.0, VehicleCommand(0.0, -3.0, ()))
+    v = np.array([now.velocities[0, 0] for now in seen])
+    assert (v[100] - v[200]) / 2.0 == pytest.approx(3.0, rel=0.02)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3])
+def test_locked_wheels_slow_it_by_sliding_friction(tractor_semitrailer: Vehicle, friction: float) -> None:
+    """On ice everything locks: the magic formula has fallen off to sin(shape * pi / 2) = 0.92 of the peak."""
+    plant = Plant(tractor_semitrailer, Surface(friction=friction))
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 15.0), 2.0, VehicleCommand(0.0, -6.0, ()))
+    slowing = (seen[60].velocities[0, 0] - seen[-1].velocities[0, 0]) / (0.02 * (len(seen) - 1 - 60))
+    sliding = math.sin(0.5 * math.pi * 1.26)
+    assert slowing == pytest.approx(friction * GRAVITY * sliding, rel=0.02)  # still 0.3 % from its asymptote
+
+
+def test_drive_wheels_spin_on_ice_and_stay_bounded(tractor_semitrailer: Vehicle) -> None:
+    """At friction 0.1 two of ten wheels push with less than 0.1 of their load; spin ends at the engine's power."""
+    plant = Plant(tractor_semitrailer, Surface(friction=0.1))
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 0.0), 4.0, VehicleCommand(0.0, 1.5, ()))
+    traction = 0.1 * seen[-1].wheel_loads[2:4].sum()
+    bound = traction / tractor_semitrailer.mass * 4.0
+    assert 0.5 * bound < seen[-1].velocities[0, 0] < bound
+    assert max(now.friction_used.max() for now in seen) <= 1.0 + 1e-12
+    assert seen[-1].friction_used[2] == pytest.approx(math.sin(0.5 * math.pi * 1.26), abs=0.01)
+
+
+def test_it_neither_slides_nor_rolls_off_a_banked_road(longer_semitrailer: Vehicle) -> None:
+    """Held by its brakes on 5 % of cross-fall: side forces of standing tyres, no drift beyond the mm/s of creep."""
+    plant = Plant(longer_semitrailer, Surface(friction=0.8, cross_fall=0.05))
+    state, _ = drive(plant, plant.initial_state(ORIGIN, 0.0), 5.0, VehicleCommand(0.0, -1.0, (0.0, 0.0)))
+    _, seen = drive(plant, state, 4.0, VehicleCommand(0.0, -1.0, (0.0, 0.0)))
+    drift = np.abs(seen[-1].poses[:, :2] - seen[0].poses[:, :2]).max() / 4.0
+    assert drift < 1e-3  # [m/s]: 0.05 m/s of slip-speed floor times a slip of 0.01
+
+
+# --- bends ---
+
+
+def follow_point_error(seen: list[Truth], follow_x: float) -> float:
+    """Where the hitch path passes the follow point at the end, in the trailer's frame [m]."""
+    path = np.array([now.poses[1, :2] for now in seen])
+    x, y = Pose2(*seen[-1].poses[1]).inverse().apply(path).T
+    newest_beyond = int(np.flatnonzero(x <= follow_x)[-1])
+    span = slice(newest_beyond, newest_beyond + 2)
+    return float(np.interp(follow_x, x[span], y[span]))
+
+
+def test_low_speed_off_tracking_is_that_of_no_slip(tractor_semitrailer: Vehicle) -> None:
+    """Hitch on radius R, one axle L behind it, follow point Lf: e = sqrt(R^2 - L^2) - sqrt(R^2 - (Lf - L)^2)."""
+    tractor, trailer = tractor_semitrailer.units
+    middle = trailer.axles[1]
+    tyre = middle.tyre.model_copy(update={"nominal_load": 3.0 * middle.tyre.nominal_load})
+    trailer = trailer.model_copy(update={"axles": (middle.model_copy(update={"tyre": tyre}),)})
+    plant = Plant(tractor_semitrailer.model_copy(update={"units": (tractor, trailer)}), DRY)
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 1.0), 70.0, keeping(1.0, math.radians(16.0), 0))
+    hitch = seen[-1].velocities[1]
+    R = math.hypot(hitch[0], hitch[1]) / hitch[2]
+    L, L_f = 7.70, 12.0
+    expected = math.sqrt(R**2 - L**2) - math.sqrt(R**2 - (L_f - L) ** 2)
+    # 1 m/s on 13 m is 0.008 g: slip of 0.0017 rad and its 12 m of lever
+    assert follow_point_error(seen, -L_f) == pytest.approx(expected, abs=0.03)
+    assert expected < -1.0  # the hitch path lies to the right of a trailer that cuts in to the left
+
+
+def in_the_roundabout(vehicle: Vehicle, law: bool) -> list[Truth]:
+    """10 km/h, the tractor at 20 deg: its front corner on about 12.5 m; all trailer angles by the no-slip law or 0."""
+    plant = Plant(vehicle, DRY)
+    trailer = vehicle.units[1]
+    L_f = -(trailer.follow_x or 0.0)
+    distances = [-axle.x for axle in trailer.steered_axles]
+
+    def command(now: Truth) -> VehicleCommand:
+        v_x, v_y, _ = now.velocities[1]
+        gamma = math.tan(math.atan2(v_y, v_x))
+        # steady path following asks for beta_f = -gamma: tan(delta) = tan(gamma) (1 - x/Lf) - tan(gamma) x/Lf
+        angles = tuple(math.atan(gamma * (1.0 - 2.0 * x / L_f)) if law else 0.0 for x in distances)
+        return VehicleCommand(math.radians(20.0), 10.0 / 3.6 - now.velocities[0, 0], angles)
+
+    return drive(plant, plant.initial_state(ORIGIN, 10.0 / 3.6), 30.0, command)[1]
+
+
+def test_the_longer_trailer_cuts_in_deeply_unsteered(longer_semitrailer: Vehicle) -> None:
+    """No steer: articulation of 60 deg, the rear 4 m inside the hitch path, the tridem scrubs."""
+    seen = in_the_roundabout(longer_semitrailer, law=False)
+    gamma = seen[-1].poses[0, 2] - seen[-1].poses[1, 2]
+    assert math.degrees(gamma) == pytest.approx(59.0, abs=4.0)
+    assert follow_point_error(seen, -14.0) < -3.5
+    slip = np.degrees(seen[-1].wheel_slip_angles)
+    assert (slip[4:6] > 5.0).all()  # front axle of the tridem, pushed outwards
+    assert (slip[8:10] < -5.0).all()  # its rear axle, pushed inwards
+
+
+def test_the_no_slip_law_keeps_the_steered_trailer_on_the_path(longer_semitrailer: Vehicle) -> None:
+    """Steady circle, rear two axles steered: some decimetres of error, for the fixed axle scrubs; all in limits."""
+    seen = in_the_roundabout(longer_semitrailer, law=True)
+    assert abs(follow_point_error(seen, -14.0)) < 0.6
+    assert np.degrees(np.abs(seen[-1].steer)).max() < 30.0
+    slip = np.degrees(np.abs(seen[-1].wheel_slip_angles))
+    assert slip[:4].max() < 4.0
+    assert slip[4:6].max() < 10.0  # the fixed axle turns about a centre 1 m from its own
+    assert slip[6:].max() < 4.0
+    loads = seen[-1].wheel_loads / GRAVITY / 1000.0
+    assert loads.sum() == pytest.approx(40.0, rel=1e-6)
+    assert loads.min() > 3.0  # [t]: 0.06 g of lateral acceleration
+
+
+def test_bodies_roll_outwards_and_dive_under_braking(tractor_semitrailer: Vehicle) -> None:
+    """Left turn: left side up, by gradient times acceleration, about the roll axis. Braking: nose down."""
+    plant = Plant(tractor_semitrailer, DRY)
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 8.0), 12.0, keeping(8.0, 0.06, 0))
+    trailer, now = tractor_semitrailer.units[1], seen[-1]
+    v_x, _, r = now.velocities[1]
+    a_y = r * v_x  # of the centre of gravity too, in a steady turn
+    X_WB, psi = now.bodies[1], now.poses[1, 2]
+    roll = math.atan2(X_WB[2, 1], X_WB[2, 2])
+    assert roll == pytest.approx(trailer.roll_gradient * a_y, rel=0.05)  # gamma is small, and so is the way still to go
+    axis = X_WB @ np.array([0.0, 0.0, trailer.roll_axis_height, 1.0])
+    np.testing.assert_allclose(axis[:3], [*now.poses[1, :2], trailer.roll_axis_height], atol=1e-12)
+    assert math.atan2(X_WB[1, 0], X_WB[0, 0]) == pytest.approx(psi, abs=1e-3)
+
+    _, braking = drive(plant, plant.initial_state(ORIGIN, 8.0), 2.0, VehicleCommand(0.0, -3.0, ()))
+    pitch = -math.asin(braking[-1].bodies[1][2, 0])
+    assert pitch == pytest.approx(trailer.pitch_gradient * 3.0, rel=0.05)
+
+
+def test_bodies_stand_on_the_slope(tractor_semitrailer: Vehicle) -> None:
+    """At rest on a slope the body's z axis leans from the normal only by what gravity across it rolls the body."""
+    plant = Plant(tractor_semitrailer, Surface(friction=0.8, grade=0.05, cross_fall=0.03))
+    now = plant.observe(plant.initial_state(Pose2(10.0, 5.0, 0.4), 0.0), 0)
+    for unit, X_WB, pose in zip(tractor_semitrailer.units, now.bodies, now.poses, strict=True):
+        ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(*pose)
+        lean = ground[:3, :3].T @ X_WB[:3, :3]
+        g = ground[:3, :3].T @ np.array([0.0, 0.0, GRAVITY])
+        # axes of a unit on a plane and of its body agree to second order in the slope
+        expected = rotation_zyx(0.0, -unit.pitch_gradient * g[0], unit.roll_gradient * g[1])
+        np.testing.assert_allclose(lean, expected, atol=2e-5)
+
+
+def test_velocities_are_the_rates_of_poses(longer_semitrailer: Vehicle) -> None:
+    """Central differences of observed poses, seen from each unit's own axes."""
+    plant = Plant(longer_semitrailer, DRY)
+    state, _ = drive(plant, plant.initial_state(ORIGIN, 6.0), 3.0, VehicleCommand(0.15, 0.0, (0.05, 0.1)))
+    seen = []
+    for tick in range(3):
+        seen.append(plant.observe(state, tick))
+        state = plant.step(state, VehicleCommand(0.15, 0.0, (0.05, 0.1)), 1)
+    rates = (seen[2].poses - seen[0].poses) / 2e-3
+    for i, psi in enumerate(seen[1].poses[:, 2]):
+        own = Pose2(0.0, 0.0, -psi).apply(rates[i : i + 1, :2])[0]
+        np.testing.assert_allclose([*own, rates[i, 2]], seen[1].velocities[i], atol=1e-5)  # jerk / 6 * (1 ms)^2
+
+
+# --- as a part of the program ---
+
+
+def test_folded_ticks_are_single_ticks(longer_semitrailer: Vehicle) -> None:
+    """Twenty ticks in one call are the same twenty, to the bit: friction and slope are uniform here."""
+    plant = Plant(longer_semitrailer, DRY)
+    command = VehicleCommand(0.1, 0.5, (0.1, -0.1))
+    one = twenty = plant.initial_state(ORIGIN, 5.0)
+    for _ in range(20):
+        one = plant.step(one, command, 1)
+    np.testing.assert_array_equal(one, plant.step(twenty, command, 20))
+
+
+def test_a_step_leaves_its_argument_and_a_pickled_plant_goes_on_alike(longer_semitrailer: Vehicle) -> None:
+    """Snapshots can be resumed, here or in another process, to the bit."""
+    plant = Plant(longer_semitrailer, Surface(friction=0.5, cross_fall=0.02, centre=(10.0, 12.0)))
+    command = VehicleCommand(0.2, 0.5, (0.1, -0.1))
+    start = plant.initial_state(ORIGIN, 5.0)
+    kept = start.copy()
+    end = plant.step(start, command, 50)
+    np.testing.assert_array_equal(start, kept)
+    again = pickle.loads(pickle.dumps(plant))
+    np.testing.assert_array_equal(again.step(start, command, 50), end)
+
+
+def test_friction_acts_where_the_wheels_are(tractor_semitrailer: Vehicle) -> None:
+    """A road that is slippery on its left half turns a braking combination to the right: the road is looked up."""
+
+    class Split(Surface):
+        def friction_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+            return np.where(np.asarray(y) > 0.0, 0.1, 0.8)
+
+    plant = Plant(tractor_semitrailer, Split(friction=0.8))
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 10.0), 1.0, VehicleCommand(0.0, -4.0, ()))
+    assert seen[-1].velocities[0, 2] < -0.01
+
+
+def test_broken_physics_is_reported_with_state_and_input(tractor_semitrailer: Vehicle) -> None:
+    """A state that is no number does not travel on."""
+    plant = Plant(tractor_semitrailer, DRY)
+    state = plant.initial_state(ORIGIN, 5.0)
+    state[3] = math.nan
+    with pytest.raises(DivergedError) as caught:
+        plant.step(state, VehicleCommand(0.0, 0.0, ()), 1)
+    assert caught.value.state is state
+    assert np.isfinite(caught.value.input).any()
+
+
+def test_commands_that_do_not_fit_are_refused(longer_semitrailer: Vehicle) -> None:
+    """The message names the vehicle and how many angles it takes."""
+    plant = Plant(longer_semitrailer, DRY)
+    state = plant.initial_state(ORIGIN, 5.0)
+    with pytest.raises(ValueError, match="trailer_steer has 3 angles, uk_longer_semitrailer steers 2"):
+        plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0, 0.0)), 1)
+    with pytest.raises(ValueError, match="ticks = 0"):
+        plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), 0)
