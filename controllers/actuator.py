@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike
 from vehicle.frames import FloatArray
 
 
-def settle(angle: ArrayLike, demand: ArrayLike, duration: float, *, lag: float, max_rate: float) -> FloatArray:
+def settle(angle: ArrayLike, demand: ArrayLike, duration: ArrayLike, *, lag: float, max_rate: float) -> FloatArray:
     """Angle [rad] ``duration`` [s] after the demand [rad] was set: exact for d(angle)/dt = clip((demand - angle)/lag).
 
     ``lag`` [s] is the first-order time constant (zero: the rate limit alone), ``max_rate`` [rad/s] the limit.
     """
     angle, demand = np.asarray(angle, dtype=np.float64), np.asarray(demand, dtype=np.float64)
+    duration = np.asarray(duration, dtype=np.float64)
     gap = demand - angle
     # The rate is at its limit while |gap| > max_rate lag; from there on the gap decays exponentially.
     at_limit = np.maximum(np.abs(gap) / max_rate - lag, 0.0)  # [s]

@@ -28,7 +28,7 @@ _CORRELATION = 1.4  # tracking errors of neighbours and of the four images of a 
 _SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
 _MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _FINEST = 0.02  # no tracker is better [px]
-_FEWEST = 6  # matches for a solution with anything left over to judge it by
+_FEWEST = 6  # matches for a solution with something left over to judge it by
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite where all matches are alike
 
 
@@ -42,14 +42,13 @@ class Solution(NamedTuple):
 
 
 def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, inliers: NDArray[np.bool_]) -> Solution:
-    """The motion that fits the matches best, starting from ``X_PC`` and the matches (n,) that agree with it."""
+    """The motion that fits the matches best, starting from ``X_PC`` and the matches (n,) that agree with it.
+
+    At least six must agree.
+    """
     points = triangulate(calibration, matches.previous)
     R, p, step = X_PC[:3, :3], X_PC[:3, 3], np.full(6, np.inf)
-    normal = np.eye(6)
-    variance = np.inf
     for _ in range(_ROUNDS):
-        if np.count_nonzero(inliers) < _FEWEST:
-            break
         information = _information(calibration, R, p, points)
         for _ in range(_ITERATIONS):
             r = residuals(calibration, R, p, points, matches.current)
@@ -64,6 +63,8 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
         error, sigma = _normalised(residuals(calibration, R, p, points, matches.current), information, inliers)
         variance = _FINEST**2 + 3.0 * np.sum(weight * error**2) / (3.0 * np.count_nonzero(inliers) - 6.0)
         inliers = error < _CUT * sigma
+        if np.count_nonzero(inliers) < _FEWEST:
+            break
     converged = bool(np.abs(step).max() < _CONVERGED)
     covariance = _CORRELATION**2 * variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
     return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)

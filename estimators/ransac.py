@@ -31,14 +31,19 @@ def consensus(
     points: FloatArray,
     z: FloatArray,
     X_PC: FloatArray,
+    reach: float,
     rng: np.random.Generator,
 ) -> Consensus:
-    """The best of the hypotheses and the prediction ``X_PC``, for points (n, 3) in P seen at z (n, 3) in C, n >= 3."""
+    """The best of the prediction ``X_PC`` and of the hypotheses that end within ``reach`` [m] of it.
+
+    The points (n, 3), n >= 3, are given in P and seen at z (n, 3) in C.
+    """
     triples = rng.integers(0, len(points), (_HYPOTHESES, 3))
     R, p = _from_triples(calibration, points[triples], z[triples], X_PC)
     R, p = np.concatenate([R, X_PC[None, :3, :3]]), np.concatenate([p, X_PC[None, :3, 3]])
     judges = slice(None, None, max(1, len(points) // _JUDGES))
     cost = np.minimum(_squared(residuals(calibration, R, p, points[judges], z[judges])), _GATE**2).sum(axis=1)
+    cost[np.linalg.norm(p - X_PC[:3, 3], axis=1) > reach] = np.inf
     best = int(np.argmin(cost))
     inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < _GATE**2
     return Consensus(transform(R[best], p[best]), inliers)

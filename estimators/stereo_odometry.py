@@ -20,12 +20,14 @@ from estimators.rigid_motion import stretched
 from estimators.stereo_geometry import triangulate
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 _PER_BUCKET = 4  # corners; gives 450 to 550 matches on an ordinary road
 _PLENTY = 250  # matches below which errors grow: de Saxe 2018, section 3.2.1
 _FEWEST_INLIERS = 25  # fewer may agree by chance
 _AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
+_SWERVE = 25.0  # acceleration that no trailer has, scatter of three-point motions included: a moving vehicle [m/s2]
 _LONGEST_SPAN = 500  # between two frames; a truck has then gone too far to recognise the ground [ticks]
 
 
@@ -72,28 +74,27 @@ class CircularOdometry:
         return memory if passed_over else OdometryMemory(frame, corners, memory.last), motion
 
     def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """The motion found from the last velocity or, when that misleads, from rest."""
-        motion = self._motion_from(_predicted(last, reference.tick, frame.tick), reference, corners, frame)
-        if motion.health is Health.LOST and last is not None:
-            motion = self._motion_from(np.eye(4), reference, corners, frame)
-        return motion
+        """The motion near the one at the last velocity or, when none is there, any from rest."""
+        if last is not None:
+            ticks = frame.tick - reference.tick
+            guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
+            motion = self._motion_near(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
+            if motion.health is not Health.LOST:
+                return motion
+        return self._motion_near(np.eye(4), np.inf, reference, corners, frame)
 
-    def _motion_from(self, guess: FloatArray, reference: StereoFrame, corners: Points, frame: StereoFrame) -> Motion:
+    def _motion_near(
+        self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
+    ) -> Motion:
         matches = match(self._calibration, reference, corners, frame, guess)
         solution = None
         if len(matches.current) >= _FEWEST_INLIERS:
             rng = np.random.default_rng([self._seed, frame.tick])
             points = triangulate(self._calibration, matches.previous)
-            agreed = consensus(self._calibration, points, matches.current, guess, rng)
-            solution = refined(self._calibration, matches, agreed.X_PC, agreed.inliers)
+            agreed = consensus(self._calibration, points, matches.current, guess, reach, rng)
+            if np.count_nonzero(agreed.inliers) >= _FEWEST_INLIERS:
+                solution = refined(self._calibration, matches, agreed.X_PC, agreed.inliers)
         return _message(reference.tick, frame.tick, matches, solution)
-
-
-def _predicted(last: Motion | None, previous_tick: int, tick: int) -> FloatArray:
-    """The motion (4, 4) from one tick to the other at the velocity of the last one; none before the first."""
-    if last is None:
-        return np.eye(4)
-    return stretched(last.X_PC, (tick - previous_tick) / (last.tick - last.previous_tick))
 
 
 def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:

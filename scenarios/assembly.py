@@ -17,7 +17,7 @@ from scenarios.scenario import ConstantSlipOptions, Parameter, RoundaboutOptions
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
 from sensors.render import StereoRenderer
-from sensors.rig import StereoRig
+from sensors.rig import StereoCalibration, StereoRig
 from sensors.stereo_camera import StereoCamera
 from sensors.world import build_world
 from vehicle.clock import Schedule
@@ -71,6 +71,7 @@ class Assembly:
     schedule: Schedule  # of the camera, or of the reference unit in its place
     sensor: PoseSensor
     source: OffTrackingSource
+    calibration: StereoCalibration | None  # of the cameras, where there are any
     camera: StereoCamera | None
     renderer: StereoRenderer | None
 
@@ -116,7 +117,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     driver = None if prescribed else PreviewDriver(_tractor_geometry(vehicle, course), course.path, scenario.speed)
 
     sees = scenario.off_tracking != "truth"
-    renderer = camera = None
+    calibration = renderer = camera = None
     sensor: PoseSensor = ExactPose(trailer_unit)
     if sees or record:
         calibration = _rig(scenario, vehicle.units[trailer_unit], trailer).calibration()
@@ -136,7 +137,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
             rng=stream(seed, "camera noise"),
             keep_colour=keep_colour,
         )
-    if sees and camera is not None:
+    if sees and camera and calibration:
         sensor, source = camera, estimator(calibration, trailer.follow_distance, odometry(calibration))
     else:
         source = estimator(trailer.follow_distance)
@@ -153,6 +154,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
         schedule=schedule,
         sensor=sensor,
         source=source,
+        calibration=calibration,
         camera=camera,
         renderer=renderer,
     )

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -80,19 +79,20 @@ def run(
     from scenarios.results import check_run_directory, next_run_directory, summary, write_run
     from scenarios.run import run as run_scenario
 
-    chosen = load_scenario(scenario, settings or [])
-    directory = out or next_run_directory(chosen.name)
-    check_run_directory(directory)
-    if record:
-        check_run_directory(record)
-    with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
-        result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
-        write_run(result, directory, video=video, progress=bar.video)
-    numbers = summary(result)
-    if as_json:
-        print(json.dumps(numbers, indent=2))
-    elif not quiet:
-        _print_summary(numbers, directory)
+    with _one_line_errors():
+        chosen = load_scenario(scenario, settings or [])
+        directory = out or next_run_directory(chosen.name)
+        check_run_directory(directory)
+        if record:
+            check_run_directory(record)
+        with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
+            result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
+            write_run(result, directory, video=video, progress=bar.video)
+        numbers = summary(result)
+        if as_json:
+            print(json.dumps(numbers, indent=2))
+        elif not quiet:
+            _print_summary(numbers, directory)
     if result.outcome == "interrupted":
         raise typer.Exit(INTERRUPTED)
 
@@ -144,27 +144,23 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
 
 
-def main() -> None:
-    """Entry point: every expected error is one line on standard error and exit code 2."""
+@contextmanager
+def _one_line_errors() -> Iterator[None]:
+    """What can be expected to go wrong ends in one line on standard error and exit code 2, an interrupt in 130."""
     from sensors.render import RendererUnavailableError
 
     try:
-        code = app(standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        print(error.format_message())
-        sys.exit(0)
-    except click.ClickException as error:
-        sys.exit(_refuse(error.format_message()))
-    except (click.Abort, KeyboardInterrupt):
-        sys.exit(INTERRUPTED)
+        yield
     except (ValueError, OSError, RendererUnavailableError) as error:
-        sys.exit(_refuse(str(error)))
-    sys.exit(code if isinstance(code, int) else 0)
+        print(f"offtrack: {error}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from error
+    except KeyboardInterrupt as interrupt:
+        raise typer.Exit(INTERRUPTED) from interrupt
 
 
-def _refuse(message: str) -> int:
-    print(f"offtrack: {message}", file=sys.stderr)
-    return BAD_INPUT
+def main() -> None:
+    """Entry point of the command."""
+    app()
 
 
 if __name__ == "__main__":

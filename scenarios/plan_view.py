@@ -70,8 +70,8 @@ class PlanView:
         picture = blank(self.width, self.height)
         centre = self.centre if self.centre is not None else placed(np.array([[-2.0, 0.0]]), self.poses[0][[row]])[0, 0]
         self._road(picture, centre)
-        self._swept(picture, centre, row)
         past = self._rows(row)
+        self._swept(picture, centre, past)
         curve(picture, self._pixels(self.hitch[past], centre), TRUE, 2)
         curve(picture, self._pixels(self.follow[past], centre), ESTIMATED, 2)
         self._vehicle(picture, centre, row)
@@ -99,8 +99,7 @@ class PlanView:
             if len(leg) > 1 and np.hypot(*(leg - centre).T).min() < (self.width + self.height) / self.scale:
                 curve(picture, pixels, _ROAD, max(1, round(2.0 * self.road_half_width * self.scale)))
 
-    def _swept(self, picture: Picture, centre: FloatArray, row: int) -> None:
-        rows = self._rows(row)
+    def _swept(self, picture: Picture, centre: FloatArray, rows: NDArray[np.intp]) -> None:
         for unit, poses in zip(self.units, self.poses, strict=True):
             for body in fixed_point(self._pixels(placed(unit.corners, poses[rows]), centre)):
                 cv2.fillConvexPoly(picture, body, _SWEPT, cv2.LINE_8, SHIFT)

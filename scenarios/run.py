@@ -58,15 +58,14 @@ def run(
 
 
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
-    if parts.camera is None:
+    if parts.calibration is None:
         raise ValueError("there is no camera to record")
-    return RecordingWriter(directory, parts.camera.calibration, parts.trailer.follow_distance)
+    return RecordingWriter(directory, parts.calibration, parts.trailer.follow_distance)
 
 
 def _result(session: Session) -> RunResult:
     parts = session.parts
     units = parts.vehicle.units
-    calibration = parts.camera.calibration if parts.camera else None
     log = run_log(
         session.rows,
         session.estimates,
@@ -74,7 +73,7 @@ def _result(session: Session) -> RunResult:
         trailer_unit=parts.trailer_unit,
         follow_distance=parts.trailer.follow_distance,
         tractor_steers=sum(len(unit.steered_axles) for unit in units[: parts.trailer_unit]),
-        X_SC=calibration.X_SC if calibration else None,
+        X_SC=parts.calibration.X_SC if parts.calibration else None,
     )
     seconds = session.seconds
     return RunResult(

@@ -132,18 +132,17 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
         return math.nan
     front, travelled = front[rows], travelled[rows]
     corners = [placed(outline.corners, pose[rows]) for outline, pose in zip(outlines, poses, strict=True)]
-    length = sum(outline.front_x - outline.rear_x for outline in outlines)
+    length = max(float(np.hypot(*(corner - front[0]).T).max()) for corner in (c[0] for c in corners))
     stations = np.arange(0.0, travelled[-1], _STATION_SPACING)
     tangents = np.gradient(front, travelled, axis=0)
     widths = [0.0]
     for s in stations:
         point = np.array([np.interp(s, travelled, front[:, k]) for k in (0, 1)])
         tangent = np.array([np.interp(s, travelled, tangents[:, k]) for k in (0, 1)])
-        # On a path that crosses itself the section must not see the vehicle pass on another leg: no body is farther
-        # from the path than the combination is long, and an arc over such a chord is up to pi / 2 times as long.
+        # On a path that crosses itself the section must not see the vehicle pass on another leg: it has passed when
+        # the front has gone on by the combination's length, or on an arc of up to half a turn, pi / 2 times that.
         first, last = np.searchsorted(travelled, [s, s + _QUARTER_TURN * length])
         cuts = np.concatenate([_cuts(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
-        cuts = cuts[np.abs(cuts) <= length]
         widths.append(float(np.ptp(cuts)) if cuts.size else 0.0)
     return max(widths)
 

@@ -25,7 +25,7 @@ _WIDTH = 1280  # [px]
 _TALLEST_CAMERA = 480  # [px]
 _PLAN_WIDTH, _ROW_HEIGHT, _BLIND_HEIGHT = 620, 430, 640  # [px] of the panels below the camera, and without one
 _READINGS = 150  # [px] height of the numbers above the chart
-_GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 96  # a GIF of a minute then stays at some megabytes
+_GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 64  # a GIF of a minute then stays at some megabytes
 _FLOW = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)[:, 0, ::-1]
 
 
@@ -98,7 +98,7 @@ class _Composition:
         write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
         speed = f"{3.6 * self.result.signal('v_x_' + self.result.units[0].name)[row]:.1f} km/h"
         steer = [math.degrees(log[name][row]) for name in self.result.steer_signals()]
-        steering = f"{steer[-1]:+.1f}°" if steer else "none"
+        steering = f"{steer[-1]:+z.1f}°" if steer else "none"
         readings: tuple[tuple[str, str, Colour], ...] = (
             ("speed", speed, INK),
             ("rear axle steer", steering, INK),
@@ -120,7 +120,7 @@ def _there(time: FloatArray, values: FloatArray, every: int) -> tuple[FloatArray
 
 def _newest(signal: tuple[FloatArray, FloatArray], now: float) -> str:
     known = signal[1][signal[0] <= now]
-    return f"{known[-1]:+.3f} m" if known.size else "none"
+    return f"{known[-1]:+z.3f} m" if known.size else "none"
 
 
 def camera_picture(frame: CameraFrame) -> Picture:
@@ -192,11 +192,20 @@ def _write_gif(composition: _Composition, ticks: range, path_without_suffix: Pat
     path = path_without_suffix.with_name(path_without_suffix.name + ".gif")
     stride = max(2, math.ceil(len(ticks) / _GIF_FRAMES))
     frames = [_small(picture) for picture in _pictures(composition, ticks[::stride], progress)]
-    palette = frames[len(frames) // 2].quantize(_GIF_COLOURS)  # one palette: what does not move costs nothing
+    palette = _palette(frames[len(frames) // 2])  # one for all: what does not move then costs nothing
     first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     duration = round(1e3 * stride * _PERIOD * TICK)
     first.save(path, save_all=True, append_images=others, duration=duration, loop=0, optimize=True)
     return path
+
+
+def _palette(picture: Image.Image) -> Image.Image:
+    """An image with a palette of common colours, for the landscape, and rare ones, for the lines of the diagrams."""
+    common = picture.quantize(_GIF_COLOURS, Image.Quantize.MEDIANCUT).getpalette() or []
+    rare = picture.quantize(_GIF_COLOURS, Image.Quantize.MAXCOVERAGE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(common[: 3 * _GIF_COLOURS] + rare[: 3 * _GIF_COLOURS])
+    return palette
 
 
 def _small(picture: Picture) -> Image.Image:

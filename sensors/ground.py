@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from vehicle.surface import Surface
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
 _HORIZON = 900.0  # from there on hills go over into the haze [m]
 _FINE = 12.0  # cells stay fine this far beyond the bounding box [m]
-_CELL = 2.0  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 6 m [m]
+_CELL = 2.5  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 10 m [m]
 _CELLS = 300  # fine cells along the longer side at most, so that long courses stay drawable
 _MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
 _MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
@@ -28,7 +29,7 @@ class Waves:
     """A smooth aperiodic field: a sum of plane waves of random direction, wavelength and phase."""
 
     def __init__(self, rng: np.random.Generator, *, wavelengths: tuple[float, float], count: int) -> None:
-        length = np.exp(rng.uniform(*np.log(wavelengths), size=count))  # [m]
+        length = np.exp(rng.uniform(math.log(wavelengths[0]), math.log(wavelengths[1]), size=count))  # [m]
         heading = rng.uniform(0.0, 2.0 * np.pi, size=count)
         self._k = 2.0 * np.pi / length * np.stack([np.cos(heading), np.sin(heading)])  # (2, count) [rad/m]
         self._phase = rng.uniform(0.0, 2.0 * np.pi, size=count)
@@ -139,8 +140,8 @@ def ground_mesh(rng: np.random.Generator, terrain: Terrain, low: FloatArray, hig
 def _graded_axis(low: float, high: float, cell: float) -> FloatArray:
     """Nodes [m], ``cell`` apart around [low, high], their spacing growing outwards as far as the horizon."""
     middle = np.linspace(low - _FINE, high + _FINE, max(2, round((high - low + 2 * _FINE) / cell) + 1))
-    steps = [cell * 1.25]
+    steps = [cell * 1.3]
     while sum(steps) < _HORIZON:
-        steps.append(min(steps[-1] * 1.25, 60.0))
+        steps.append(min(steps[-1] * 1.3, 60.0))
     outwards = np.cumsum(steps)
     return np.concatenate([middle[0] - outwards[::-1], middle, middle[-1] + outwards])

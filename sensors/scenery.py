@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors import things
+from sensors import houses, plants, things
 from sensors.ground import Centreline, Terrain
 from sensors.things import Thing
 from vehicle.frames import FloatArray
@@ -32,7 +32,7 @@ class Habit:
     nearest: float  # beyond the clearance, to its own edge [m]
     farthest: float  # from the centreline [m]
     scale: tuple[float, float] = (1.0, 1.0)
-    at_most: int = 120  # keeps the number of triangles of a long course in bounds
+    at_most: int = 300  # keeps the number of triangles of a long course in bounds
 
 
 class Plot:
@@ -71,7 +71,9 @@ class Plot:
         self._taken = np.append(self._taken, [[*place, radius]], axis=0)
         return True
 
-    def row(self, thing: Thing, length: float, *, start: FloatArray, yaw: float, pieces: int) -> tuple[FloatArray, FloatArray]:
+    def row(
+        self, thing: Thing, length: float, *, start: FloatArray, yaw: float, pieces: int
+    ) -> tuple[FloatArray, FloatArray]:
         """Places (n, 2) and headings (n,) of a straight row, without the pieces that would stand in the way."""
         steps = np.arange(pieces)[:, None] * length
         places = start + steps * np.array([math.cos(yaw), math.sin(yaw)])
@@ -154,23 +156,23 @@ def planted(plot: Plot) -> list[Stand]:
     """Everything that grows or is built beside the road; big things first, since they need the room."""
     rng = plot.rng
     green, yellow, dark = (0.85, 0.92, 0.75), (1.05, 1.0, 0.62), (0.66, 0.80, 0.66)
-    cottage = things.house(size=(11.0, 7.5), eaves=5.3, walls="brick", wall_colour=things.WHITE, rows=2)
-    villa = things.house(size=(9.0, 8.0), eaves=5.3, walls="stone", wall_colour=(1.1, 1.06, 0.95), rows=2)
-    barn = things.house(size=(19.0, 10.0), eaves=4.6, walls="planks", wall_colour=(0.9, 0.85, 0.8), rows=0)
-    built = Habit(per_hectare=0.9, nearest=8.0, farthest=75.0, at_most=14)
-    trees = Habit(per_hectare=7.0, nearest=2.0, farthest=85.0, scale=(0.7, 1.35), at_most=45)
-    low = Habit(per_hectare=18.0, nearest=0.3, farthest=40.0, scale=(0.5, 1.5), at_most=90)
+    cottage = houses.house(size=(11.0, 7.5), eaves=5.3, walls="brick", wall_colour=things.WHITE, rows=2)
+    villa = houses.house(size=(9.0, 8.0), eaves=5.3, walls="stone", wall_colour=(1.1, 1.06, 0.95), rows=2)
+    barn = houses.house(size=(19.0, 10.0), eaves=4.6, walls="planks", wall_colour=(0.9, 0.85, 0.8), rows=0)
+    built = Habit(per_hectare=0.9, nearest=8.0, farthest=75.0)
+    trees = Habit(per_hectare=7.0, nearest=2.0, farthest=85.0, scale=(0.7, 1.35))
+    low = Habit(per_hectare=18.0, nearest=0.3, farthest=40.0, scale=(0.5, 1.5))
     stands = [plot.scatter(thing, built) for thing in (cottage, villa, barn)]
     stands.append(plot.along_road(things.lamp(), spacing=34.0, turned=0.5 * math.pi))
     stands.append(plot.along_road(things.bend_sign(), spacing=47.0, turned=0.0))
     stands.append(plot.along_road(things.marker_post(), spacing=12.0, turned=0.0))
-    stands.append(plot.rows(things.hedge(rng), things.HEDGE_LENGTH, per_hectare=3.0, pieces=(4, 12)))
+    stands.append(plot.rows(plants.hedge(rng), plants.HEDGE_LENGTH, per_hectare=3.0, pieces=(4, 12)))
     stands.append(plot.rows(things.fence(), things.FENCE_LENGTH, per_hectare=3.0, pieces=(6, 20)))
     for colour in (green, yellow, dark):
-        stands.append(plot.scatter(things.broadleaf(rng, colour), trees))
-    stands.append(plot.scatter(things.conifer(rng), trees))
-    for thing in (things.bush(rng), things.bush(rng), things.rock(rng)):
+        stands.append(plot.scatter(plants.broadleaf(rng, colour), trees))
+    stands.append(plot.scatter(plants.conifer(rng), trees))
+    for thing in (plants.bush(rng), plants.bush(rng), things.rock(rng)):
         stands.append(plot.scatter(thing, low))
-    far = Habit(per_hectare=3.5, nearest=85.0, farthest=260.0, scale=(0.8, 1.3), at_most=130)
-    stands += [plot.scatter(things.wood(rng), far) for _ in range(2)]
+    far = Habit(per_hectare=3.5, nearest=85.0, farthest=260.0, scale=(0.8, 1.3))
+    stands += [plot.scatter(plants.wood(rng), far) for _ in range(2)]
     return stands

@@ -69,7 +69,8 @@ def smooth_normals(vertices: FloatArray, faces: FaceArray) -> FloatArray:
     normals = np.zeros_like(vertices)
     for corner in range(3):
         np.add.at(normals, faces[:, corner], per_face)
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    unit: FloatArray = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return unit
 
 
 def polygon(corners: FloatArray, *, texture_size: float, shade: float = 1.0) -> Mesh:
@@ -121,11 +122,18 @@ def pole(bottom: tuple[float, float], top: tuple[float, float], *, sides: int, t
 
 
 def blob(
-    rng: np.random.Generator, centre: tuple[float, float, float], radii: tuple[float, float, float], *, rings: int = 5,
-    sides: int = 8, roughness: float = 0.15, texture_size: float = 1.5,
+    rng: np.random.Generator,
+    centre: tuple[float, float, float],
+    radii: tuple[float, float, float],
+    *,
+    rings: int = 5,
+    sides: int = 8,
+    roughness: float = 0.15,
+    texture_size: float = 1.5,
 ) -> Mesh:
     """A lumpy ball: the matter of crowns, bushes and rocks."""
-    polar, azimuth = np.meshgrid(np.linspace(np.pi, 0.0, rings + 1), np.linspace(0.0, 2 * np.pi, sides + 1), indexing="ij")
+    circle, half_circle = np.linspace(0.0, 2.0 * np.pi, sides + 1), np.linspace(np.pi, 0.0, rings + 1)
+    polar, azimuth = np.meshgrid(half_circle, circle, indexing="ij")
     lumps = 1.0 + roughness * rng.standard_normal(polar.shape)
     lumps[:, -1] = lumps[:, 0]  # closed all round
     lumps[0], lumps[-1] = lumps[0, 0], lumps[-1, 0]
@@ -140,3 +148,36 @@ def blob(
         shade=np.clip(0.72 + 0.33 * direction[..., 2].ravel() + 0.5 * (lumps.ravel() - 1.0), 0.25, 1.0),
         faces=grid_faces(rings + 1, sides + 1)[:, ::-1].copy(),
     )
+
+
+def cards(rng: np.random.Generator, places: FloatArray, outwards: FloatArray, size: float, shade: FloatArray) -> Mesh:
+    """Square cards at places (n, 3) in random attitudes, lit as if they faced ``outwards`` (n, 3): leaves and twigs."""
+    n = len(places)
+    across = rng.standard_normal((n, 3)) + np.array([0.0, 0.0, 0.01])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    up = np.cross(across, rng.standard_normal((n, 3)))
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    half = 0.5 * size * rng.uniform(0.75, 1.25, size=(n, 1))
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    vertices = [places + half * (s * across + t * up) for s, t in corners]
+    first = 4 * np.arange(n)[:, None]
+    return Mesh(
+        vertices=np.stack(vertices, axis=1).reshape(-1, 3),
+        normals=np.repeat(outwards, 4, axis=0),
+        uv=np.tile(0.5 + 0.5 * corners, (n, 1)),
+        shade=np.repeat(shade, 4),
+        faces=np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])]).astype(np.int32),
+    )
+
+
+def scattered_on(rng: np.random.Generator, mesh: Mesh, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Places (count, 3), outward normals (count, 3) and shades (count,) drawn evenly from a mesh's surface."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    face = rng.choice(len(area), size=count, p=area / area.sum())
+    weight = rng.dirichlet(np.ones(3), size=count)
+    corners = mesh.faces[face]
+    normals = np.einsum("ij,ijk->ik", weight, mesh.normals[corners])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    places = np.einsum("ij,ijk->ik", weight, mesh.vertices[corners])
+    return places, normals, np.einsum("ij,ij->i", weight, mesh.shade[corners])

@@ -25,9 +25,9 @@ def panorama(rng: np.random.Generator) -> TextureArray:
 
 def _clouds(rng: np.random.Generator) -> NoiseArray:
     """Share of cloud 0..1: heaps, drawn out flat towards the horizon."""
-    heaps = fractal_noise(rng, (_SHAPE[0] * 2, _SHAPE[1]), 1.35, (0.002, 0.2))
+    heaps = fractal_noise(rng, (_SHAPE[0] * 2, _SHAPE[1]), 1.75, (0.002, 0.2))
     row = np.linspace(1.0, 0.0, _SHAPE[0]) ** 0.6  # equal heaps look flatter the lower they stand
-    return sigmoid(3.5 * (heaps[(row * (len(heaps) - 1)).astype(int)] - 0.15))
+    return sigmoid(3.0 * (heaps[(row * (len(heaps) - 1)).astype(int)] - 0.15))
 
 
 def _with_ridges(rng: np.random.Generator, sky: NoiseArray, elevation: NoiseArray) -> NoiseArray:

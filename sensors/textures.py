@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -49,10 +50,10 @@ def ground_detail(rng: np.random.Generator, size: int) -> TextureArray:
 def _asphalt(rng: np.random.Generator, size: int) -> NoiseArray:
     """Aggregate, blotches, bright stones and cracks."""
     aggregate = fractal_noise(rng, (size, size), 0.3, (0.02, 0.4))
-    blotches = fractal_noise(rng, (size, size), 1.0, (0.003, 0.08))
+    blotches = fractal_noise(rng, (size, size), 0.5, (0.005, 0.12))
     stones = fractal_noise(rng, (size, size), 0.0, (0.03, 0.10))
     cracks = np.abs(fractal_noise(rng, (size, size), 1.7, (0.001, 0.06)))
-    level = 0.5 + 0.085 * aggregate + 0.085 * blotches
+    level = 0.5 + 0.09 * aggregate + 0.07 * blotches
     level += 0.20 * sigmoid(14.0 * (stones - 2.2)) - 0.10 * sigmoid(14.0 * (-stones - 2.3))
     level -= 0.28 * np.exp(-((cracks / 0.012) ** 2))
     return np.asarray(level, dtype=np.float32)
@@ -60,11 +61,11 @@ def _asphalt(rng: np.random.Generator, size: int) -> NoiseArray:
 
 def _soft_ground(rng: np.random.Generator, size: int) -> tuple[NoiseArray, NoiseArray, NoiseArray]:
     """Grass in tufts, gravel, and the mask of where one shows through the other."""
-    blades = fractal_noise(rng, (size, size), 0.5, (0.01, 0.45))
-    tufts = fractal_noise(rng, (size, size), 1.1, (0.002, 0.08))
+    blades = fractal_noise(rng, (size, size), 0.3, (0.015, 0.40))
+    tufts = fractal_noise(rng, (size, size), 0.7, (0.003, 0.10))
     pebbles = fractal_noise(rng, (size, size), 0.2, (0.02, 0.2))
     patches = fractal_noise(rng, (size, size), 1.6, (0.0, 0.03))
-    grass = 0.5 + 0.12 * blades + 0.11 * tufts
+    grass = 0.5 + 0.13 * blades + 0.10 * tufts
     gravel = 0.5 + 0.17 * pebbles * (0.6 + 0.4 * sigmoid(3.0 * tufts)) + 0.05 * blades
     mask = 0.5 + 0.15 * patches + 0.06 * tufts
     return grass, np.asarray(gravel, dtype=np.float32), mask
@@ -76,6 +77,22 @@ def foliage(rng: np.random.Generator, size: int = 256) -> TextureArray:
     leaves = fractal_noise(rng, (size, size), 0.2, (0.06, 0.4))
     level = np.clip(0.48 + 0.20 * clumps + 0.16 * leaves, 0.0, 1.0)
     return to_bytes(coloured(level, (0.07, 0.12, 0.05), (0.52, 0.66, 0.30)))
+
+
+def twigs(rng: np.random.Generator, size: int = 128) -> TextureArray:
+    """A spray of leaves on nothing, (size, size, 4): the last channel is what is leaf and what is air."""
+    image = np.zeros((size, size, 4), dtype=np.float32)
+    image[..., :3] = (0.22, 0.30, 0.12)  # what the mipmaps mix in from between the leaves
+    for _ in range(150):
+        radius = 0.42 * size * np.sqrt(rng.uniform())
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        centre = 0.5 * size + radius * np.array([np.cos(angle), np.sin(angle)])
+        shape = (rng.uniform(0.035, 0.06) * size, rng.uniform(0.015, 0.028) * size)
+        level = float(np.clip(rng.normal(0.5, 0.2), 0.0, 1.0))
+        leaf = (0.10 + 0.42 * level, 0.16 + 0.50 * level, 0.06 + 0.24 * level, 1.0)
+        middle, axes = np.round(centre).astype(int).tolist(), np.round(shape).astype(int).tolist()
+        cv2.ellipse(image, middle, axes, float(rng.uniform(0.0, 180.0)), 0.0, 360.0, leaf, thickness=-1)
+    return to_bytes(image)
 
 
 def bark(rng: np.random.Generator, size: int = 128) -> TextureArray:
@@ -136,7 +153,8 @@ def window(rng: np.random.Generator, size: int = 64) -> TextureArray:
     """A white frame with a cross bar around panes that mirror a little of the sky."""
     across = np.abs(np.linspace(-1.0, 1.0, size))
     frame = (across > 0.86) | (across < 0.06)
-    panes = 0.18 + 0.10 * np.linspace(1.0, 0.0, size)[:, None] + 0.02 * fractal_noise(rng, (size, size), 1.0, (0.0, 0.2))
+    streaks = fractal_noise(rng, (size, size), 1.0, (0.0, 0.2))
+    panes = 0.18 + 0.10 * np.linspace(1.0, 0.0, size)[:, None] + 0.02 * streaks
     glass = coloured(np.asarray(panes, dtype=np.float32), (0.0, 0.02, 0.05), (0.85, 0.95, 1.0))
     return to_bytes(np.where((frame[:, None] | frame[None, :])[..., None], np.float32(0.86), glass))
 

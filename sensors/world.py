@@ -24,6 +24,7 @@ _MAP_MARGIN = 60.0  # shadows are seen, and the lie of the land does not repeat,
 _MAX_DENSITY = 2.0
 _TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
     "foliage": textures.foliage,
+    "twigs": textures.twigs,
     "bark": textures.bark,
     "stone": textures.stone,
     "brick": textures.brick,
@@ -44,7 +45,7 @@ class World:
     detail_period: float  # [m]
     road: RoadMap
     stands: tuple[Stand, ...]
-    textures: dict[str, TextureArray]  # those the things name
+    textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
     panorama: TextureArray  # see sensors.sky
     sun: FloatArray  # (3,) unit vector towards the sun
 

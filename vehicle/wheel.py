@@ -12,7 +12,6 @@ from vehicle.multibody import Vector, along, from_unit
 from vehicle.tyres import Num, Planar, deflection_rate, force, rolling_speed
 
 _BRAKE_WINDUP: Final = 0.02  # turn over which a brake's holding torque builds up [rad]: 1 cm at the tread
-_BRAKE_DAMPING: Final = 0.005  # its damping over its stiffness [s]: near critical for a laden wheel at full braking
 _ROLLING_OMEGA: Final = 0.4  # spin over which rolling resistance builds up [rad/s]: 0.2 m/s
 _CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips and the engine's power is no limit [rad/s]
 
@@ -60,15 +59,13 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     V_s = Planar(s.omega * radius - v.x, -v.y)
     z_rate = deflection_rate(s.deflection, V_s, v.x, s.load, s.friction, tyre)
     F = force(s.deflection, z_rate, s.load, s.friction, tyre)
-    windup_rate = (s.omega - ca.fabs(s.omega) * s.brake_windup) / _BRAKE_WINDUP
     brake = wheel.brake_share * vehicle.mass * radius * ca.fmax(-s.acceleration, 0.0)
-    held = brake * (s.brake_windup + _BRAKE_DAMPING * windup_rate)
     rolling_drag = tyre.rolling_resistance * s.load * radius * ca.tanh(s.omega / _ROLLING_OMEGA)
-    torque = _drive_torque(vehicle, wheel, s) - held - rolling_drag - radius * F.x
+    torque = _drive_torque(vehicle, wheel, s) - brake * s.brake_windup - rolling_drag - radius * F.x
     return WheelMotion(
         omega=torque / wheel.axle.wheel_inertia,
         deflection=z_rate,
-        brake_windup=windup_rate,
+        brake_windup=(s.omega - ca.fabs(s.omega) * s.brake_windup) / _BRAKE_WINDUP,
         force=from_unit(plane, Vector(F.x, F.y)),
         slip_angle=ca.atan(v.y / rolling_speed(v.x)),
         friction_used=ca.sqrt(F.x**2 + F.y**2) / (s.friction * s.load),

@@ -32,29 +32,25 @@ class AxleGroup:
 
     steered: FloatArray  # (n_steered,) hitch to steered axles [m]
     fixed: FloatArray  # (n_fixed,) hitch to the others [m]
+    centre: float  # mean distance of all axles [m]
+    first_moment: float  # sum of all distances [m]
+    second_moment: float  # sum of their squares [m2]
     follow_distance: float  # [m]
     max_steer: float  # [rad]
 
     @classmethod
     def of(cls, trailer: TrailerGeometry) -> AxleGroup:
         """The axle group on the trailer's data sheet."""
-        fixed = [x for x, is_steered in zip(trailer.axle_distances, trailer.steered, strict=True) if not is_steered]
-        return cls(np.array(trailer.steered_distances), np.array(fixed), trailer.follow_distance, trailer.max_steer)
-
-    @property
-    def centre(self) -> float:
-        """Mean distance of all axles behind the hitch [m]."""
-        return self.first_moment / (len(self.steered) + len(self.fixed))
-
-    @property
-    def first_moment(self) -> float:
-        """Sum of the distances [m]."""
-        return float(self.steered.sum() + self.fixed.sum())
-
-    @property
-    def second_moment(self) -> float:
-        """Sum of the squared distances [m2]."""
-        return float(self.steered @ self.steered + self.fixed @ self.fixed)
+        every, steered = np.array(trailer.axle_distances), np.array(trailer.steered, dtype=bool)
+        return cls(
+            steered=every[steered],
+            fixed=every[~steered],
+            centre=float(every.mean()),
+            first_moment=float(every.sum()),
+            second_moment=float(every @ every),
+            follow_distance=trailer.follow_distance,
+            max_steer=trailer.max_steer,
+        )
 
     def mean_slip(self, v_x: float, v_y: float, yaw_rate: float, angles: FloatArray) -> float:
         """Moment-weighted mean of tan(direction) - tan(steer angle) [-] in the hitch's motion v_x, v_y [m/s]."""

@@ -204,7 +204,7 @@ class PathPreview:
         return -self._parameters.compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
 
     def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
-        """The integral part [rad] after another ``area`` [m2] beside the path; it waits while all axles are at limit."""
+        """The integral part [rad] after ``area`` [m2] more beside the path; it waits while no axle can steer more."""
         if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
             return memory.bias
         return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._parameters.integral * area))

@@ -84,7 +84,7 @@ class Predictor:
         newest = history[-1]
         angles = angles_at(history, ticks)
         t = self._trailer
-        for k in np.flatnonzero(ticks > newest.tick):
-            duration = float(ticks[k] - newest.tick) * TICK
-            angles[k] = settle(newest.angles, demand, duration, lag=t.actuator_lag, max_rate=t.max_steer_rate)
+        coming = ticks > newest.tick
+        waits = (ticks[coming, None] - newest.tick) * TICK
+        angles[coming] = settle(newest.angles, demand, waits, lag=t.actuator_lag, max_rate=t.max_steer_rate)
         return angles

@@ -44,6 +44,11 @@ class StereoRenderer:
         self._name = self._pair.name
 
     @property
+    def calibration(self) -> StereoCalibration:
+        """Of the cameras that are rendered."""
+        return self._calibration
+
+    @property
     def name(self) -> str:
         """The OpenGL renderer's own name, with its version."""
         return self._name

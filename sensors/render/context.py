@@ -18,6 +18,8 @@ from pyrender.shader_program import ShaderProgram, ShaderProgramCache
 
 from vehicle.frames import FloatArray
 
+Uniforms = Mapping[str, float | tuple[float, ...] | FloatArray]
+
 _SHADERS = Path(__file__).parent / "shaders"
 _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channels: internal layout, layout
 
@@ -89,13 +91,13 @@ class Program:
     locations: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, cache: ShaderProgramCache, name: str) -> Program:
-        """The program of ``shaders/<name>.vert`` and ``.frag``; the cache owns it."""
-        program: ShaderProgram = cache.get_program(f"{name}.vert", f"{name}.frag")
+    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str) -> Program:
+        """The program of two files in ``shaders``; the cache owns it."""
+        program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag")
         program._add_to_context()
         return cls(int(program._program_id))
 
-    def use(self, uniforms: Mapping[str, float | tuple[float, ...] | FloatArray]) -> None:
+    def use(self, uniforms: Uniforms) -> None:
         """Make this the current program and set uniforms: numbers, vectors or matrices; a texture's unit is an int."""
         GL.glUseProgram(self.identity)
         for name, value in uniforms.items():

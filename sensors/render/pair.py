@@ -6,25 +6,23 @@ Importing this module imports pyrender and loads EGL.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, replace
+import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
 from pyrender import Mesh as GlMesh
-from pyrender import Primitive, Scene
+from pyrender import Scene
 from pyrender.renderer import Renderer
 
 from sensors import sky
 from sensors.ground import RoadMap
-from sensors.messages import ColourImage
-from sensors.render.context import Context, Program, open_context, shader_cache, upload_texture
 from sensors.render.blocks import dome, in_blocks
+from sensors.render.context import Context, Program, Uniforms, open_context, shader_cache, upload_texture
+from sensors.render.crowd import Crowd, draw, in_view, primitive
 from sensors.rig import StereoCalibration
-from sensors.scenery import Stand
-from sensors.shapes import Mesh
 from sensors.textures import to_bytes
-from sensors.things import Colour, Part
 from sensors.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
@@ -48,17 +46,6 @@ def projection(calibration: StereoCalibration) -> FloatArray:
     return P
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Crowd:
-    """All individuals of one part of a thing, drawn by one call."""
-
-    primitive: Primitive
-    texture: int
-    tint: Colour
-    matrices: NDArray[np.float32]  # (n, 4, 4) transposed for OpenGL
-    spheres: FloatArray  # (n, 4) centre in W and radius [m]: what need not be drawn if it is out of view
-
-
 class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
     """Draws both views with one set of OpenGL objects; read-back is one call for both."""
 
@@ -67,15 +54,20 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
         self._program_cache = shader_cache()
-        self._programs = {name: Program.load(self._program_cache, name) for name in ("ground", "thing", "sky")}
+        self._programs = {
+            name: Program.load(self._program_cache, vertex, name)
+            for name, vertex in (("ground", "ground"), ("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
+        }
         trilinear, nearest_level = GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR_MIPMAP_NEAREST
         self._textures = {key: upload_texture(t[::-1], trilinear) for key, t in world.textures.items()}
-        self._detail = upload_texture(world.detail, trilinear)
+        self._detail = upload_texture(world.detail, nearest_level)  # the shader blends its levels
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
         self._road = upload_texture(_packed(world.road), nearest_level)  # smooth: its levels do not show
-        self._crowds = [self._crowd(stand, part) for stand in world.stands for part in stand.thing.parts]
+        self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
+        crowds = [Crowd.of(stand, part) for stand in world.stands for part in stand.thing.parts]
+        self._crowds = sorted(crowds, key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
         self._blocks = in_blocks(world.ground)
-        self._ground, self._sky = _primitive(replace(world.ground, faces=self._blocks.faces)), _primitive(dome())
+        self._ground, self._sky = primitive(replace(world.ground, faces=self._blocks.faces)), primitive(dome())
         scene = Scene()
         scene.add(GlMesh([self._ground, self._sky, *(crowd.primitive for crowd in self._crowds)]))
         self._update_context(scene, 0)
@@ -126,28 +118,22 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         stored = depth.astype(np.float64)
         return np.where(stored < 1.0, _FAR * _NEAR / (_FAR - stored * (_FAR - _NEAR)), np.inf)
 
-    def _crowd(self, stand: Stand, part: Part) -> _Crowd:
-        matrices = stand.poses.copy()
-        scale = np.linalg.norm(stand.poses[:, :3, 0], axis=1)
-        middle = 0.5 * (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0))
-        reach = float(np.linalg.norm(part.mesh.vertices - middle, axis=1).max())
-        centres = stand.poses[:, :3, :3] @ middle + stand.poses[:, :3, 3]
-        matrices[:, 3, 3] = stand.brightness
-        transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)
-        primitive = _primitive(part.mesh, poses=matrices)
-        spheres = np.column_stack([centres, scale * reach])
-        return _Crowd(primitive, self._textures[part.texture], part.colour, transposed, spheres)
-
     def _set_constants(self, world: World) -> None:
         """Uniforms that never change."""
-        light = {"sun": world.sun, "sun_colour": _SUN_COLOUR, "sky_colour": _SKY_COLOUR}
-        haze = {"haze": sky.HAZE, "haze_range": _HAZE_RANGE}
+        light: Uniforms = {"sun": world.sun, "sun_colour": _SUN_COLOUR, "sky_colour": _SKY_COLOUR}
+        haze: Uniforms = {"haze": sky.HAZE, "haze_range": _HAZE_RANGE}
         road = world.road
         size = road.cell * np.array(road.light.shape[::-1])
-        layers = {"detail": 0, "road": 1, "detail_period": world.detail_period}
-        on_map = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "strip": _STRIP}
+        layers: Uniforms = {
+            "detail": 0,
+            "road": 1,
+            "detail_period": world.detail_period,
+            "detail_levels": math.log2(len(world.detail)),
+        }
+        on_map: Uniforms = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "strip": _STRIP}
         self._programs["ground"].use({**light, **haze, **layers, **on_map})
-        self._programs["thing"].use({**light, **haze, "surface": 0})
+        for name in ("thing", "leaves"):
+            self._programs[name].use({**light, **haze, "surface": 0})
         self._programs["sky"].use({"panorama": 0})
 
     def _make_framebuffer(self) -> None:
@@ -177,22 +163,18 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
         """Draw the individuals that either view may see."""
-        program = self._programs["thing"]
-        drawn = []
-        for crowd in self._crowds:
-            seen = np.logical_or(*(_in_view(VP, crowd.spheres) for _, VP in views))
-            if seen.any():
-                GL.glBindBuffer(GL.GL_ARRAY_BUFFER, crowd.primitive._buffers[1])  # [1]: the instances' matrices
-                GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, np.ascontiguousarray(crowd.matrices[seen]))
-                drawn.append((crowd, int(seen.sum())))
+        drawn = [(crowd, count) for crowd in self._crowds if (count := crowd.muster([VP for _, VP in views]))]
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
-            program.use({"view_projection": VP, "camera": X_WC[:3, 3]})
             for crowd, count in drawn:
-                program.use({"tint": crowd.tint})
-                GL.glBindTexture(GL.GL_TEXTURE_2D, crowd.texture)
-                _draw(crowd.primitive, count)
+                leaves = crowd.part.texture in self._pierced
+                program = self._programs["leaves" if leaves else "thing"]
+                program.use({"view_projection": VP, "camera": X_WC[:3, 3], "tint": crowd.part.colour})
+                (GL.glDisable if leaves else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
+                GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[crowd.part.texture])
+                draw(crowd.primitive, count)
+        GL.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
         for unit, texture in ((GL.GL_TEXTURE1, self._road), (GL.GL_TEXTURE0, self._detail)):
@@ -202,7 +184,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             self._view(index)
             self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3]})
             GL.glBindVertexArray(self._ground._vaid)
-            for first, count in self._blocks.runs(_in_view(VP, self._blocks.spheres)):
+            for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
                 GL.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
 
     def _draw_sky(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
@@ -212,7 +194,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             self._view(index)
             far_away = self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))
             self._programs["sky"].use({"view_projection": far_away})
-            _draw(self._sky, 1)
+            draw(self._sky, 1)
 
 
 def _packed(road: RoadMap) -> NDArray[np.uint8]:
@@ -220,25 +202,3 @@ def _packed(road: RoadMap) -> NDArray[np.uint8]:
     strip = (road.edge_distance - _STRIP[0]) / _STRIP[1]
     channels = np.stack([strip, road.light, road.gravel, road.lushness], axis=-1)
     return to_bytes(channels)
-
-
-def _primitive(mesh: Mesh, poses: FloatArray | None = None) -> Primitive:
-    shade = np.repeat(mesh.shade[:, None], 4, axis=1)
-    return Primitive(
-        positions=mesh.vertices, normals=mesh.normals, texcoord_0=mesh.uv, color_0=shade, indices=mesh.faces, poses=poses
-    )
-
-
-def _in_view(VP: FloatArray, spheres: FloatArray) -> NDArray[np.bool_]:
-    """Which spheres (n, 4) reach into the view, judged by its left, right, lower, upper and near plane."""
-    planes = np.concatenate([VP[3] + VP[:3], VP[3] - VP[:2]]).reshape(5, 4)
-    planes = planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
-    inside: NDArray[np.bool_] = ((spheres[:, :3] @ planes[:, :3].T + planes[:, 3]) > -spheres[:, 3:]).all(axis=1)
-    return inside
-
-
-def _draw(primitive: Primitive, instances: int) -> None:
-    GL.glBindVertexArray(primitive._vaid)
-    GL.glDrawElementsInstanced(
-        GL.GL_TRIANGLES, primitive.indices.size, GL.GL_UNSIGNED_INT, ctypes.c_void_p(0), instances
-    )

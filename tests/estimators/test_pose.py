@@ -44,7 +44,7 @@ def error(X_PC: FloatArray) -> FloatArray:
 
 def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0):
     points = triangulate(calibration, matches.previous)
-    agreed = consensus(calibration, points, matches.current, np.eye(4), np.random.default_rng(seed))
+    agreed = consensus(calibration, points, matches.current, np.eye(4), np.inf, np.random.default_rng(seed))
     return agreed, refined(calibration, matches, agreed.X_PC, agreed.inliers)
 
 
@@ -90,6 +90,15 @@ def test_a_moving_body_does_not_take_over(calibration: StereoCalibration) -> Non
     assert np.abs(error(solution.X_PC) / np.sqrt(np.diag(solution.covariance))).max() < 3.0
 
 
+def test_hypotheses_out_of_reach_are_not_believed(calibration: StereoCalibration) -> None:
+    """Most matches agree on a motion that no trailer could have made since the prediction."""
+    rng = np.random.default_rng(6)
+    matches = matched(calibration, rng, 100, STD)
+    points = triangulate(calibration, matches.previous)
+    agreed = consensus(calibration, points, matches.current, np.eye(4), 0.1, rng)  # the motion is 0.5 m
+    assert np.linalg.norm(agreed.X_PC[:3, 3]) < 0.1
+
+
 def test_covariance_is_that_of_the_errors(calibration: StereoCalibration) -> None:
     """Normalised squared errors average to 6 for independent noise, but for the allowance for correlated tracks."""
     squared = []
@@ -114,7 +123,7 @@ def test_matches_that_say_nothing_do_not_converge_or_say_so(calibration: StereoC
     """All matches are one and the same point: no motion comes out that would claim to be certain."""
     z = np.repeat(np.array([[700.0, 250.0, 680.0]]), 40, axis=0)
     points = triangulate(calibration, z)
-    agreed = consensus(calibration, points, z, np.eye(4), np.random.default_rng(0))
+    agreed = consensus(calibration, points, z, np.eye(4), np.inf, np.random.default_rng(0))
     solution = refined(calibration, Matches(z, z), agreed.X_PC, agreed.inliers)
     assert np.sqrt(np.linalg.eigvalsh(solution.covariance).max()) > 1.0  # [rad or m]
 

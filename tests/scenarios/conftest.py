@@ -79,7 +79,7 @@ def make_run(*, cameras: bool) -> RunResult:
     rng = np.random.default_rng(7)
     path = drive()
     n = len(path)
-    ticks = 10.0 * np.arange(n)
+    ticks = 10.0 * np.arange(n, dtype=np.float64)
     true = true_off_tracking(path[:, 3], path[:, 4], path[:, 5], FOLLOW)
     columns = {
         ("tick", "-"): ticks,

@@ -62,7 +62,7 @@ def test_straight_driving_at_an_angle_gives_the_tangent() -> None:
     The nose points left of the travel, the rear is right of the path, so the path lies left: positive.
     """
     n, slip = 1000, math.radians(14.0)
-    e = true_off_tracking(0.05 * np.arange(n), np.zeros(n), np.full(n, slip), 14.0)
+    e = true_off_tracking(0.05 * np.arange(n, dtype=np.float64), np.zeros(n), np.full(n, slip), 14.0)
     first = math.ceil(14.0 / math.cos(slip) / 0.05)  # sample by which the path is long enough
     assert np.isnan(e[:first]).all()
     np.testing.assert_allclose(e[first + 1 :], 14.0 * math.tan(slip), atol=1e-9)  # [m] nothing to interpolate
@@ -70,7 +70,9 @@ def test_straight_driving_at_an_angle_gives_the_tangent() -> None:
 
 def test_the_sign_is_positive_when_the_path_lies_left() -> None:
     """Nose left of the travel: the rear hangs out to the right."""
-    assert true_off_tracking(0.05 * np.arange(1000), np.zeros(1000), np.full(1000, 0.1), 14.0)[-1] > 1.0
+    assert (
+        true_off_tracking(0.05 * np.arange(1000, dtype=np.float64), np.zeros(1000), np.full(1000, 0.1), 14.0)[-1] > 1.0
+    )
 
 
 def test_only_the_newest_crossing_counts_where_the_path_crosses_itself() -> None:

@@ -62,6 +62,17 @@ def test_a_rectangle_on_a_circle_has_the_same_width_across_its_path() -> None:
     assert math.isnan(path.min_inner_radius)
 
 
+def test_the_other_legs_of_a_figure_of_eight_do_not_widen_the_path() -> None:
+    """Two circles that touch, led by the middle of the front: the tail swings out to either side."""
+    led = UnitOutline("led by its front", 0.0, -7.0, 2.5, (), ())
+    first = on_circle(10.0)
+    both = np.concatenate([first, on_circle(10.0) * np.array([1.0, -1.0, -1.0])])
+    alone = swept_path((led,), (first,), None).max_width
+    assert alone == pytest.approx(math.hypot(11.25, 7.0) - 8.75, abs=2e-3)  # [m] finite steps of 0.1 m
+    both_circles = swept_path((led,), (both,), None).max_width
+    assert both_circles == pytest.approx(alone, abs=0.05)  # [m] where they touch, the tail has been on both sides
+
+
 def test_straight_driving_sweeps_the_own_width() -> None:
     """Nothing swings and nothing cuts in."""
     straight = np.column_stack([np.linspace(0.0, 50.0, 500), np.zeros(500), np.zeros(500)])

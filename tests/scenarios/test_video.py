@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from scenarios import video
-from scenarios.canvas import ESTIMATED, INK, TRUE, nice_step
+from scenarios.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
 from scenarios.log import Log
 from scenarios.results import CameraFrame, RunResult
 
@@ -21,7 +21,7 @@ def first_seconds(run: RunResult, seconds: float) -> RunResult:
     return dataclasses.replace(run, log=Log(run.log.signals, run.log.rows[: round(100 * seconds)]))
 
 
-def colour_count(picture: video.Picture, colour: tuple[int, int, int]) -> int:
+def colour_count(picture: Picture, colour: tuple[int, int, int]) -> int:
     return int(np.sum(np.all(picture == colour, axis=-1)))
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from vehicle.description import GRAVITY, Vehicle
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
+from vehicle.layout import State, parts, state_sizes
 from vehicle.plant import DivergedError, Plant, VehicleCommand
 from vehicle.surface import Surface
 from vehicle.truth import Truth
@@ -107,6 +108,19 @@ def test_brakes_stop_in_the_demanded_time_on_dry_road(tractor_semitrailer: Vehic
     assert (v[100] - v[200]) / 2.0 == pytest.approx(3.0, rel=0.02)
 
 
+def test_braking_moves_load_through_the_hitch(tractor_semitrailer: Vehicle) -> None:
+    """Trailer in equilibrium about its hitch: weight, inertia at its height, and the push it gives the tractor."""
+    plant = Plant(tractor_semitrailer, DRY)
+    _, seen = drive(plant, plant.initial_state(ORIGIN, 15.0), 3.0, VehicleCommand(0.0, -3.0, ()))
+    tractor, trailer = tractor_semitrailer.units
+    a = (seen[-1].velocities[0, 0] - seen[-26].velocities[0, 0]) / 0.5
+    own = 21.5 / 40.0 * a * tractor_semitrailer.mass  # brakes, shared by static load: 21.5 of 40 t are the tridem's
+    hitch = trailer.mass * a - own
+    moment = trailer.mass * (trailer.cg_x * GRAVITY - trailer.cg_height * a) + tractor.hitch_height * hitch
+    assert hitch < -2e4  # [N], it pushes
+    assert seen[-1].wheel_loads[4:].sum() == pytest.approx(moment / -7.70, rel=2e-3)  # wheels' spin brakes along
+
+
 @pytest.mark.parametrize("friction", [0.1, 0.3])
 def test_locked_wheels_slow_it_by_sliding_friction(tractor_semitrailer: Vehicle, friction: float) -> None:
     """On ice everything locks: the magic formula has fallen off to sin(shape * pi / 2) = 0.92 of the peak."""
@@ -120,12 +134,16 @@ def test_locked_wheels_slow_it_by_sliding_friction(tractor_semitrailer: Vehicle,
 def test_drive_wheels_spin_on_ice_and_stay_bounded(tractor_semitrailer: Vehicle) -> None:
     """At friction 0.1 two of ten wheels push with less than 0.1 of their load; spin ends at the engine's power."""
     plant = Plant(tractor_semitrailer, Surface(friction=0.1))
-    _, seen = drive(plant, plant.initial_state(ORIGIN, 0.0), 4.0, VehicleCommand(0.0, 1.5, ()))
+    state, seen = drive(plant, plant.initial_state(ORIGIN, 0.0), 4.0, VehicleCommand(0.0, 1.5, ()))
     traction = 0.1 * seen[-1].wheel_loads[2:4].sum()
     bound = traction / tractor_semitrailer.mass * 4.0
     assert 0.5 * bound < seen[-1].velocities[0, 0] < bound
     assert max(now.friction_used.max() for now in seen) <= 1.0 + 1e-12
     assert seen[-1].friction_used[2] == pytest.approx(math.sin(0.5 * math.pi * 1.26), abs=0.01)
+    omega = State(*parts(state, state_sizes(tractor_semitrailer))).omega[2:4]
+    resisting = (0.92 + 0.06) * 0.5 * traction * 0.5  # one wheel of 0.5 m: sliding, and 0.006 of rolling [N m]
+    # Once torque is no longer the limit, half of 350 kW works on each wheel.
+    np.testing.assert_allclose(omega, 0.5 * 350e3 / resisting, rtol=0.02)
 
 
 def test_it_neither_slides_nor_rolls_off_a_banked_road(longer_semitrailer: Vehicle) -> None:
@@ -279,16 +297,20 @@ def test_a_step_leaves_its_argument_and_a_pickled_plant_goes_on_alike(longer_sem
     np.testing.assert_array_equal(again.step(start, command, 50), end)
 
 
-def test_friction_acts_where_the_wheels_are(tractor_semitrailer: Vehicle) -> None:
-    """A road that is slippery on its left half turns a braking combination to the right: the road is looked up."""
+@pytest.mark.parametrize("heading", [0.0, 0.5 * math.pi, -2.0])
+def test_friction_acts_where_the_wheels_are(tractor_semitrailer: Vehicle, heading: float) -> None:
+    """Ice under the left wheels, asphalt under the right: a braking combination turns right, wherever it heads."""
 
     class Split(Surface):
         def friction_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
-            return np.where(np.asarray(y) > 0.0, 0.1, 0.8)
+            return np.where(-math.sin(heading) * np.asarray(x) + math.cos(heading) * np.asarray(y) > 0.0, 0.1, 0.8)
 
     plant = Plant(tractor_semitrailer, Split(friction=0.8))
-    _, seen = drive(plant, plant.initial_state(ORIGIN, 10.0), 1.0, VehicleCommand(0.0, -4.0, ()))
+    _, seen = drive(plant, plant.initial_state(Pose2(0.0, 0.0, heading), 10.0), 1.0, VehicleCommand(0.0, -4.0, ()))
     assert seen[-1].velocities[0, 2] < -0.01
+    used = seen[20].friction_used  # after 0.4 s
+    assert (used[0::2] > 0.9).all()
+    assert (used[1::2] < 0.9).all()
 
 
 def test_broken_physics_is_reported_with_state_and_input(tractor_semitrailer: Vehicle) -> None:

@@ -9,19 +9,23 @@ in float clear;
 uniform sampler2D detail;  // r asphalt, g grass, b gravel, a patches; mean 0.5
 uniform sampler2D road;    // r strip along the road's edge, g sunlight, b gravel or wear, a lushness
 uniform vec2 strip;        // distance from the edge = x + y * r, saturated [m]
+uniform float detail_levels;  // of the detail's mipmaps
 uniform vec3 haze;
 
 out vec4 colour;
 
-// Two trilinear taps along the longer axis of the pixel's footprint: a level that suits the shorter axis would
-// alias along the longer one, and one that suits the longer axis would blur.
+// Anisotropic sampling: a level that suits the footprint's shorter axis would alias along the longer one, and one that
+// suits the longer axis would blur, so two taps along the longer axis share a level between. Its neighbour, needed
+// half as finely, is met by one tap: three bilinear taps do the work of two trilinear ones, a quarter cheaper.
 vec4 along_footprint(vec2 p)
 {
     vec2 dx = dFdx(p), dy = dFdy(p);
     float a = dot(dx, dx), b = dot(dy, dy);
     vec2 step = 0.25 * (a > b ? dx : dy);
-    float finer = max(0.5 * log2(min(a, b) / max(a, b)), -1.0);  // than the longer axis asks for [levels]
-    return 0.5 * (texture(detail, p + step, finer) + texture(detail, p - step, finer));
+    float lod = max(0.5 * log2(max(min(a, b), 0.25 * max(a, b))) + detail_levels, 0.0);
+    float level = floor(lod);
+    vec4 fine = 0.5 * (textureLod(detail, p + step, level) + textureLod(detail, p - step, level));
+    return mix(fine, textureLod(detail, p, level + 1.0), lod - level);
 }
 
 // Share of a stripe of the given half width that the footprint around x covers.

@@ -1,0 +1,144 @@
+"""The geometry of the courses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scenarios.courses import Course, figure_of_eight, roundabout, straight
+
+TRACTOR = {"front_x": 5.2, "width": 2.55}
+ALL = {
+    "left": roundabout(**TRACTOR),
+    "right": roundabout(**TRACTOR, direction="right"),
+    "quarter": roundabout(**TRACTOR, turn=math.pi / 2, radius=15.0),
+    "eight": figure_of_eight(**TRACTOR),
+    "straight": straight(front_x=5.2, length=50.0),
+}
+courses = pytest.mark.parametrize("course", ALL.values(), ids=ALL.keys())
+
+
+@courses
+def test_the_tractor_starts_at_the_origin_with_its_guided_point_on_the_path(course: Course) -> None:
+    """X_WT is the origin heading +x, so the guided point's position in T is the path's start."""
+    assert course.start == (0.0, 0.0, 0.0)
+    start = course.path.pose(0.0)
+    assert (start.x, start.y, start.psi) == (*course.reference, 0.0)
+
+
+@courses
+def test_position_and_heading_of_the_path_are_continuous(course: Course) -> None:
+    """Tangent joints: across 1 mm no point moves by more than 1 mm, no heading by more than its largest curvature."""
+    for station in course.path.stations:
+        before, after = course.path.pose(station - 5e-4), course.path.pose(station + 5e-4)
+        assert math.hypot(after.x - before.x, after.y - before.y) <= 1e-3 + 1e-9
+        assert abs(after.psi - before.psi) <= 1e-3 / 10.0  # no course is tighter than 10 m
+
+
+@pytest.mark.parametrize(("name", "side"), [("left", 1.0), ("right", -1.0)])
+def test_the_outer_front_corner_goes_round_the_circle_once(name: str, side: float) -> None:
+    """The corner on the far side from the centre is on the 12.5 m circle from tangent entry to tangent exit."""
+    course = ALL[name]
+    assert course.reference == (5.2, -side * 1.275)
+    assert course.surface_centre == (5.2 + 30.0, side * (12.5 - 1.275))
+    centre = np.array(course.surface_centre)
+    on_circle = np.array([course.path.pose(30.0 + s)[:2] for s in np.linspace(0.0, math.tau * 12.5, 50)])
+    assert np.hypot(*(on_circle - centre).T) == pytest.approx(12.5, abs=1e-9)
+    assert course.path.pose(course.length).psi == pytest.approx(side * math.tau, abs=1e-9)
+    assert course.length == pytest.approx(30.0 + math.tau * 12.5 + 35.0)
+
+
+@courses
+def test_the_buffer_fills_before_the_turn_and_the_trailer_leaves_it_after(course: Course) -> None:
+    """More than 20 m straight before, 30 m after: the hitch goes as far as the guided point while it is straight."""
+    first, last = course.path.segments[0], course.path.segments[-1]
+    assert first.turn == last.turn == 0.0
+    assert first.length > 20.0
+    assert last.length >= 30.0
+
+
+def test_figure_of_eight_is_a_full_left_and_a_full_right_circle() -> None:
+    """The heading rises by 2 pi and falls back; past the middle of the figure it is the point image of its first half."""
+    path = ALL["eight"].path
+    headings = [path.pose(s).psi for s in np.linspace(0.0, path.length, 2000)]
+    assert max(headings) == pytest.approx(math.tau, abs=1e-3)  # sampled every 11 cm around the maximum
+    assert headings[-1] == pytest.approx(0.0, abs=1e-9)
+    middle = 30.0 + 0.5 * (path.length - 30.0 - 35.0)
+    at = path.pose(middle)
+    assert path.curvature(middle) == pytest.approx(0.0, abs=1e-12)
+    for s in np.linspace(0.0, middle - 30.0, 20):
+        back, on = path.pose(middle - s), path.pose(middle + s)
+        assert (back.x + on.x, back.y + on.y) == pytest.approx((2 * at.x, 2 * at.y), abs=1e-9)
+
+
+def test_figure_of_eight_puts_the_outer_front_corner_on_the_circle() -> None:
+    """In the steady part: rear axle on R_r, front middle on hypot(R_r, x_f), outer corner on hypot(R_r + w/2, x_f)."""
+    arc = max(ALL["eight"].path.segments, key=lambda segment: segment.length)
+    guided_radius = 1.0 / arc.start_curvature
+    rear_radius = math.sqrt(guided_radius**2 - 5.2**2)
+    assert math.hypot(rear_radius + 1.275, 5.2) == pytest.approx(12.5, abs=1e-12)
+
+
+def test_curvature_of_the_figure_of_eight_never_jumps() -> None:
+    """From lock to lock no driver can jump: 2 m of path change the curvature by at most half of the circle's."""
+    path = ALL["eight"].path
+    curvature = np.array([path.curvature(s) for s in np.arange(0.0, path.length, 0.1)])
+    assert np.abs(curvature[20:] - curvature[:-20]).max() <= 0.5 * curvature.max() + 1e-9
+
+
+@courses
+def test_the_road_lies_where_the_rear_axle_rolls(course: Course) -> None:
+    """The centreline starts behind the start, passes the origin, and its points are evenly spread along the way.
+
+    A rear axle rolls along its own heading: from each point the guided point is x_ref ahead and y_ref beside the tangent.
+    """
+    line = course.centreline
+    assert line[0] == pytest.approx([-40.0, 0.0], abs=1e-9)
+    assert np.hypot(*line.T).min() < 1e-9
+    steps = np.diff(line, axis=0)
+    assert np.hypot(*steps.T).max() <= 0.5 + 0.1  # a rear axle on the outside of a pivoting front moves little faster
+    tangents = line[2:] - line[:-2]
+    tangents /= np.hypot(*tangents.T)[:, None]
+    normals = tangents @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    guided = line[1:-1] + tangents * course.reference[0] + normals * course.reference[1]
+    stations = -40.0 + 0.5 * np.arange(1, len(line) - 1)
+    expected = np.array([course.path.pose(float(s))[:2] for s in stations])
+    assert np.hypot(*(guided - expected).T).max() < 0.05  # central differences over 1 m, at most where curvature jumps
+
+
+def test_the_road_of_a_roundabout_has_the_radius_of_a_rolling_rear_axle() -> None:
+    """sqrt(12.5^2 - 5.2^2) - 1.275 = 10.09 m once the entry has died out (domain reference: 10.11 m at the hitch)."""
+    course = ALL["left"]
+    radius = np.hypot(*(course.centreline - np.array(course.surface_centre)).T)
+    late = (np.arange(len(radius)) * 0.5 - 40.0 > 90.0) & (np.arange(len(radius)) * 0.5 - 40.0 < 105.0)
+    assert radius[late] == pytest.approx(math.sqrt(12.5**2 - 5.2**2) - 1.275, abs=1e-3)  # midpoint rule over 0.5 m
+
+
+@settings(max_examples=25)
+@given(st.floats(11.0, 50.0), st.floats(0.5, 7.0))
+def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float) -> None:
+    """Swapping left and right flips y of the path and of the road."""
+    left = roundabout(**TRACTOR, radius=radius, turn=turn)
+    right = roundabout(**TRACTOR, radius=radius, turn=turn, direction="right")
+    assert right.path.points(5.0) == pytest.approx(left.path.points(5.0) * [1.0, -1.0], abs=1e-9)
+    assert right.centreline == pytest.approx(left.centreline * [1.0, -1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: roundabout(**TRACTOR, direction="up"), "direction = 'up'"),
+        (lambda: roundabout(**TRACTOR, radius=5.0), "radius = 5.0 m"),
+        (lambda: roundabout(**TRACTOR, entry=0.0), "entry = 0.0"),
+        (lambda: figure_of_eight(**TRACTOR, exit=-1.0), "exit = -1.0"),
+        (lambda: straight(front_x=5.2, length=0.0), "length = 0.0"),
+    ],
+)
+def test_an_impossible_course_is_refused(build, message: str) -> None:
+    """By name and value."""
+    with pytest.raises(ValueError, match=message):
+        build()
