@@ -97,7 +97,7 @@ def _result(session: Session) -> RunResult:
         frames=_camera_frames(session),
         manifest={
             "opengl_renderer": parts.renderer.name if parts.renderer else "none",
-            "frames_sha256": session.images_sha256,
+            "frames_sha256": session.images_sha256 if parts.calibration else "none",
         },
         trailer_steer_limit=parts.trailer.max_steer or None,
     )

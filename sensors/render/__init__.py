@@ -6,6 +6,7 @@ before opening the next, and never fork after one has been opened (spawn instead
 
 from __future__ import annotations
 
+import ctypes
 import os
 from typing import TYPE_CHECKING
 
@@ -24,11 +25,21 @@ class RendererUnavailableError(RuntimeError):
     """There is no working OpenGL on this machine."""
 
     def __init__(self, cause: BaseException) -> None:
-        reason = " ".join(str(cause).split()) or type(cause).__name__
+        reason = _missing_library() or " ".join(str(cause).split()) or type(cause).__name__
         super().__init__(
             f"no rendered cameras: OpenGL through EGL failed ({reason}); install it with "
             "'apt-get install libegl1 libgl1 libgl1-mesa-dri', or run without cameras: off_tracking=truth"
         )
+
+
+def _missing_library() -> str | None:
+    """What the loader says of the first of OpenGL's libraries that it can not load."""
+    for library in ("libEGL.so.1", "libGL.so.1"):
+        try:
+            ctypes.CDLL(library)
+        except OSError as error:
+            return str(error)
+    return None
 
 
 class StereoRenderer:
@@ -89,8 +100,12 @@ def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
     os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
     os.environ["PYGLET_HEADLESS"] = "true"
     try:
-        from sensors.render.pair import PairRenderer
+        from OpenGL.error import Error as OpenGlError
 
+        from sensors.render.pair import PairRenderer
+    except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load
+        raise RendererUnavailableError(error) from error
+    try:
         return PairRenderer.open(world, calibration)
-    except (ImportError, OSError, ArithmeticError) as error:
+    except (OSError, OpenGlError, RuntimeError) as error:  # no device, a refused call, a shader that does not compile
         raise RendererUnavailableError(error) from error

@@ -48,13 +48,15 @@ def open_context() -> Context:
     Raises:
         OSError: with what the last device said if none works.
     """
-    failure: Exception = OSError("EGL knows no device")
+    failure = "EGL knows no device"
     for device in query_devices():
         try:
             return _opened_on(device)
-        except (OpenGlError, AssertionError) as error:  # pyrender asserts that EGL's calls succeed
-            failure = error
-    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}") from failure
+        except OpenGlError as error:
+            failure = f"{getattr(error.baseOperation, '__name__', 'EGL')} answers {error.err}"
+        except AssertionError:  # pyrender asserts that EGL's calls succeed
+            failure = "EGL refuses a call"
+    raise OSError(f"no EGL device gives an OpenGL 4.1 context: {failure}")
 
 
 def _opened_on(device: EGLDevice) -> Context:

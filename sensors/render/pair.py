@@ -94,6 +94,9 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self.delete()
         self._context.close()
 
+    def __del__(self) -> None:
+        """Leave everything: pyrender would free objects of whatever context happens to be current."""
+
     def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
         """Draw what the left and the right camera see from their poses X_WC (4, 4)."""
         self._context.make_current()

@@ -126,9 +126,7 @@ def _drive(
         moment = math.tan(gamma_h) * axles.sum() - steered @ np.tan(angles) - slip(v * yaw_rate_S) * axles.sum()
         yaw_rate_S = v_h * math.cos(gamma_h) * float(moment) / float(axles @ axles)
         middle = X_WT.psi + 0.5 * yaw_rate_T * dt
-        X_WT = Pose2(
-            X_WT.x + v * dt * math.cos(middle), X_WT.y + v * dt * math.sin(middle), X_WT.psi + yaw_rate_T * dt
-        )
+        X_WT = Pose2(X_WT.x + v * dt * math.cos(middle), X_WT.y + v * dt * math.sin(middle), X_WT.psi + yaw_rate_T * dt)
         hitch = X_WT @ Pose2(HITCH_X, 0.0, 0.0)
         X_WS = Pose2(hitch.x, hitch.y, X_WS.psi + yaw_rate_S * dt)
         tick += STEP

@@ -28,7 +28,9 @@ def test_two_waits_are_one_long_wait(angle: float, demand: float, first: float, 
     """A held demand has no memory but the angle."""
     kind = {"lag": 0.15, "max_rate": 0.35}
     halfway = settle(angle, demand, first, **kind)
-    assert settle(halfway, demand, second, **kind) == pytest.approx(settle(angle, demand, first + second, **kind), abs=1e-12)
+    assert settle(halfway, demand, second, **kind) == pytest.approx(
+        settle(angle, demand, first + second, **kind), abs=1e-12
+    )
 
 
 def test_without_lag_the_rate_alone_limits() -> None:

@@ -20,9 +20,7 @@ from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
 from vehicle.frames import Pose2
 
-TRACTOR = TractorGeometry(
-    wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1
-)
+TRACTOR = TractorGeometry(wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1)
 PATH = Path(Pose2(5.2, -1.275, 0.0), (line(10.0), arc(60.0, 0.08), line(10.0)))
 TRAILER = TrailerGeometry(
     follow_distance=14.0, axle_distances=(9.31,), steered=(True,), max_steer=0.5, max_steer_rate=0.35, actuator_lag=0.15
@@ -150,7 +148,9 @@ def test_an_impossible_tractor_is_refused(change: dict[str, float], message: str
         replace(TRACTOR, **change)
 
 
-@pytest.mark.parametrize(("speed", "gain", "message"), [(0.0, 0.6, "speed = 0.0 m/s"), (2.8, -1.0, "gain = -1.0 rad/m")])
+@pytest.mark.parametrize(
+    ("speed", "gain", "message"), [(0.0, 0.6, "speed = 0.0 m/s"), (2.8, -1.0, "gain = -1.0 rad/m")]
+)
 def test_an_impossible_driver_is_refused(speed: float, gain: float, message: str) -> None:
     """By name, value and unit."""
     with pytest.raises(ValueError, match=message):

@@ -107,9 +107,10 @@ def test_slip_is_estimated_and_steered_against(drive: Any) -> None:
     estimated = drive(straight_on, TRAILER, PathPreview(TRAILER), slip=sliding_outwards)
     ignorant = PathPreview(TRAILER, integral=0.0, compliance=0.0, slip_distance=100.0, gain=0.5)
     left_to_gain = drive(straight_on, TRAILER, ignorant, slip=sliding_outwards)
-    print(estimated.off_tracking[-1],left_to_gain.off_tracking[-1])
-    assert abs(estimated.off_tracking[-1]) < 0.002
-    assert abs(left_to_gain.off_tracking[-1]) > 0.01  # 100 m of low-pass see a third of it in 35 m
+    assert abs(estimated.off_tracking[-1]) < 0.005  # what the closing of the loop left in the integral, dying out
+    assert (
+        abs(left_to_gain.off_tracking[-1]) > 0.02
+    )  # 100 m of low-pass see two fifths of it in 55 m: 0.0175 * 0.6 / gain
 
 
 def test_cornering_on_softer_tyres_than_assumed_stays_within_the_bars(drive: Any) -> None:
@@ -217,7 +218,14 @@ def test_law_and_memory_travel_to_other_processes() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("gain", -0.1), ("integral", 0.6), ("compliance", 1.0), ("slip_distance", 0.0), ("hold", math.nan), ("fade_rate", 0.0)],
+    [
+        ("gain", -0.1),
+        ("integral", 0.6),
+        ("compliance", 1.0),
+        ("slip_distance", 0.0),
+        ("hold", math.nan),
+        ("fade_rate", 0.0),
+    ],
 )
 def test_a_parameter_outside_its_limits_is_refused(name: str, value: float) -> None:
     """By name, value and limits."""

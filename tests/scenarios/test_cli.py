@@ -1,0 +1,129 @@
+"""The command as a user meets it: what it prints, how it refuses, what it leaves behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+OFFTRACK = str(Path(sys.executable).with_name("offtrack"))
+QUICK = ["--set", "off_tracking=truth", "--set", "course.turn_deg=30", "--set", "course.exit=5", "--no-video"]
+
+
+def offtrack(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [OFFTRACK, *arguments],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["run", "roundabut"], ["roundabut", "roundabout"]),
+        (["run", "roundabout", "--set", "surface.fricton=0.3"], ["surface.fricton", "surface.friction"]),
+        (["run", "roundabout", "--set", "surface.friction=9"], ["surface.friction", "9", "1.5"]),
+        (["run", "roundabout", "--set", "surface.cross_fall=2.5"], ["surface.cross_fall", "2.5", "0.2"]),
+        (["run", "roundabout", "--set", "rig.rate_hz=7"], ["rig.rate_hz"]),
+        (["run", "roundabout", "--set", "speed_kmh=fast"], ["speed_kmh", "fast"]),
+        (["run", "roundabout", "--set", "vehicle=uk_longer_semitrailr"], ["uk_longer_semitrailr", "uk_longer_semitrailer"]),
+        (["run", "roundabout", "--set", "vehicle=none.toml"], ["none.toml"]),
+        (["run", "roundabout", "--set", "trailer_steering=path_preveiw"], ["path_preveiw", "path_preview"]),
+        (["run", "roundabout", "--set", "trailer_steering=no_such_module:Law"], ["no_such_module"]),
+        (["run", "roundabout", "--set", "steering.gian=1"], ["gian"]),
+        (["run", "roundabout", "--set", "steering.gain=-1"], ["gain", "-1"]),
+        (["run", "roundabout", "--set", "odometry=orb"], ["orb", "circular"]),
+        (["run", "roundabout", "--set", "off_tracking=guess"], ["guess", "viso_ot"]),
+        (["run", "constant-slip", "--set", "trailer_steering=path_preview"], ["trailer_steering", "none"]),
+        (["run", "broken.toml"], ["broken.toml"]),
+        (["run", "roundabout", "--out", "full"], ["full", "not empty"]),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments: list[str], says: list[str], tmp_path: Path) -> None:
+    """One line on standard error that says what and where, exit code 2, and nothing written."""
+    (tmp_path / "broken.toml").write_text("name = ", encoding="utf-8")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "kept.txt").write_text("kept", encoding="utf-8")
+    before = sorted(tmp_path.rglob("*"))
+    done = offtrack(*arguments, "--quiet", cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    for part in says:
+        assert part in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_missing_opengl_is_refused_in_one_line_before_anything_moves(tmp_path: Path) -> None:
+    """EGL that can not be loaded looks to PyOpenGL like a machine without it; the line says what to install."""
+    (tmp_path / "OpenGL").mkdir()
+    (tmp_path / "OpenGL" / "__init__.py").write_text("raise ImportError('Unable to load EGL library')", encoding="utf-8")
+    done = offtrack("run", "constant-slip", "--quiet", cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert "apt-get install" in done.stderr
+    assert "off_tracking=truth" in done.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_run_leaves_a_complete_directory_and_runs_again_identically(tmp_path: Path) -> None:
+    """The resolved scenario in the run directory is a scenario file: run with it, the signals are bitwise the same."""
+    first = offtrack("run", "roundabout", *QUICK, "--json", cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    directory = tmp_path / "runs" / "roundabout-1"
+    assert {path.name for path in directory.iterdir()} == {
+        "manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"
+    }
+    assert json.loads(first.stdout) == json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+    again = offtrack("run", str(directory / "scenario.toml"), "--no-video", "--quiet", "--out", "again", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    hashes = [json.loads((d / "manifest.json").read_text(encoding="utf-8")) for d in (directory, tmp_path / "again")]
+    assert hashes[0]["signals_sha256"] == hashes[1]["signals_sha256"]
+
+
+def test_a_controller_of_ones_own_runs_by_its_import_path(tmp_path: Path) -> None:
+    """A file in the working directory is enough; its own parameters are set like any other key."""
+    (tmp_path / "mine.py").write_text(
+        """
+import numpy as np
+from controllers.trailer import SteerCommand
+
+class Proportional:
+    def __init__(self, trailer, *, gain=0.2):
+        self.trailer, self.gain = trailer, gain
+
+    def init(self):
+        return None
+
+    def step(self, memory, tick, off_tracking, steer):
+        e = off_tracking.value if off_tracking else 0.0
+        angle = np.clip(-self.gain * e, -self.trailer.max_steer, self.trailer.max_steer)
+        return memory, SteerCommand(angles=np.full(len(steer.angles), angle))
+""",
+        encoding="utf-8",
+    )
+    numbers = []
+    for law in (["trailer_steering=mine:Proportional", "steering.gain=0.4"], ["trailer_steering=none"]):
+        settings = [part for setting in law for part in ("--set", setting)]
+        done = offtrack("run", "roundabout", *QUICK, *settings, "--json", cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        numbers.append(json.loads(done.stdout))
+    assert numbers[0]["off_tracking"]["true_max_m"] < 0.8 * numbers[1]["off_tracking"]["true_max_m"]
+
+
+def test_help_tells_a_newcomer_what_to_do_next(tmp_path: Path) -> None:
+    """Every help names a command to try, and the list of scenarios says what each is."""
+    assert "offtrack run roundabout" in " ".join(offtrack("--help", cwd=tmp_path).stdout.split())
+    assert "--set" in offtrack("run", "--help", cwd=tmp_path).stdout
+    listed = offtrack("scenarios", cwd=tmp_path).stdout
+    for name in ("roundabout", "roundabout-right", "figure-of-eight", "constant-slip"):
+        assert name in listed
