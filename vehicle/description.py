@@ -116,6 +116,13 @@ class Unit(_Frozen):
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]
 
     @property
+    def supports(self) -> tuple[float, float]:
+        """Where along x the ground carries the unit, front and rear [m]: hitch and axles if towed, else its axles."""
+        if all(axle.x < 0.0 for axle in self.axles):
+            return 0.0, sum(axle.x for axle in self.axles) / len(self.axles)
+        return self.axles[0].x, self.axles[-1].x
+
+    @property
     def steered_axles(self) -> tuple[Axle, ...]:
         """The steered axles, front to rear."""
         return tuple(axle for axle in self.axles if axle.steered)

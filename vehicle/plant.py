@@ -42,6 +42,7 @@ class Plant:
         self._output_sizes = output_sizes(vehicle)
         self._n_steered = [len(unit.steered_axles) for unit in vehicle.units]
         self._hitch_x = np.array([unit.hitch_x or 0.0 for unit in vehicle.units[:-1]])  # [m]
+        self._cg_x = np.array([unit.cg_x for unit in vehicle.units])  # [m]
         layout = wheels(vehicle)
         self._wheel_unit = np.array([wheel.unit for wheel in layout])
         self._wheel_xy = np.array([(wheel.axle.x, wheel.y) for wheel in layout])  # (n_wheels, 2) in its unit [m]
@@ -130,8 +131,9 @@ class Plant:
         return self._surface.friction_at(x + c * ahead - s * left, y + s * ahead + c * left)
 
     def _gravity(self, poses: FloatArray) -> FloatArray:
-        """Gravity along the ground under every unit, along W, (2, N) [m/s2]."""
-        slope = self._surface.gradient(poses[:, 0], poses[:, 1])
+        """Gravity along the ground under every unit's centre of gravity, along W, (2, N) [m/s2]."""
+        x, y, psi = poses.T
+        slope = self._surface.gradient(x + self._cg_x * np.cos(psi), y + self._cg_x * np.sin(psi))
         along: FloatArray = -GRAVITY * slope.T / np.sqrt(1.0 + np.sum(slope**2, axis=1))
         return along
 
@@ -156,5 +158,5 @@ class Plant:
         for i, unit in enumerate(self._vehicle.units):
             R = rotation_zyx(0.0, -unit.pitch_gradient * s.a_x[i], unit.roll_gradient * s.a_y[i])
             axis = np.array([0.0, 0.0, unit.roll_axis_height])
-            bodies[i] = self._surface.pose_on(*poses[i]) @ transform(R, axis - R @ axis)
+            bodies[i] = self._surface.pose_on(*poses[i], unit.supports) @ transform(R, axis - R @ axis)
         return bodies

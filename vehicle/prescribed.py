@@ -63,7 +63,12 @@ class ConstantSlipPlant:
             tick=tick,
             poses=poses,
             velocities=velocities,
-            bodies=np.array([self._surface.pose_on(*pose) for pose in poses]),
+            bodies=np.array(
+                [
+                    self._surface.pose_on(*pose, unit.supports)
+                    for pose, unit in zip(poses, self._vehicle.units, strict=True)
+                ]
+            ),
             steer=np.zeros(self._n_steered),
             wheel_loads=self._loads.copy(),
             wheel_slip_angles=self._slip[self._wheel_unit],

@@ -54,10 +54,19 @@ class Surface:
         """Friction coefficient [-] at x, y [m], of their common shape."""
         return np.full(np.broadcast_shapes(np.shape(x), np.shape(y)), self.friction)
 
-    def pose_on(self, x: float, y: float, psi: float) -> FloatArray:
-        """X_WB (4, 4) of a body standing at x, y [m] with heading psi [rad], its z along the local normal."""
-        slope_x, slope_y = self.gradient(x, y)
+    def pose_on(self, x: float, y: float, psi: float, supports: tuple[float, float]) -> FloatArray:
+        """X_WB (4, 4) of a body at x, y [m] with heading psi [rad] that stands on two points of its x axis.
+
+        ``supports`` are their places along that axis [m], front and rear: a semi-trailer is carried by its hitch and
+        by its axles, and leans as the ground does across these two on average.
+        """
         c, s = np.cos(psi), np.sin(psi)
-        pitch = -np.arctan(slope_x * c + slope_y * s)  # nose up is negative pitch about +y
-        roll = np.arctan((-slope_x * s + slope_y * c) * np.cos(pitch))
-        return transform(rotation_zyx(psi, float(pitch), float(roll)), np.array([x, y, float(self.height(x, y))]))
+        along = np.array(supports)
+        at_x, at_y = x + along * c, y + along * s
+        front, rear = self.height(at_x, at_y)
+        rise = (front - rear) / (along[0] - along[1])
+        across = float(np.mean(self.gradient(at_x, at_y) @ np.array([-s, c])))
+        pitch = -np.arctan(rise)  # nose up is negative pitch about +y
+        roll = np.arctan(across * np.cos(pitch))
+        origin = np.array([x, y, rear - rise * along[1]])
+        return transform(rotation_zyx(psi, float(pitch), float(roll)), origin)

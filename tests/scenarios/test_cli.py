@@ -106,7 +106,7 @@ class Proportional:
 
     def step(self, memory, tick, off_tracking, steer):
         e = off_tracking.value if off_tracking else 0.0
-        angle = np.clip(-self.gain * e, -self.trailer.max_steer, self.trailer.max_steer)
+        angle = np.clip(self.gain * e, -self.trailer.max_steer, self.trailer.max_steer)
         return memory, SteerCommand(angles=np.full(len(steer.angles), angle))
 """,
         encoding="utf-8",

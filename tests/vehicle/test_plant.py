@@ -250,7 +250,7 @@ def test_bodies_stand_on_the_slope(tractor_semitrailer: Vehicle) -> None:
     plant = Plant(tractor_semitrailer, Surface(friction=0.8, grade=0.05, cross_fall=0.03))
     now = plant.observe(plant.initial_state(Pose2(10.0, 5.0, 0.4), 0.0), 0)
     for unit, X_WB, pose in zip(tractor_semitrailer.units, now.bodies, now.poses, strict=True):
-        ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(*pose)
+        ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(*pose, (0.0, -1.0))
         lean = ground[:3, :3].T @ X_WB[:3, :3]
         g = ground[:3, :3].T @ np.array([0.0, 0.0, GRAVITY])
         # axes of a unit on a plane and of its body agree to second order in the slope

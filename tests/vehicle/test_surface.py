@@ -33,14 +33,26 @@ def test_the_gradient_is_the_derivative_of_the_height(surface: Surface, x: float
 
 
 @given(surfaces, positions, positions, st.floats(-7.0, 7.0))
-def test_a_body_stands_along_the_normal_with_its_heading(surface: Surface, x: float, y: float, psi: float) -> None:
-    """z axis normal to the ground, x axis towards psi as seen from above, origin on the ground."""
-    X_WB = surface.pose_on(x, y, psi)
-    slope_x, slope_y = surface.gradient(x, y)
+def test_a_body_stands_on_its_two_supports_with_its_heading(surface: Surface, x: float, y: float, psi: float) -> None:
+    """Both supports touch the ground, the x axis runs towards psi as seen from above."""
+    supports = (1.0, -8.0)
+    X_WB = surface.pose_on(x, y, psi, supports)
+    assert math.remainder(math.atan2(X_WB[1, 0], X_WB[0, 0]) - psi, math.tau) == pytest.approx(0.0, abs=1e-12)
+    for support in supports:
+        along = support / math.hypot(X_WB[0, 0], X_WB[1, 0])  # the slope is longer than it looks from above
+        p = X_WB @ [along, 0.0, 0.0, 1.0]
+        assert p[2] == pytest.approx(float(surface.height(p[0], p[1])), abs=1e-9)
+
+
+@given(slopes, slopes, st.floats(-7.0, 7.0))
+def test_on_a_plane_a_body_stands_along_the_normal(cross_fall: float, grade: float, psi: float) -> None:
+    """Whatever its supports: z axis normal to the ground, origin on it."""
+    surface = Surface(friction=0.8, cross_fall=cross_fall, grade=grade)
+    X_WB = surface.pose_on(3.0, -2.0, psi, (0.0, -9.3))
+    slope_x, slope_y = surface.gradient(3.0, -2.0)
     normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
     np.testing.assert_allclose(X_WB[:3, 2], normal, atol=1e-12)
-    assert math.remainder(math.atan2(X_WB[1, 0], X_WB[0, 0]) - psi, math.tau) == pytest.approx(0.0, abs=1e-12)
-    np.testing.assert_allclose(X_WB[:3, 3], [x, y, surface.height(x, y)])
+    np.testing.assert_allclose(X_WB[:3, 3], [3.0, -2.0, surface.height(3.0, -2.0)], atol=1e-12)
 
 
 def test_a_plane_falls_to_the_right_and_a_cone_away_from_its_centre() -> None:

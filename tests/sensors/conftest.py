@@ -1,0 +1,65 @@
+"""A small world and its renderer, shared by the tests of this folder: both take seconds to make."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration, StereoRig
+from sensors.world import World, build_world
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+ROAD_HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
+SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
+
+
+def roundabout() -> FloatArray:
+    """Along +x to the origin, once round to the left, and on along +x (n, 2) [m]: it meets itself at the origin."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 400)
+    circle = np.stack([RADIUS * np.sin(angle), RADIUS - RADIUS * np.cos(angle)], axis=1)
+    return np.concatenate([[[-60.0, 0.0]], circle, [[60.0, 0.0]]])
+
+
+def built(seed: int, *, scenery_density: float = 1.0) -> World:
+    """The world of these tests."""
+    return build_world(
+        rng=np.random.default_rng(seed),
+        centreline=roundabout(),
+        road_half_width=ROAD_HALF_WIDTH,
+        surface=SURFACE,
+        scenery_density=scenery_density,
+        clearance=CLEARANCE,
+    )
+
+
+@pytest.fixture(scope="session")
+def calibration() -> StereoCalibration:
+    """The cameras of de Saxe & Cebon 2018, section 3.1, at the rear end of a trailer of 13.6 m."""
+    rig = StereoRig(
+        facing="rear", width=1344, height=391, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5
+    )
+    return rig.calibration()
+
+
+@pytest.fixture(scope="session")
+def world() -> World:
+    """Roundabout on a cone, with scenery."""
+    return built(1)
+
+
+@pytest.fixture(scope="session")
+def bare_world() -> World:
+    """The same without scenery."""
+    return built(1, scenery_density=0.0)
+
+
+@pytest.fixture(scope="session")
+def renderer(world: World, calibration: StereoCalibration) -> Iterator[StereoRenderer]:
+    """The renderer of the world with scenery."""
+    opened = StereoRenderer(world, calibration)
+    yield opened
+    opened.close()

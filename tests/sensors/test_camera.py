@@ -1,0 +1,132 @@
+"""Image noise and the frames that a stereo camera sends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from sensors.camera import NoiseBank, grey
+from sensors.messages import ColourImage
+from sensors.rig import StereoCalibration
+from sensors.stereo_camera import StereoCamera
+from vehicle.frames import FloatArray
+from vehicle.truth import Truth
+
+SHAPE = (391, 1344)
+MID_GREY = np.full(SHAPE, 128, dtype=np.uint8)
+PIXELS = MID_GREY.size
+
+
+@pytest.mark.parametrize("std", [0.5, 2.0, 6.0])
+def test_noise_has_the_asked_spread_and_no_mean(std: float) -> None:
+    """Rounding to whole grey levels adds its variance of 1/12, as in any camera."""
+    rng = np.random.default_rng(3)
+    noise = NoiseBank.draw(rng, std, PIXELS).added_to(MID_GREY, rng).astype(float) - 128.0
+    expected = math.hypot(std, math.sqrt(1.0 / 12.0))
+    assert abs(noise.mean()) < 5.0 * expected / math.sqrt(PIXELS)  # five standard errors of the mean
+    assert noise.std() == pytest.approx(expected, rel=0.01)  # ten standard errors; at 0.5 Sheppard's 1/12 is 0.5 % off
+
+
+def test_noise_of_any_two_images_is_uncorrelated() -> None:
+    """Left and right, and one frame and the next, each get noise of their own; so does each pixel."""
+    rng = np.random.default_rng(4)
+    bank = NoiseBank.draw(rng, 4.0, PIXELS)
+    images = [bank.added_to(MID_GREY, rng).astype(float) - 128.0 for _ in range(6)]
+    between = np.corrcoef([image.ravel() for image in images]) - np.eye(6)
+    limit = 5.0 / math.sqrt(PIXELS)  # five standard errors of a correlation of independent pixels
+    assert np.abs(between).max() < limit
+    for neighbour in (images[0][:, 1:] * images[0][:, :-1], images[0][1:] * images[0][:-1]):
+        assert abs(neighbour.mean()) / images[0].var() < limit
+
+
+def test_noise_saturates_instead_of_wrapping() -> None:
+    """A white pixel with positive noise stays white; wrapped it would turn black."""
+    rng = np.random.default_rng(5)
+    bank = NoiseBank.draw(rng, 5.0, PIXELS)
+    assert bank.added_to(np.full(SHAPE, 255, dtype=np.uint8), rng).min() > 200  # 255 - 11 deviations
+    assert bank.added_to(np.zeros(SHAPE, dtype=np.uint8), rng).max() < 55
+
+
+def test_same_generator_gives_the_same_noise() -> None:
+    """Everything that is left to chance comes from the generator."""
+
+    def noisy(seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        return NoiseBank.draw(rng, 2.0, PIXELS).added_to(MID_GREY, rng)
+
+    assert np.array_equal(noisy(6), noisy(6))
+    assert not np.array_equal(noisy(6), noisy(7))
+
+
+@pytest.mark.parametrize("std", [-0.1, 51.0, math.nan])
+def test_impossible_noise_is_refused(std: float) -> None:
+    """The message names the value, its unit and its limits."""
+    with pytest.raises(ValueError, match=r"noise_std = .* grey levels must be between 0 and 50"):
+        NoiseBank.draw(np.random.default_rng(0), std, PIXELS)
+
+
+def test_green_is_the_brightest_primary() -> None:
+    """Luminance weighs red, green and blue with 0.299, 0.587, 0.114: the order of the channels is pinned."""
+    primaries = (255 * np.eye(3, dtype=np.uint8)).reshape(1, 3, 3)
+    np.testing.assert_allclose(grey(primaries)[0], [76, 150, 29], atol=1)  # one level of rounding
+
+
+class _Painted:
+    """A renderer whose images tell the x of the pose they were asked for."""
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        self.calibration = calibration
+
+    def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
+        left = np.full((*SHAPE, 3), int(X_WB[0, 3]), dtype=np.uint8)
+        return left, left + np.uint8(1)
+
+
+def _truth(tick: int) -> Truth:
+    """Two units whose bodies are at x = 10 m and x = 20 m."""
+    bodies = np.tile(np.eye(4), (2, 1, 1))
+    bodies[:, 0, 3] = 10.0, 20.0
+    nothing = np.empty(0)
+    return Truth(
+        tick=tick,
+        poses=np.zeros((2, 3)),
+        velocities=np.zeros((2, 3)),
+        bodies=bodies,
+        steer=nothing,
+        wheel_loads=nothing,
+        wheel_slip_angles=nothing,
+        friction_used=nothing,
+    )
+
+
+@pytest.mark.parametrize("keep_colour", [False, True])
+def test_frame_is_what_the_cameras_on_the_unit_saw(calibration: StereoCalibration, keep_colour: bool) -> None:
+    """Stamped with the capture tick; left and right not swapped; colour only when asked for."""
+    camera = StereoCamera(
+        renderer=_Painted(calibration), unit=1, noise_std=0.0, rng=np.random.default_rng(0), keep_colour=keep_colour
+    )
+    frame = camera.sample(_truth(70))
+    assert frame.tick == 70
+    assert (frame.left == 20).all()
+    assert (frame.right == 21).all()
+    assert (frame.colour is not None) == keep_colour
+    assert camera.calibration is calibration
+
+
+def test_left_and_right_image_get_different_noise(calibration: StereoCalibration) -> None:
+    """Two sensors: what the noise does to one image says nothing about the other."""
+    camera = StereoCamera(
+        renderer=_Painted(calibration), unit=0, noise_std=3.0, rng=np.random.default_rng(1), keep_colour=False
+    )
+    frame = camera.sample(_truth(0))
+    correlation = np.corrcoef(frame.left.ravel(), frame.right.ravel())[0, 1]
+    assert abs(correlation) < 5.0 / math.sqrt(PIXELS)  # five standard errors
+
+
+def test_a_unit_that_can_not_be_is_refused(calibration: StereoCalibration) -> None:
+    """A negative index would silently count from the last unit."""
+    with pytest.raises(ValueError, match="unit = -1"):
+        StereoCamera(
+            renderer=_Painted(calibration), unit=-1, noise_std=0.0, rng=np.random.default_rng(0), keep_colour=False
+        )

@@ -1,0 +1,146 @@
+"""The world as plain data: where things stand, where the road runs, what the seed decides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sensors.ground import Centreline
+from sensors.scenery import Stand
+from sensors.world import World, build_world
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+# the numbers behind the fixtures in conftest.py
+HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
+SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
+
+
+def _distance_from_way(points: FloatArray) -> FloatArray:
+    """Distance [m] from the roundabout's centreline, from its geometry: a straight line and a circle."""
+    on_line = np.hypot(np.maximum(np.abs(points[..., 0]) - 60.0, 0.0), points[..., 1])
+    on_circle = np.abs(np.hypot(points[..., 0], points[..., 1] - RADIUS) - RADIUS)
+    return np.minimum(on_line, on_circle)
+
+
+def _vertices(stand: Stand) -> FloatArray:
+    """All vertices (n, 3) of all individuals in W."""
+    own = np.concatenate([part.mesh.vertices for part in stand.thing.parts])
+    return (np.einsum("nij,mj->nmi", stand.poses[:, :3, :3], own) + stand.poses[:, None, :3, 3]).reshape(-1, 3)
+
+
+def _solid(world: World) -> list[Stand]:
+    return [stand for stand in world.stands if stand.thing.name != "kerb_stone"]
+
+
+def test_nothing_but_kerb_stones_stands_within_the_clearance(world: World) -> None:
+    """Trailers cut in; neither they nor their cameras may pass through a thing. Checked for every vertex."""
+    nearest = min(_distance_from_way(_vertices(stand)[:, :2]).min() for stand in _solid(world))
+    assert nearest > CLEARANCE - 0.01  # the circle's polygon of 400 corners is 0.3 mm off, shapes not at all
+    assert nearest < CLEARANCE + 1.0  # or nothing near would give parallax
+
+
+def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> None:
+    """Where the road meets itself its arms merge: a kerb stone on the asphalt would be an obstacle."""
+    (kerb,) = (stand for stand in world.stands if stand.thing.name == "kerb_stone")
+    distance = _distance_from_way(_vertices(kerb)[:, :2])
+    assert distance.min() > HALF_WIDTH - 0.08  # 10 mm of batter, and a stone's half length across a corner
+    assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
+    assert _vertices(kerb)[:, 2].max() < 0.15  # low enough for any body to pass over [m]
+
+
+def test_things_stand_on_the_ground(world: World) -> None:
+    """Each foot is on the surface, within what the course's margin covers."""
+    for stand in world.stands:
+        foot = stand.poses[:, :3, 3]
+        near = _distance_from_way(foot) < 90.0
+        height = SURFACE.height(foot[near, 0], foot[near, 1])
+        np.testing.assert_allclose(foot[near, 2], height, atol=1e-9)  # the same function of the same numbers
+
+
+def test_ground_mesh_lies_on_the_surface(world: World) -> None:
+    """All of its vertices do, up to 100 m beyond the course."""
+    x, y, z = world.ground.vertices.T
+    near = (np.abs(x) < 160.0) & (y > -100.0) & (y < 120.0)
+    assert near.sum() > 1000
+    np.testing.assert_allclose(z[near], SURFACE.height(x[near], y[near]), atol=1e-9)  # the same function
+
+
+def test_density_zero_is_bare_ground(bare_world: World) -> None:
+    """No things at all, not even kerbs or their shadows, but ground and sky all the same."""
+    assert bare_world.stands == ()
+    assert bare_world.road.light.min() == 1.0
+    assert bare_world.panorama.std() > 5.0  # grey levels; a sky of one colour has none
+
+
+def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
+    """Of the nearest arm, so that arms merge."""
+    road = world.road
+    rows, columns = road.edge_distance.shape
+    x, y = road.origin[0] + road.cell * np.arange(columns), road.origin[1] + road.cell * np.arange(rows)
+    expected = _distance_from_way(np.stack(np.meshgrid(x, y), axis=-1)) - HALF_WIDTH
+    near = expected < 10.0
+    error = np.abs(road.edge_distance - expected)[near & (expected > -3.5)]
+    assert error.max() < 2e-3  # [m] points every 50 mm and a polygon of 400 corners: 0.3 mm each
+
+
+def test_a_crossing_centreline_is_near_to_both_arms() -> None:
+    """Two straight lines that cross: the distance is the smaller one."""
+    cross = Centreline(np.array([[-20.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0], [0.0, -20.0]]))
+    np.testing.assert_allclose(cross.distance(np.array([[3.0, -5.0], [-7.0, 2.0]])), [3.0, 2.0], atol=1e-3)  # 50 mm steps
+
+
+def test_shadows_fall_away_from_the_sun(world: World) -> None:
+    """Around each tree the ground on the sun's side is lit and on the other side is dark."""
+    (tree, *_) = (stand for stand in world.stands if stand.thing.name == "broadleaf")
+    towards = world.sun[:2] / np.linalg.norm(world.sun[:2])
+
+    def light_at(points: FloatArray) -> FloatArray:
+        index = np.round((points - world.road.origin) / world.road.cell).astype(int)
+        inside = ((index >= 0) & (index < world.road.light.shape[::-1])).all(axis=1)
+        return world.road.light[index[inside, 1], index[inside, 0]]
+
+    foot = tree.poses[:, :2, 3]
+    assert light_at(foot - 6.0 * towards).mean() < 0.4  # crowns 5.4 m up throw their shadow some 6 m away
+    assert light_at(foot + 6.0 * towards).mean() > 0.7  # now and then that of another tree
+
+
+def _small(seed: int, **changes: object) -> World:
+    arguments = {"road_half_width": 3.0, "scenery_density": 0.3, "clearance": 8.0, **changes}
+    return build_world(
+        rng=np.random.default_rng(seed),
+        centreline=np.array([[0.0, 0.0], [10.0, 0.0]]),
+        surface=Surface(friction=0.8),
+        **arguments,  # type: ignore[arg-type]  # one dict of several types keeps the cases below short
+    )
+
+
+def test_seed_decides_the_world() -> None:
+    """The same generator builds the same world to the last bit; another one another world."""
+    one, same, other = _small(1), _small(1), _small(2)
+    assert np.array_equal(one.detail, same.detail)
+    assert np.array_equal(one.panorama, same.panorama)
+    assert all(np.array_equal(a.poses, b.poses) for a, b in zip(one.stands, same.stands, strict=True))
+    assert not np.array_equal(one.detail, other.detail)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [("scenery_density", 2.1), ("scenery_density", -0.1), ("road_half_width", 0.0), ("clearance", 2.9)],
+)
+def test_arguments_out_of_range_are_named(argument: str, value: float) -> None:
+    """One line with the argument's name and value."""
+    with pytest.raises(ValueError, match=f"{argument} = {value}"):
+        _small(0, **{argument: value})
+
+
+def test_a_centreline_needs_two_points() -> None:
+    """One point has no direction."""
+    with pytest.raises(ValueError, match="centreline"):
+        build_world(
+            rng=np.random.default_rng(0),
+            centreline=np.zeros((1, 2)),
+            road_half_width=3.0,
+            surface=Surface(friction=0.8),
+            scenery_density=0.0,
+            clearance=8.0,
+        )
