@@ -16,8 +16,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _MAX_TURN = 4.0 * math.pi  # [rad]
 
-_PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess; each step is at most _PROJECTION_REACH
-_PROJECTION_REACH = 1.0  # keeps the projection on its own branch where a path crosses itself [m]
+_PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess
 
 
 class Segment(NamedTuple):
@@ -109,7 +108,7 @@ class Path:
             across = c * (y - pose.y) - sin * (x - pose.x)
             # Newton on along(s) = 0; beyond half the way to the centre of curvature the slope is held.
             step = along / max(1.0 - self.curvature(s) * across, 0.5)
-            s += max(-_PROJECTION_REACH, min(_PROJECTION_REACH, step))
+            s += step
             if abs(step) < 1e-10:
                 break
         return s

@@ -124,22 +124,23 @@ def kerbs(plot: Plot, road_half_width: float) -> Stand:
     stone = things.kerb_stone()
     places, yaws = [np.empty((0, 2))], [np.empty(0)]
     for side in (1.0, -1.0):
-        place, yaw = _laid_end_to_end(plot.centreline.offset(side * road_half_width), things.KERB_LENGTH)
-        on_outline = plot.centreline.distance(place) > road_half_width - 0.02
-        places.append(place[on_outline])
+        ends = _paced_out(plot.centreline.offset(side * road_half_width), things.KERB_LENGTH)
+        outside = plot.centreline.distance(ends) > road_half_width - 0.02
+        on_outline = outside[1:] & outside[:-1]
+        chord = np.diff(ends, axis=0)
+        yaw = np.arctan2(chord[:, 1], chord[:, 0])
+        places.append((0.5 * (ends[1:] + ends[:-1]))[on_outline])
         yaws.append(yaw[on_outline] + (0.0 if side > 0 else math.pi))
     flat = plot.stand(stone, np.concatenate(places), np.concatenate(yaws), np.ones(sum(map(len, places))))
     return Stand(thing=stone, poses=_tilted(flat.poses, plot.terrain), brightness=flat.brightness)
 
 
-def _laid_end_to_end(line: FloatArray, length: float) -> tuple[FloatArray, FloatArray]:
-    """Middles (n, 2) and headings (n,) of pieces of about ``length`` laid along a line (m, 2)."""
+def _paced_out(line: FloatArray, length: float) -> FloatArray:
+    """Points (n, 2) every ``length`` along a line (m, 2)."""
     step = np.diff(line, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
     joints = np.arange(0.0, along[-1], length)
-    ends = np.stack([np.interp(joints, along, line[:, i]) for i in range(2)], axis=1)
-    chord = np.diff(ends, axis=0)
-    return 0.5 * (ends[1:] + ends[:-1]), np.arctan2(chord[:, 1], chord[:, 0])
+    return np.stack([np.interp(joints, along, line[:, i]) for i in range(2)], axis=1)
 
 
 def _tilted(poses: FloatArray, terrain: Terrain) -> FloatArray:

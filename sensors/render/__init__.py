@@ -1,7 +1,7 @@
 """Rendered stereo pairs: the only place that touches pyrender and OpenGL, and it does so not before it has to.
 
-Works without a GPU (Mesa's software renderer through EGL). One renderer is live per process at a time: close one
-before opening the next, and never fork after one has been opened (spawn instead).
+Works without a GPU (Mesa's software renderer through EGL). Open one renderer at a time per process and close it before
+the next; use it only from the thread that opened it, and never fork once one has been opened (spawn instead).
 """
 
 from __future__ import annotations

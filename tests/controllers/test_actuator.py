@@ -15,8 +15,8 @@ times = st.floats(0.0, 2.0)
 
 @given(angles, angles, times)
 def test_it_solves_the_lag_under_the_rate_limit(angle: float, demand: float, duration: float) -> None:
-    """Against 4000 Euler steps of d(angle)/dt = clip((demand - angle)/lag); their error is below gap dt/(2 lag) = 1 mrad."""
-    lag, max_rate, steps = 0.15, 0.35, 4000
+    """Against Euler steps of d(angle)/dt = clip((demand - angle)/lag); they err by max_rate dt / 2 = 0.4 mrad."""
+    lag, max_rate, steps = 0.15, 0.35, 1000
     stepped = angle
     for _ in range(steps):
         stepped += duration / steps * np.clip((demand - stepped) / lag, -max_rate, max_rate)

@@ -32,7 +32,7 @@ COURSES = {
 }
 
 
-def ego(tick: int = 0, **motion: float) -> EgoState:
+def ego(tick: int = 0, /, **motion: float) -> EgoState:
     at_rest = {"x": 0.0, "y": 0.0, "psi": 0.0, "v_x": 0.0, "v_y": 0.0, "yaw_rate": 0.0}
     return EgoState(tick=tick, **{**at_rest, **motion})
 
@@ -90,7 +90,7 @@ def test_mirror_symmetry(motion: dict[str, float], steer: float, demand: float) 
 
 
 def test_slip_of_both_axles_is_steered_against() -> None:
-    """On a straight path with a steady crab motion, the front wheels must point where the tractor goes, plus their slip.
+    """On a straight path with a steady crab motion, the front wheels point where the tractor goes, plus their slip.
 
     v_y = 0.05 v_x without yaw: the body is held 0.05 rad to the right of the path so that the way leads along it; a
     front slip of -0.02 rad, seen for longer than its low-pass, is added on top.

@@ -113,6 +113,17 @@ def test_slip_is_estimated_and_steered_against(drive: Any) -> None:
     )  # 100 m of low-pass see two fifths of it in 55 m: 0.0175 * 0.6 / gain
 
 
+def test_foreseeing_the_inertial_slip_pays(drive: Any) -> None:
+    """Where the tyres are as assumed, the slip that comes with the turn is there when the turn is, not 1.5 m later.
+
+    A tenth less error into the turn and round it; foreseen and measured twice over, it would be several times more.
+    """
+    tyres: Any = {"slip": lambda lateral_acceleration: -0.022 * lateral_acceleration, "speed_kmh": 15.0, "until": 20.0}
+    foreseen = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER), **tyres)
+    only_measured = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER, compliance=0.0), **tyres)
+    assert foreseen.rms < 0.9 * only_measured.rms
+
+
 def test_cornering_on_softer_tyres_than_assumed_stays_within_the_bars(drive: Any) -> None:
     """Slip that comes and goes with the turn, half of it not foreseen; after the loop has closed on the entry."""
     run = drive(ROUNDABOUT, TWO_OF_THREE, PathPreview(TWO_OF_THREE), slip=sliding_outwards)
@@ -133,7 +144,7 @@ def estimate(tick: int, *, offset: float = 0.0, health: Health = Health.OK, v_x:
         value=offset,
         std=0.01,
         health=health,
-        path=PATH + [0.0, offset],
+        path=PATH + np.array([0.0, offset]),
         hitch_direction=0.0,
         hitch_direction_rate=0.0,
         path_tangent=0.0,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 
 from scenarios.courses import Course, figure_of_eight, roundabout, straight
 
-TRACTOR = {"front_x": 5.2, "width": 2.55}
+TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {
     "left": roundabout(**TRACTOR),
     "right": roundabout(**TRACTOR, direction="right"),
@@ -62,7 +64,7 @@ def test_the_buffer_fills_before_the_turn_and_the_trailer_leaves_it_after(course
 
 
 def test_figure_of_eight_is_a_full_left_and_a_full_right_circle() -> None:
-    """The heading rises by 2 pi and falls back; past the middle of the figure it is the point image of its first half."""
+    """The heading rises by 2 pi and falls back; past its middle the figure is the point image of the first half."""
     path = ALL["eight"].path
     headings = [path.pose(s).psi for s in np.linspace(0.0, path.length, 2000)]
     assert max(headings) == pytest.approx(math.tau, abs=1e-3)  # sampled every 11 cm around the maximum
@@ -94,7 +96,7 @@ def test_curvature_of_the_figure_of_eight_never_jumps() -> None:
 def test_the_road_lies_where_the_rear_axle_rolls(course: Course) -> None:
     """The centreline starts behind the start, passes the origin, and its points are evenly spread along the way.
 
-    A rear axle rolls along its own heading: from each point the guided point is x_ref ahead and y_ref beside the tangent.
+    A rear axle rolls along its own heading: the guided point is x_ref ahead on the tangent and y_ref beside it.
     """
     line = course.centreline
     assert line[0] == pytest.approx([-40.0, 0.0], abs=1e-9)
@@ -131,14 +133,14 @@ def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: roundabout(**TRACTOR, direction="up"), "direction = 'up'"),
+        (lambda: roundabout(**TRACTOR | {"direction": "up"}), "direction = 'up'"),
         (lambda: roundabout(**TRACTOR, radius=5.0), "radius = 5.0 m"),
         (lambda: roundabout(**TRACTOR, entry=0.0), "entry = 0.0"),
         (lambda: figure_of_eight(**TRACTOR, exit=-1.0), "exit = -1.0"),
         (lambda: straight(front_x=5.2, length=0.0), "length = 0.0"),
     ],
 )
-def test_an_impossible_course_is_refused(build, message: str) -> None:
+def test_an_impossible_course_is_refused(build: Callable[[], Course], message: str) -> None:
     """By name and value."""
     with pytest.raises(ValueError, match=message):
         build()

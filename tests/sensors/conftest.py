@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+
 from sensors.render import StereoRenderer
 from sensors.rig import StereoCalibration, StereoRig
 from sensors.world import World, build_world

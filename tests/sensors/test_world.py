@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from sensors.ground import Centreline
 from sensors.scenery import Stand
 from sensors.world import World, build_world
@@ -43,7 +44,9 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
     """Where the road meets itself its arms merge: a kerb stone on the asphalt would be an obstacle."""
     (kerb,) = (stand for stand in world.stands if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
-    assert distance.min() > HALF_WIDTH - 0.08  # 10 mm of batter, and a stone's half length across a corner
+    assert (
+        distance.min() > HALF_WIDTH - 0.05
+    )  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
     assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
     assert _vertices(kerb)[:, 2].max() < 0.15  # low enough for any body to pass over [m]
 
@@ -68,7 +71,7 @@ def test_ground_mesh_lies_on_the_surface(world: World) -> None:
 def test_density_zero_is_bare_ground(bare_world: World) -> None:
     """No things at all, not even kerbs or their shadows, but ground and sky all the same."""
     assert bare_world.stands == ()
-    assert bare_world.road.light.min() == 1.0
+    assert bare_world.road.light.min() > 0.9999  # of blurring ones
     assert bare_world.panorama.std() > 5.0  # grey levels; a sky of one colour has none
 
 
@@ -86,7 +89,9 @@ def test_road_map_holds_the_distance_from_the_edge(world: World) -> None:
 def test_a_crossing_centreline_is_near_to_both_arms() -> None:
     """Two straight lines that cross: the distance is the smaller one."""
     cross = Centreline(np.array([[-20.0, 0.0], [20.0, 0.0], [20.0, 20.0], [0.0, 20.0], [0.0, -20.0]]))
-    np.testing.assert_allclose(cross.distance(np.array([[3.0, -5.0], [-7.0, 2.0]])), [3.0, 2.0], atol=1e-3)  # 50 mm steps
+    np.testing.assert_allclose(
+        cross.distance(np.array([[3.0, -5.0], [-7.0, 2.0]])), [3.0, 2.0], atol=1e-3
+    )  # 50 mm steps
 
 
 def test_shadows_fall_away_from_the_sun(world: World) -> None:
@@ -114,9 +119,9 @@ def _small(seed: int, **changes: object) -> World:
     )
 
 
-def test_seed_decides_the_world() -> None:
+def test_seed_decides_the_world(world: World) -> None:
     """The same generator builds the same world to the last bit; another one another world."""
-    one, same, other = _small(1), _small(1), _small(2)
+    one, same, other = _small(2), _small(2), world
     assert np.array_equal(one.detail, same.detail)
     assert np.array_equal(one.panorama, same.panorama)
     assert all(np.array_equal(a.poses, b.poses) for a, b in zip(one.stands, same.stands, strict=True))

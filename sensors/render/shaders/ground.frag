@@ -44,13 +44,13 @@ void main()
     float d = strip.x + strip.y * here.r;
     float half_footprint = 0.5 * fwidth(d) + 0.002;
 
-    vec3 asphalt = vec3(0.455, 0.455, 0.460) * (0.82 + 1.45 * grain.r + 0.36 * here.b);
+    vec3 asphalt = vec3(0.455, 0.455, 0.460) * (0.82 + 1.8 * grain.r + 0.36 * here.b);
     float paint = stripe(d + 0.35, 0.07, half_footprint) * clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92);
     asphalt = mix(asphalt, vec3(0.86, 0.86, 0.83) * (1.0 + 0.6 * grain.r), paint);
 
     vec3 gravel = vec3(0.52, 0.47, 0.39) * (1.0 + 1.5 * grain.b);
     float lush = clamp(here.a + 0.9 * grain.a, 0.0, 1.0);
-    vec3 grass = mix(vec3(0.41, 0.41, 0.20), vec3(0.25, 0.36, 0.14), lush) * (1.0 + 1.3 * grain.g);
+    vec3 grass = mix(vec3(0.41, 0.41, 0.20), vec3(0.25, 0.36, 0.14), lush) * (1.0 + 1.75 * grain.g);
     vec3 verge = mix(grass, gravel, clamp(5.0 * (here.b - 0.66 + 0.8 * grain.a + 0.5 * grain.g), 0.0, 1.0));
     verge = mix(verge, vec3(0.66, 0.65, 0.62) * (1.0 + 0.9 * grain.r), stripe(d - 0.06, 0.06, half_footprint));
 

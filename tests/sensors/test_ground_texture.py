@@ -1,0 +1,105 @@
+"""Whether the rendered ground is good to navigate by: aperiodic, full of corners, and steady from frame to frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sensors.camera import NoiseBank, grey
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration
+from sensors.world import World
+from vehicle.frames import FloatArray, inverse, transform
+from vehicle.surface import Surface
+
+SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
+STRAIGHT = SURFACE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # X_WB on the straight before the roundabout
+
+
+def from_above(world: World, *, height: float, size: int) -> FloatArray:
+    """Grey image (size, size) of the ground around the origin of W, ``height`` metres wide, from that far up."""
+    looking_down = transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, height]))
+    middle = 0.5 * (size - 1)
+    camera = StereoCalibration(
+        width=size, height=size, focal_length=float(size), cx=middle, cy=middle, baseline=0.5, X_SC=looking_down
+    )
+    renderer = StereoRenderer(world, camera)
+    image = grey(renderer.render(np.eye(4))[0])
+    renderer.close()
+    return image.astype(float)
+
+
+def largest_repeat(image: FloatArray, *, beyond: int) -> float:
+    """Highest autocorrelation coefficient at any shift of more than ``beyond`` and less than half the image [px]."""
+    detail = image - cv2.GaussianBlur(image, (0, 0), 0.25 * beyond)
+    padded = np.zeros((2 * image.shape[0], 2 * image.shape[1]))
+    inside = padded.copy()
+    padded[: image.shape[0], : image.shape[1]] = detail - detail.mean()
+    inside[: image.shape[0], : image.shape[1]] = 1.0
+    correlation = np.fft.irfft2(np.abs(np.fft.rfft2(padded)) ** 2) / detail.var()
+    overlap = np.maximum(np.fft.irfft2(np.abs(np.fft.rfft2(inside)) ** 2), 0.25 * image.size)
+    shift = np.hypot(*np.meshgrid(np.fft.fftfreq(len(padded)), np.fft.fftfreq(len(padded)))) * len(padded)
+    return float((correlation / overlap)[(shift > beyond) & (shift < 0.5 * len(image))].max())
+
+
+@pytest.mark.parametrize("on_road", [True, False])
+def test_texture_does_not_repeat(bare_world: World, on_road: bool) -> None:
+    """Seen from above, 80 m of ground look nowhere like another place: a repeat is poison to matching.
+
+    The detail's own period is 12 m; without its bending the autocorrelation there is above 0.9.
+    """
+    edge = np.full_like(bare_world.road.edge_distance, -3.0 if on_road else 15.0)  # all road, or none
+    flat = np.full_like(edge, 0.5)
+    world = replace(bare_world, road=replace(bare_world.road, edge_distance=edge, gravel=flat))
+    image = from_above(world, height=80.0, size=1024)
+    assert image.std() > 4.0  # [grey levels] or there is nothing to repeat
+    print(largest_repeat(image, beyond=12), image.std())
+    assert largest_repeat(image, beyond=12) < 0.3
+
+
+def frame(renderer: StereoRenderer, X_WB: FloatArray, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """What the left camera sends, with noise of 2 grey levels."""
+    image = grey(renderer.render(X_WB)[0])
+    return NoiseBank.draw(rng, 2.0, image.size).added_to(image, rng)
+
+
+def test_ground_is_full_of_corners(renderer: StereoRenderer, calibration: StereoCalibration) -> None:
+    """Nearly every 50 x 50 px bucket of the ground has a corner far stronger than noise makes them."""
+    rng = np.random.default_rng(0)
+    response = cv2.cornerMinEigenVal(frame(renderer, STRAIGHT, rng), 5)
+    grey_card = np.full((calibration.height, calibration.width), 128, dtype=np.uint8)
+    noise = cv2.cornerMinEigenVal(NoiseBank.draw(rng, 2.0, grey_card.size).added_to(grey_card, rng), 5)
+    lower = response[240:390, :1300]  # from 5 px below the horizon at 35 m to the lower edge
+    buckets = lower.reshape(3, 50, 26, 50).max(axis=(1, 3))
+    print((buckets > 5.0 * np.quantile(noise, 0.99)).mean(), np.quantile(noise,.99), np.sort(buckets.ravel())[:20])
+    assert (buckets > 5.0 * np.quantile(noise, 0.99)).mean() > 0.95
+
+
+@pytest.mark.parametrize(("nearest", "farthest", "share"), [(0.0, 12.0, 0.85), (12.0, 40.0, 0.80)])
+def test_tracked_points_land_where_the_ground_went(
+    renderer: StereoRenderer, calibration: StereoCalibration, nearest: float, farthest: float, share: float
+) -> None:
+    """Pyramidal Lucas-Kanade over a motion of 0.28 m (10 km/h at 10 frames/s), against truth from depth."""
+    rng = np.random.default_rng(1)
+    forward = transform(np.eye(3), np.array([0.28, 0.0, 0.0]))
+    before, after = frame(renderer, STRAIGHT, rng), frame(renderer, STRAIGHT @ forward, rng)
+    depth = renderer.render_depth(STRAIGHT)[0]
+    ground = ((depth > nearest) & (depth < farthest)).astype(np.uint8)
+    ground[:225] = 0  # things stand out above the ground's horizon
+    corners = cv2.goodFeaturesToTrack(before, 600, 0.01, 8, mask=ground)[:, 0]
+    tracked, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(13, 13), maxLevel=3)
+    v, u = np.round(corners.T[::-1]).astype(int)
+    Z = depth[v, u]
+    rays = np.column_stack([(corners - (calibration.cx, calibration.cy)) / calibration.focal_length, np.ones(len(u))])
+    motion = inverse(forward @ calibration.X_SC) @ calibration.X_SC
+    moved = (rays * Z[:, None]) @ motion[:3, :3].T + motion[:3, 3]
+    expected = moved[:, :2] / moved[:, 2:] * calibration.focal_length + (calibration.cx, calibration.cy)
+    inside = (np.abs(expected - (671.5, 195.0)) < (665.0, 188.0)).all(axis=1)
+    good = (found[:, 0] == 1) & (np.hypot(*(tracked - expected).T) < 0.5)
+    assert inside.sum() > 100
+    print(good[inside].mean())
+    assert good[inside].mean() > share

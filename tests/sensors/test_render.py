@@ -1,0 +1,218 @@
+"""What is rendered is where geometry says: the renderer as a source of truth."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sensors.camera import grey
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration
+from sensors.scenery import Stand
+from sensors.shapes import box
+from sensors.things import Part, Thing
+from sensors.world import World
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+RADIUS = 10.0  # of the roundabout in conftest.py [m]
+SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
+WALL = Part(mesh=box((-30.0, -29.0), (-3.0, 5.0), (-1.0, 4.0), texture_size=1.0), texture="stone")
+
+
+@pytest.fixture
+def pose() -> FloatArray:
+    """X_WB of a trailer that has come half way round and cuts in; its cameras see the circle and the entry."""
+    return SURFACE.pose_on(9.0, 8.0, 1.9, (0.0, -8.0))
+
+
+def points_seen(depth: FloatArray, calibration: StereoCalibration, X_WC: FloatArray) -> FloatArray:
+    """Points in W (height, width, 3) at the centres of the pixels, from their depth [m]."""
+    v, u = np.mgrid[0 : calibration.height, 0 : calibration.width]
+    x, y = (u - calibration.cx) / calibration.focal_length, (v - calibration.cy) / calibration.focal_length
+    far = np.minimum(depth, 1e4)  # the sky's depth is infinite
+    rays = np.stack([x * far, y * far, far], axis=-1)
+    return np.asarray(rays @ X_WC[:3, :3].T + X_WC[:3, 3])
+
+
+def on_ground(points: FloatArray, tolerance: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(points[..., 2] - SURFACE.height(points[..., 0], points[..., 1])) < tolerance)
+
+
+def test_ground_is_rendered_where_the_surface_is(
+    renderer: StereoRenderer, calibration: StereoCalibration, pose: FloatArray
+) -> None:
+    """Points from rendered depth lie on the cone; half a pixel of row shift would lift those at 20 m by 18 mm."""
+    X_WC = pose @ calibration.X_SC
+    for depth, X in zip(renderer.render_depth(pose), (X_WC, X_WC @ calibration.X_ClCr), strict=True):
+        points = points_seen(depth, calibration, X)
+        near = (depth < 40.0) & on_ground(points, 0.03)  # what is higher is kerbs and things
+        error = points[near, 2] - SURFACE.height(points[near, 0], points[near, 1])
+        print(near.sum(), np.median(error), np.quantile(np.abs(error),[.5,.9,.98,.999]))
+        assert near.sum() > 150_000  # a third of the image, or the pose tells nothing
+        assert np.abs(np.median(error)) < 1e-3  # chords of 2.5 m cells: h^2/8 times the curvature c/R = 1 mm at 20 m
+        assert np.quantile(np.abs(error), 0.98) < 4e-3  # [m] 2 mm of chord at R = 10 m, 6 mm at the cone's very tip
+
+
+@pytest.fixture
+def wall_only(renderer: StereoRenderer, bare_world: World, calibration: StereoCalibration) -> Iterator[StereoRenderer]:
+    """A renderer of bare ground with one wall 16 m behind the camera of a trailer at the origin."""
+    thing = Thing(name="wall", parts=(WALL,), variety=0.0)
+    stand = Stand(thing=thing, poses=np.eye(4)[None], brightness=np.ones(1))
+    opened = StereoRenderer(replace(bare_world, stands=(stand,)), calibration)
+    yield opened
+    opened.close()
+
+
+def test_a_wall_covers_the_pixels_that_its_corners_project_to(
+    wall_only: StereoRenderer, calibration: StereoCalibration
+) -> None:
+    """Rows and columns count from the centre of the first pixel; left and right differ by f b / Z; none is mirrored.
+
+    The wall faces the cameras: (y, z) in -3..5 m and -1..4 m at x = -29 m, seen against the sky above.
+    """
+    Z = 29.0 - 13.6  # [m]
+    f, cx, cy = calibration.focal_length, calibration.cx, calibration.cy
+    for depth, y_camera in zip(wall_only.render_depth(np.eye(4)), (-0.25, 0.25), strict=True):
+        wall = np.abs(depth[:280] - Z) < 1e-3  # [m] 32-bit depth at 15 m: 0.05 mm; ground as far off is lower
+        rows, columns = np.flatnonzero(wall.any(axis=1)), np.flatnonzero(wall.any(axis=0))
+        assert columns[0] == np.ceil(cx + f * (-3.0 - y_camera) / Z)  # looking to the rear, W's y points to the right
+        assert columns[-1] == np.floor(cx + f * (5.0 - y_camera) / Z)
+        assert rows[0] == np.ceil(cy - f * (4.0 - 3.0) / Z)  # cameras 3 m up, the wall's top 4 m
+        assert wall[rows[0] : rows[0] + 60, columns[0] : columns[-1] + 1].all()
+
+
+def warped(right: NDArray[np.uint8], depth: FloatArray, calibration: StereoCalibration, rows: int) -> FloatArray:
+    """The right image moved to the left one by the disparity f b / Z and by some rows (height, width)."""
+    v, u = np.mgrid[0 : calibration.height, 0 : calibration.width].astype(np.float32)
+    disparity = (calibration.focal_length * calibration.baseline / depth).astype(np.float32)
+    return cv2.remap(right, u - disparity, v + np.float32(rows), cv2.INTER_LINEAR).astype(float)
+
+
+def test_left_and_right_image_agree_along_rows(
+    renderer: StereoRenderer, calibration: StereoCalibration, pose: FloatArray
+) -> None:
+    """A ground point seen at (u, v) on the left is seen at (u - f b / Z, v) on the right, and looks the same there."""
+    left, right = (grey(image) for image in renderer.render(pose))
+    depth = renderer.render_depth(pose)[0]
+    ground = on_ground(points_seen(depth, calibration, pose @ calibration.X_SC), 0.03) & (depth < 30.0)
+    ground[:, :40] = False  # out of the right camera's view
+
+    def difference(rows: int) -> float:
+        return float(np.abs(warped(right, depth, calibration, rows) - left)[ground].mean())
+
+    print(difference(0),difference(1),difference(-1))
+    assert difference(0) < 2.5  # [grey levels] of interpolation; the texture's own deviation is some 12
+    assert difference(0) < 0.6 * min(difference(1), difference(-1))
+
+
+def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibration: StereoCalibration) -> None:
+    """On the way round, 3 m inside the tractor's path, nothing but ground is nearer than the clearance leaves room."""
+    for angle in np.linspace(0.0, 2.0 * np.pi, 9):
+        X_WB = SURFACE.pose_on(7.0 * np.sin(angle), RADIUS - 7.0 * np.cos(angle), angle + 0.5, (0.0, -8.0))
+        X_WB[:3, 3] -= X_WB[:3, 0] * calibration.X_SC[0, 3]  # the cameras on the circle, wherever the hitch then is
+        print(renderer.render_depth(X_WB)[0].min())
+        assert renderer.render_depth(X_WB)[0].min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
+
+
+def test_same_world_gives_the_same_pixels_again(
+    renderer: StereoRenderer, world: World, calibration: StereoCalibration, pose: FloatArray
+) -> None:
+    """Another renderer of the same world, opened and closed twice, draws bit-identical images."""
+    expected = renderer.render(pose)
+    for _ in range(2):
+        again = StereoRenderer(world, calibration)
+        images = again.render(pose)
+        again.close()
+        assert all(np.array_equal(a, b) for a, b in zip(images, expected, strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(renderer.render(pose), expected, strict=True))
+
+
+def test_another_world_gives_other_pixels(
+    renderer: StereoRenderer, wall_only: StereoRenderer, pose: FloatArray
+) -> None:
+    """The world is what is drawn, and nothing is left over from another renderer of this process."""
+    assert (renderer.render(pose)[0] != wall_only.render(pose)[0]).mean() > 0.02  # things cover some of the view
+
+
+def test_images_are_copies(renderer: StereoRenderer, pose: FloatArray) -> None:
+    """The next frame must not overwrite one that an estimator keeps."""
+    first = renderer.render(pose)[0]
+    kept = first.copy()
+    renderer.render(np.eye(4))
+    assert np.array_equal(first, kept)
+
+
+def test_closed_renderer_says_so(bare_world: World, calibration: StereoCalibration) -> None:
+    """Closing twice does no harm; drawing then is an error in words, not a crash in the driver."""
+    opened = StereoRenderer(bare_world, calibration)
+    assert opened.calibration is calibration
+    assert "OpenGL" in opened.name
+    opened.close()
+    opened.close()
+    with pytest.raises(ValueError, match="closed"):
+        opened.render(np.eye(4))
+
+
+WITHOUT_EGL = """
+import ctypes
+
+load = ctypes.CDLL.__init__
+
+def refuse(self, name, *arguments, **options):
+    if name and "EGL" in str(name):
+        raise OSError(f"{name}: cannot open shared object file")
+    load(self, name, *arguments, **options)
+
+ctypes.CDLL.__init__ = refuse
+from sensors.camera import grey
+from sensors.render import RendererUnavailableError, StereoRenderer
+try:
+    StereoRenderer(None, None)
+except RendererUnavailableError as error:
+    print(error)
+"""
+WITHOUT_DEVICE = WITHOUT_EGL.replace('if name and "EGL" in str(name)', "if False")
+
+
+def python(program: str, **environment: str) -> str:
+    """What a fresh interpreter prints when it runs the program."""
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return result.stdout
+
+
+@pytest.mark.parametrize(
+    ("program", "environment", "cause"),
+    [
+        (WITHOUT_EGL, {}, "libEGL.so.1"),
+        (WITHOUT_DEVICE, {"MESA_GL_VERSION_OVERRIDE": "2.1"}, "eglCreateContext answers EGL_BAD_MATCH"),
+    ],
+)
+def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, str], cause: str) -> None:
+    """What failed, what to install, and how to do without; here without EGL, and with an OpenGL that is too old."""
+    (line,) = python(program, **environment).splitlines()
+    assert cause in line
+    assert "apt-get install libegl1 libgl1 libgl1-mesa-dri" in line
+    assert "off_tracking=truth" in line
+
+
+def test_importing_the_renderer_does_not_load_opengl() -> None:
+    """A run without cameras must not need OpenGL, nor wait for it."""
+    program = (
+        "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
+    )
+    assert python(program).strip() == "[]"
