@@ -78,10 +78,20 @@ class CircularOdometry:
         if last is not None:
             ticks = frame.tick - reference.tick
             guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-            motion = self._motion_near(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
+            motion = self._second_look(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
             if motion.health is not Health.LOST:
                 return motion
-        return self._motion_near(np.eye(4), np.inf, reference, corners, frame)
+        return self._second_look(np.eye(4), np.inf, reference, corners, frame)
+
+    def _second_look(
+        self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
+    ) -> Motion:
+        """The motion near the guess; a doubtful one is matched once more from itself, as a wrong guess costs matches."""
+        first = self._motion_near(guess, reach, reference, corners, frame)
+        if first.health is not Health.DEGRADED:
+            return first
+        second = self._motion_near(first.X_PC, reach, reference, corners, frame)
+        return second if second.inliers > first.inliers else first
 
     def _motion_near(
         self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame

@@ -117,6 +117,13 @@ def test_one_dropped_frame_does_not_upset_the_prediction(drive) -> None:
     assert all(motion.health is Health.OK for motion in motions)
 
 
+def test_first_motion_is_found_from_rest(drive) -> None:
+    """No prediction yet, and 1.5 m with 6 deg to go: what the first look finds leads the second to the rest."""
+    motion = run(CircularOdometry(drive.calibration), drive.frames[30:34:3])[1][0]
+    assert motion.health is Health.OK
+    assert np.linalg.norm(error(drive, motion)[3:]) < 5e-3  # [m]
+
+
 def test_black_frame_is_lost_and_passed_over(drive) -> None:
     """No texture, no information: identity, infinitely uncertain; the next motion starts before the gap."""
     frames = list(drive.frames[20:28])

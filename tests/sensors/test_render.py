@@ -56,7 +56,6 @@ def test_ground_is_rendered_where_the_surface_is(
         points = points_seen(depth, calibration, X)
         near = (depth < 40.0) & on_ground(points, 0.03)  # what is higher is kerbs and things
         error = points[near, 2] - SURFACE.height(points[near, 0], points[near, 1])
-        print(near.sum(), np.median(error), np.quantile(np.abs(error),[.5,.9,.98,.999]))
         assert near.sum() > 150_000  # a third of the image, or the pose tells nothing
         assert np.abs(np.median(error)) < 1e-3  # chords of 2.5 m cells: h^2/8 times the curvature c/R = 1 mm at 20 m
         assert np.quantile(np.abs(error), 0.98) < 4e-3  # [m] 2 mm of chord at R = 10 m, 6 mm at the cone's very tip
@@ -109,7 +108,6 @@ def test_left_and_right_image_agree_along_rows(
     def difference(rows: int) -> float:
         return float(np.abs(warped(right, depth, calibration, rows) - left)[ground].mean())
 
-    print(difference(0),difference(1),difference(-1))
     assert difference(0) < 2.5  # [grey levels] of interpolation; the texture's own deviation is some 12
     assert difference(0) < 0.6 * min(difference(1), difference(-1))
 
@@ -119,7 +117,6 @@ def test_nothing_is_in_the_way_of_the_cameras(renderer: StereoRenderer, calibrat
     for angle in np.linspace(0.0, 2.0 * np.pi, 9):
         X_WB = SURFACE.pose_on(7.0 * np.sin(angle), RADIUS - 7.0 * np.cos(angle), angle + 0.5, (0.0, -8.0))
         X_WB[:3, 3] -= X_WB[:3, 0] * calibration.X_SC[0, 3]  # the cameras on the circle, wherever the hitch then is
-        print(renderer.render_depth(X_WB)[0].min())
         assert renderer.render_depth(X_WB)[0].min() > 3.5  # [m] 8 m clearance, less 3 m, less a grazing look
 
 
