@@ -86,7 +86,7 @@ class CircularOdometry:
     def _second_look(
         self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
     ) -> Motion:
-        """The motion near the guess; a doubtful one is matched once more from itself, as a wrong guess costs matches."""
+        """The motion near the guess; a doubtful one is matched again from itself, as a wrong guess costs matches."""
         first = self._motion_near(guess, reach, reference, corners, frame)
         if first.health is not Health.DEGRADED:
             return first

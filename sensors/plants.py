@@ -20,28 +20,28 @@ def _leafy(rng: np.random.Generator, lumps: list[Mesh], sprays: int, size: float
 
 def broadleaf(rng: np.random.Generator, colour: Colour) -> Thing:
     """A round-crowned tree of some 8 m: a crown of overlapping lumps on a stem."""
-    lumps = [blob(rng, (0.0, 0.0, 5.4), (1.8, 1.8, 1.8), rings=5, roughness=0.10)]
-    for azimuth in np.arange(8) * 2.4 + rng.uniform(0.0, 6.0):  # the golden angle leaves no gap and no row
+    lumps = [blob(rng, (0.0, 0.0, 5.4), (1.9, 1.9, 1.9), rings=4, sides=7, roughness=0.10)]
+    for azimuth in np.arange(7) * 2.4 + rng.uniform(0.0, 6.0):  # the golden angle leaves no gap and no row
         r, z, size = rng.uniform(0.9, 1.7), rng.uniform(3.6, 6.9), rng.uniform(0.8, 1.3)
         centre = (r * np.cos(azimuth), r * np.sin(azimuth), z)
-        lumps.append(blob(rng, centre, (size, size, 0.85 * size), rings=4, sides=7, roughness=0.12))
+        lumps.append(blob(rng, centre, (size, size, 0.85 * size), rings=4, sides=6, roughness=0.12))
     stem = Part(mesh=pole((0.24, -0.5), (0.13, 4.4), sides=7), texture="bark")
-    return Thing(name="broadleaf", parts=(stem, *_leafy(rng, lumps, 130, 1.0, colour)), variety=0.25)
+    return Thing(name="broadleaf", parts=(stem, *_leafy(rng, lumps, 90, 1.15, colour)), variety=0.25)
 
 
 def conifer(rng: np.random.Generator) -> Thing:
     """A spruce of some 9 m: ragged skirts of twigs one above the other."""
     tiers = []
-    for z, radius in zip(np.linspace(1.0, 7.6, 7), np.linspace(2.0, 0.45, 7), strict=True):
+    for z, radius in zip(np.linspace(1.0, 7.4, 6), np.linspace(2.0, 0.5, 6), strict=True):
         tiers.append(_skirt(rng, float(z), float(radius)))
     stem = pole((0.2, -0.5), (0.12, 2.0), sides=6)
-    twigs = _leafy(rng, tiers, 150, 0.7, (0.55, 0.68, 0.62))
+    twigs = _leafy(rng, tiers, 80, 0.85, (0.55, 0.68, 0.62))
     return Thing(name="conifer", parts=(Part(mesh=stem, texture="bark"), *twigs), variety=0.2)
 
 
 def _skirt(rng: np.random.Generator, z: float, radius: float) -> Mesh:
     """One tier of a conifer: a cone with a ragged rim, closed below by a flatter one."""
-    sides = 11
+    sides = 9
     profile = np.array([(0.0, 0.10), (0.75, -0.05), (1.0, -0.12), (0.45, 0.60), (0.0, 1.35)])  # reach, height / radius
     angle = np.linspace(0.0, 2.0 * np.pi, sides + 1)
     ragged = rng.uniform(0.72, 1.12, size=sides + 1)
@@ -62,27 +62,28 @@ def _skirt(rng: np.random.Generator, z: float, radius: float) -> Mesh:
 def bush(rng: np.random.Generator) -> Thing:
     """A bush of some 1.3 m."""
     lumps = []
-    for azimuth in np.arange(4) * 2.4:
+    for azimuth in np.arange(3) * 2.4:
         size = rng.uniform(0.45, 0.7)
         centre = (0.4 * np.cos(azimuth), 0.4 * np.sin(azimuth), 0.8 * size)
-        lumps.append(blob(rng, centre, (size, size, 0.95 * size), rings=4, sides=7, texture_size=1.0))
-    return Thing(name="bush", parts=_leafy(rng, lumps, 30, 0.5, (0.95, 1.0, 0.85)), variety=0.3)
+        lumps.append(blob(rng, centre, (size, size, 0.95 * size), rings=4, sides=6, texture_size=1.0))
+    return Thing(name="bush", parts=_leafy(rng, lumps, 24, 0.55, (0.95, 1.0, 0.85)), variety=0.3)
 
 
 def hedge(rng: np.random.Generator) -> Thing:
     """One length of a clipped hedge along x, 1.5 m high, uneven as hedges are."""
     lumps = []
-    for x in np.linspace(-0.5, 0.5, 5) * (HEDGE_LENGTH - 1.0):
-        lumps.append(blob(rng, (float(x), 0.0, 0.6), (0.85, 0.65, 0.95), rings=4, sides=6, texture_size=1.1))
-    return Thing(name="hedge", parts=_leafy(rng, lumps, 60, 0.4, (0.82, 0.9, 0.78)), variety=0.1)
+    for x in np.linspace(-0.5, 0.5, 4) * (HEDGE_LENGTH - 1.0):
+        lumps.append(blob(rng, (float(x), 0.0, 0.6), (0.95, 0.65, 0.95), rings=4, sides=6, texture_size=1.1))
+    return Thing(name="hedge", parts=_leafy(rng, lumps, 40, 0.5, (0.82, 0.9, 0.78)), variety=0.1)
 
 
 def wood(rng: np.random.Generator) -> Thing:
     """The edge of a wood seen from afar: 18 m of crowns along x, 6 to 10 m high."""
     crowns = []
-    for x in np.linspace(-8.0, 8.0, 6):
-        height, width = rng.uniform(6.0, 10.0), rng.uniform(2.4, 3.6)
+    for x in np.linspace(-8.0, 8.0, 5):
+        height, width = rng.uniform(6.0, 10.0), rng.uniform(2.8, 4.2)
         centre = (float(x), rng.uniform(-1.5, 1.5), 0.45 * height)
         size = (width, width, 0.55 * height)
         crowns.append(blob(rng, centre, size, rings=4, sides=6, roughness=0.16, texture_size=5.0))
-    return Thing(name="wood", parts=_leafy(rng, crowns, 70, 2.6, (0.75, 0.82, 0.72)), variety=0.15)
+    mass = Part(mesh=joined(*crowns), texture="foliage", colour=(0.75, 0.82, 0.72))
+    return Thing(name="wood", parts=(mass,), variety=0.15)
