@@ -19,11 +19,10 @@ from estimators.stereo_geometry import projection_jacobian, triangulate
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-_ROUNDS = 2  # the second with the weights and the inliers that the first has found
-_ITERATIONS = 3  # a round
-_CONVERGED = 1e-4  # last step of a solution that stands still [rad, m]
-_HUBER = 1.5  # normalised residual from which matches weigh less
-_CUT = 4.0  # and from which they are no inliers
+_ITERATIONS = 20  # a round, at most; four will mostly do
+_CONVERGED = 0.1  # standard deviations that the last step may have been long
+_TUNING = (2.0, 1.0)  # a match at so many sigma weighs a quarter; first a wide round, then a narrow one
+_CUT = 4.0  # matches beyond so many sigma are no inliers
 _CORRELATION = 1.4  # tracking errors of neighbours and of the four images of a point are not independent: measured
 _SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
 _MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
@@ -47,27 +46,48 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
     At least six must agree.
     """
     points = triangulate(calibration, matches.previous)
-    R, p, step = X_PC[:3, :3], X_PC[:3, 3], np.full(6, np.inf)
-    for _ in range(_ROUNDS):
+    R, p = X_PC[:3, :3], X_PC[:3, 3]
+    for tuning in _TUNING:
         information = _information(calibration, R, p, points)
         for _ in range(_ITERATIONS):
             r = residuals(calibration, R, p, points, matches.current)
             error, sigma = _normalised(r, information, inliers)
-            weight = np.where(inliers, np.minimum(1.0, _HUBER * sigma / np.maximum(error, 1e-9)), 0.0)
+            weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
             J = motion_jacobian(calibration, R, p, points)
-            A = (weight[:, None, None] * information @ J).reshape(-1, 6)
-            normal = A.T @ J.reshape(-1, 6)
-            normal += _DAMPING * np.trace(normal) * np.eye(6)
-            step = np.asarray(np.linalg.solve(normal, A.T @ r.ravel()), dtype=np.float64)
+            normal, gradient = _normal_equations(J, information, weight, r)
+            step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
-        error, sigma = _normalised(residuals(calibration, R, p, points, matches.current), information, inliers)
-        variance = _FINEST**2 + 3.0 * np.sum(weight * error**2) / (3.0 * np.count_nonzero(inliers) - 6.0)
+            converged = bool(step @ normal @ step < (_CONVERGED * sigma) ** 2)
+            if converged:
+                break
         inliers = error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
-    converged = bool(np.abs(step).max() < _CONVERGED)
-    covariance = _CORRELATION**2 * variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    normal, _ = _normal_equations(J, information, inliers.astype(np.float64), r)
+    covariance = _variance(error[inliers], sigma) * np.asarray(np.linalg.inv(normal), dtype=np.float64)
     return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)
+
+
+def _normal_equations(
+    J: FloatArray, information: FloatArray, weight: FloatArray, r: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Matrix (6, 6) and right-hand side (6,) of a weighted Gauss-Newton step."""
+    A = (weight[:, None, None] * information @ J).reshape(-1, 6)
+    normal = A.T @ J.reshape(-1, 6)
+    return normal + _DAMPING * np.trace(normal) * np.eye(6), A.T @ r.ravel()
+
+
+def _variance(error: FloatArray, sigma: float) -> float:
+    """Factor to the inverse normal matrix without weights, for the estimate with weights (Huber's asymptotics).
+
+    With residuals of three equal components, psi = w r: E[psi psi'] = E[w^2 error^2] I, and the mean slope of psi is
+    E[w + (u / 3) dw/du], u = error / (c sigma).
+    """
+    u_squared = (error / (_TUNING[-1] * sigma)) ** 2
+    weight = 1.0 / (1.0 + u_squared) ** 2
+    slope = float(np.mean(weight * (1.0 - 4.0 / 3.0 * u_squared / (1.0 + u_squared))))
+    spread = float(np.mean((weight * error) ** 2)) * len(error) / (len(error) - 2.0)  # 6 of 3 n are used up
+    return _CORRELATION**2 * (_FINEST**2 + spread / slope**2)
 
 
 def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ last velocity as a first guess: a filter would smooth the very increments whose 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -74,14 +75,16 @@ class CircularOdometry:
         return memory if passed_over else OdometryMemory(frame, corners, memory.last), motion
 
     def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """The motion near the one at the last velocity or, when none is there, any from rest."""
-        if last is not None:
-            ticks = frame.tick - reference.tick
-            guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-            motion = self._second_look(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
-            if motion.health is not Health.LOST:
-                return motion
-        return self._second_look(np.eye(4), np.inf, reference, corners, frame)
+        """The motion near the one at the last velocity; any from rest, with doubt, when none is there."""
+        if last is None:
+            return self._second_look(np.eye(4), np.inf, reference, corners, frame)
+        ticks = frame.tick - reference.tick
+        guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
+        motion = self._second_look(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
+        if motion.health is not Health.LOST:
+            return motion
+        motion = self._second_look(np.eye(4), np.inf, reference, corners, frame)
+        return replace(motion, health=Health.DEGRADED) if motion.health is Health.OK else motion
 
     def _second_look(
         self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame

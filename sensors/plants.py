@@ -26,7 +26,7 @@ def broadleaf(rng: np.random.Generator, colour: Colour) -> Thing:
         centre = (r * np.cos(azimuth), r * np.sin(azimuth), z)
         lumps.append(blob(rng, centre, (size, size, 0.85 * size), rings=4, sides=6, roughness=0.12))
     stem = Part(mesh=pole((0.24, -0.5), (0.13, 4.4), sides=7), texture="bark")
-    return Thing(name="broadleaf", parts=(stem, *_leafy(rng, lumps, 90, 1.15, colour)), variety=0.25)
+    return Thing(name="broadleaf", parts=(stem, *_leafy(rng, lumps, 100, 0.8, colour)), variety=0.25)
 
 
 def conifer(rng: np.random.Generator) -> Thing:
@@ -35,7 +35,7 @@ def conifer(rng: np.random.Generator) -> Thing:
     for z, radius in zip(np.linspace(1.0, 7.4, 6), np.linspace(2.0, 0.5, 6), strict=True):
         tiers.append(_skirt(rng, float(z), float(radius)))
     stem = pole((0.2, -0.5), (0.12, 2.0), sides=6)
-    twigs = _leafy(rng, tiers, 80, 0.85, (0.55, 0.68, 0.62))
+    twigs = _leafy(rng, tiers, 70, 0.6, (0.55, 0.68, 0.62))
     return Thing(name="conifer", parts=(Part(mesh=stem, texture="bark"), *twigs), variety=0.2)
 
 
@@ -66,7 +66,7 @@ def bush(rng: np.random.Generator) -> Thing:
         size = rng.uniform(0.45, 0.7)
         centre = (0.4 * np.cos(azimuth), 0.4 * np.sin(azimuth), 0.8 * size)
         lumps.append(blob(rng, centre, (size, size, 0.95 * size), rings=4, sides=6, texture_size=1.0))
-    return Thing(name="bush", parts=_leafy(rng, lumps, 24, 0.55, (0.95, 1.0, 0.85)), variety=0.3)
+    return Thing(name="bush", parts=_leafy(rng, lumps, 20, 0.4, (0.95, 1.0, 0.85)), variety=0.3)
 
 
 def hedge(rng: np.random.Generator) -> Thing:
@@ -74,7 +74,7 @@ def hedge(rng: np.random.Generator) -> Thing:
     lumps = []
     for x in np.linspace(-0.5, 0.5, 4) * (HEDGE_LENGTH - 1.0):
         lumps.append(blob(rng, (float(x), 0.0, 0.6), (0.95, 0.65, 0.95), rings=4, sides=6, texture_size=1.1))
-    return Thing(name="hedge", parts=_leafy(rng, lumps, 40, 0.5, (0.82, 0.9, 0.78)), variety=0.1)
+    return Thing(name="hedge", parts=_leafy(rng, lumps, 36, 0.35, (0.82, 0.9, 0.78)), variety=0.1)
 
 
 def wood(rng: np.random.Generator) -> Thing:
@@ -84,6 +84,6 @@ def wood(rng: np.random.Generator) -> Thing:
         height, width = rng.uniform(6.0, 10.0), rng.uniform(2.8, 4.2)
         centre = (float(x), rng.uniform(-1.5, 1.5), 0.45 * height)
         size = (width, width, 0.55 * height)
-        crowns.append(blob(rng, centre, size, rings=4, sides=6, roughness=0.16, texture_size=5.0))
+        crowns.append(blob(rng, centre, size, rings=4, sides=7, roughness=0.09, texture_size=5.0))
     mass = Part(mesh=joined(*crowns), texture="foliage", colour=(0.75, 0.82, 0.72))
     return Thing(name="wood", parts=(mass,), variety=0.15)

@@ -59,11 +59,14 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             for name, vertex in (("ground", "ground"), ("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
         }
         trilinear, nearest_level = GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR_MIPMAP_NEAREST
-        self._textures = {key: upload_texture(t[::-1], trilinear) for key, t in world.textures.items()}
-        self._detail = upload_texture(world.detail, nearest_level)  # the shader blends its levels
+        self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
+        self._textures = {
+            key: upload_texture(texture[::-1], nearest_level if key in self._pierced else trilinear)
+            for key, texture in world.textures.items()
+        }
+        self._detail = upload_texture(world.detail, nearest_level)  # see ground.frag
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
         self._road = upload_texture(_packed(world.road), nearest_level)  # smooth: its levels do not show
-        self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
         crowds = [Crowd.of(stand, part) for stand in world.stands for part in stand.thing.parts]
         self._crowds = sorted(crowds, key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
         self._blocks = in_blocks(world.ground)

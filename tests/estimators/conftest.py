@@ -134,13 +134,14 @@ class Drive:
 def body_pose(k: int) -> FloatArray:
     """Trailer body 0.1 k seconds into a drive at 5 m/s: straight and yawing, then turning left, shaking all the way.
 
-    The last frames stand still.
+    In the end it brakes hard and stands from frame 42 on.
     """
-    s = 0.5 * min(k, 42)  # way of the hitch [m]
-    turned = max(s - 10.0, 0.0)
-    heading = turned / 15.0
-    x, y = min(s, 10.0) + 15.0 * np.sin(heading), 15.0 * (1.0 - np.cos(heading))
-    yaw = heading - np.radians(10.0) * (1.0 - np.cos(s / 7.0))
+    s = np.clip(0.1 * (43 - np.arange(1, k + 1)), 0.0, 0.5).sum()  # way of the hitch [m]
+    ways = np.linspace(0.0, s, 2001)
+    curvature = np.clip((ways - 5.0) / 8.0, 0.0, 1.0) / 15.0
+    heading = np.concatenate([[0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * np.diff(ways))])
+    x, y = np.trapezoid(np.cos(heading), ways), np.trapezoid(np.sin(heading), ways)
+    yaw = heading[-1] - np.radians(10.0) * (1.0 - np.cos(s / 7.0))
     pitch, roll = np.radians(0.3) * np.sin(0.9 * s), np.radians(0.4) * np.sin(0.6 * s + 1.0)
     return transform(rotation_zyx(yaw, pitch, roll), np.array([x, y, 0.01 * np.sin(1.3 * s)]))
 

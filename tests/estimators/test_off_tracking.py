@@ -102,6 +102,8 @@ def test_steady_circle_has_the_closed_form_off_tracking(side: float) -> None:
     assert result.hitch_direction == pytest.approx(side * math.asin(axle / radius), abs=1e-4)  # parabola over 1.5 m
     assert result.hitch_direction_rate == pytest.approx(0.0, abs=1e-3)  # steady; the same parabola's curvature
     assert result.yaw_rate == pytest.approx(side * 1.0 / radius, abs=1e-9)  # 1 m/s
+    velocity = (math.cos(math.asin(axle / radius)), side * axle / radius)
+    assert (result.v_x, result.v_y) == pytest.approx(velocity, abs=1e-5)  # chord for arc: angle^2 / 24
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -251,6 +253,15 @@ def test_lost_motion_is_replaced_when_a_later_one_spans_the_gap() -> None:
     exact = run(motions(bodies))[1]
     assert results[201].value == pytest.approx(exact[201].value, abs=1e-9)
     assert results[-1].value == pytest.approx(exact[-1].value, abs=1e-7)  # the cubic over the gap's 0.3 m
+
+
+def test_lost_motion_while_creeping_keeps_the_path() -> None:
+    """The start of a lost motion may be nearer to its predecessor than the buffer's resolution, and is needed again."""
+    bodies = [body(Pose2(0.015 * k, 0.0, -0.2)) for k in range(120)]
+    sequence = [*motions(bodies[:101]), lost(100, 101), motion(100, 102, inverse(bodies[100]) @ bodies[102])]
+    result = run(sequence, length=1.0)[1][-1]
+    assert result.health is Health.OK
+    assert result.value == pytest.approx(-math.tan(0.2), abs=1e-9)
 
 
 def test_bridged_motion_is_doubted_until_it_has_left_the_buffer() -> None:

@@ -77,6 +77,17 @@ def test_wrong_matches_are_left_out(calibration: StereoCalibration) -> None:
     assert np.linalg.norm(error(solution.X_PC)) < np.linalg.norm(error(agreed.X_PC))
 
 
+def test_slightly_wrong_matches_hardly_pull(calibration: StereoCalibration) -> None:
+    """One match in four is off to one side by 3 sigma, too little to be told from the rest: it weighs little."""
+    rng = np.random.default_rng(8)
+    matches = matched(calibration, rng, 400, STD)
+    current = matches.current.copy()
+    current[:100, [0, 2]] += 3.0 * STD
+    _, solution = solved(calibration, Matches(matches.previous, current))
+    yaw = np.degrees(error(solution.X_PC)[1])
+    assert abs(yaw) < 0.005  # least squares would be a quarter of 0.3 px wrong: 0.0076 deg
+
+
 def test_a_moving_body_does_not_take_over(calibration: StereoCalibration) -> None:
     """A third of the matches sit on a vehicle that moves by itself, consistently."""
     rng = np.random.default_rng(3)

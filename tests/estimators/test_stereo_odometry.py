@@ -162,22 +162,22 @@ def test_frame_from_elsewhere_is_lost(drive) -> None:
     assert health == [Health.OK, Health.OK, Health.LOST, Health.LOST, Health.OK, Health.OK]
 
 
-def test_following_vehicle_does_not_move_the_trailer(drive) -> None:
-    """A vehicle with half of all corners on it cuts in and moves by itself: the odometry holds on to the world."""
+def test_vehicle_that_fills_the_view_does_not_move_the_trailer(drive) -> None:
+    """A vehicle that most corners are on cuts in: no trailer could swerve like that, so the world is what is left."""
     rng = np.random.default_rng(0)
-    skin = rng.integers(40, 220, (60, 180)).astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
+    skin = rng.integers(40, 220, (60, 250)).astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
     frames = []
     for k, frame in enumerate(drive.frames[15:21]):
         left, right = frame.left.copy(), frame.right.copy()
-        u = 380 + 7 * k  # the vehicle overtakes [px]
-        left[140:380, u : u + 540], right[140:380, u - 28 : u + 512] = skin[:, :540], skin[:, :540]
+        u = 230 + 7 * k  # the vehicle overtakes [px]
+        left[140:380, u : u + 800], right[140:380, u - 28 : u + 772] = skin[:, :800], skin[:, :800]
         frames.append(changed(frame, left, right))
     motions = run(CircularOdometry(drive.calibration), [*drive.frames[12:15], *frames])[1][3:]
-    for motion in motions:
-        print(motion.matches, motion.inliers, motion.health)
+    assert min(motion.inliers / motion.matches for motion in motions) < 0.45  # the vehicle has the majority
+    assert all(motion.health is not Health.LOST for motion in motions)
     errors = np.array([error(drive, motion) for motion in motions])
-    assert np.abs(errors[:, 3:]).max() < 5e-3  # [m]
-    assert np.degrees(np.abs(errors[:, :3])).max() < 0.02
+    assert np.abs(errors[:, 3:]).max() < 8e-3  # [m]
+    assert np.degrees(np.abs(errors[:, :3])).max() < 0.03
 
 
 def test_few_features_degrade(drive) -> None:

@@ -209,7 +209,5 @@ def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, s
 
 def test_importing_the_renderer_does_not_load_opengl() -> None:
     """A run without cameras must not need OpenGL, nor wait for it."""
-    program = (
-        "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
-    )
+    program = "import sys, sensors.render; print(sorted({'OpenGL', 'pyrender', 'trimesh'} & set(sys.modules)))"
     assert python(program).strip() == "[]"

@@ -44,9 +44,7 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
     """Where the road meets itself its arms merge: a kerb stone on the asphalt would be an obstacle."""
     (kerb,) = (stand for stand in world.stands if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
-    assert (
-        distance.min() > HALF_WIDTH - 0.05
-    )  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
+    assert distance.min() > HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
     assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
     assert _vertices(kerb)[:, 2].max() < 0.15  # low enough for any body to pass over [m]
 
