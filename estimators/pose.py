@@ -47,8 +47,8 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
     """
     points = triangulate(calibration, matches.previous)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
+    information = _information(calibration, R, p, points)  # hardly depends on the motion
     for tuning in _TUNING:
-        information = _information(calibration, R, p, points)
         for _ in range(_ITERATIONS):
             r = residuals(calibration, R, p, points, matches.current)
             error, sigma = _normalised(r, information, inliers)

@@ -13,7 +13,7 @@ from scenarios import courses
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, TRAILER_STEERING, resolve
 from scenarios.courses import Course
 from scenarios.randomness import stream
-from scenarios.scenario import ConstantSlipOptions, Parameter, RoundaboutOptions, Scenario, nearest
+from scenarios.scenario import ConstantSlipOptions, Parameter, RoundaboutOptions, Scenario
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
 from sensors.render import StereoRenderer
@@ -23,6 +23,7 @@ from sensors.world import build_world
 from vehicle.clock import Schedule
 from vehicle.description import Unit, Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
+from vehicle.parameter_file import nearest
 from vehicle.plant import Plant, VehicleCommand
 from vehicle.prescribed import ConstantSlipPlant
 from vehicle.surface import Surface
@@ -168,7 +169,9 @@ def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
     """
     trailer = vehicle.units[unit]
     if trailer.follow_x is None:
-        raise ValueError(f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow")
+        raise ValueError(
+            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow"
+        )
     steering = trailer.steering
     return TrailerGeometry(
         follow_distance=-trailer.follow_x,

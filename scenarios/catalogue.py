@@ -10,7 +10,7 @@ import os
 import sys
 from typing import Any, Final
 
-from scenarios.scenario import nearest
+from vehicle.parameter_file import nearest
 
 TRAILER_STEERING: Final = {
     "none": "controllers.trailer_steering.unsteered:Unsteered",
@@ -42,6 +42,6 @@ def resolve(key: str, name: str, catalogue: dict[str, str]) -> Any:
     try:
         return getattr(importlib.import_module(module_name), attribute)
     except ModuleNotFoundError as error:
-        raise ValueError(f"{key} = {name}: cannot import {error.name}; run from its folder or set PYTHONPATH") from error
+        raise ValueError(f"{key} = {name}: no module {error.name}; run from its folder or set PYTHONPATH") from error
     except AttributeError as error:
         raise ValueError(f"{key} = {name}: module {module_name} has no '{attribute}'") from error

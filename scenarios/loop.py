@@ -63,7 +63,7 @@ class Session:
         self._newest: OffTracking | None = None
         self._source = parts.source.init()
         self._steering = parts.trailer_steering.init()
-        self._driver = parts.driver.init() if parts.driver else None
+        self._driver: Any = parts.driver.init() if parts.driver else None
         first = sum(len(unit.steered_axles) for unit in parts.vehicle.units[: parts.trailer_unit])
         self._encoders = SteerEncoders(first, len(parts.trailer.steered_distances))
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
@@ -106,8 +106,8 @@ class Session:
         return self.parts.camera.sample(truth) if self.parts.camera else None
 
     def _keep(self, frame: StereoFrame, truth: Truth) -> None:
-        self._images.update(frame.left)
-        self._images.update(frame.right)
+        self._images.update(frame.left.tobytes())
+        self._images.update(frame.right.tobytes())
         if self._recorder:
             self._recorder.add(frame, truth.bodies[self.parts.trailer_unit])
         if self._keep_frames:

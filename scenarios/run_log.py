@@ -20,7 +20,11 @@ from vehicle.truth import Truth
 _HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: metrics.LOST}
 
 _POSE = (("x", "m", "position east"), ("y", "m", "position north"), ("psi", "rad", "yaw, continuous"))
-_VELOCITY = (("v_x", "m/s", "forward speed"), ("v_y", "m/s", "lateral speed, + left"), ("yaw_rate", "rad/s", "yaw rate"))
+_VELOCITY = (
+    ("v_x", "m/s", "forward speed"),
+    ("v_y", "m/s", "lateral speed, + left"),
+    ("yaw_rate", "rad/s", "yaw rate"),
+)
 _ATTITUDE = (("roll", "rad", "roll of the body in W"), ("pitch", "rad", "pitch of the body in W"))
 _ESTIMATE = (
     Signal("off_tracking_estimate", "m", "estimated off-tracking, at the tick of capture"),
@@ -84,9 +88,7 @@ def run_log(
             table[index[estimate.off_tracking.tick], -len(_ESTIMATE) :] = _estimate_values(estimate, X_SC)
     log = Log(signals, table)
     name = units[trailer_unit]
-    true = metrics.true_off_tracking(
-        log[f"x_{name}"], log[f"y_{name}"], np.unwrap(log[f"psi_{name}"]), follow_distance
-    )
+    true = metrics.true_off_tracking(log[f"x_{name}"], log[f"y_{name}"], np.unwrap(log[f"psi_{name}"]), follow_distance)
     return log.with_signal(Signal("off_tracking_true", "m", "lateral distance of the hitch's path, + left"), true)
 
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from vehicle.parameter_file import nearest, read_toml
 
 Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
 Parameter = bool | int | float | str
+
+
+def _quantity(default: float, unit: str, *, ge: float, le: float) -> Any:
+    return Field(default, ge=ge, le=le, json_schema_extra={"unit": unit})
 
 
 class _Options(BaseModel):
@@ -25,58 +31,59 @@ class RoundaboutOptions(_Options):
 
     kind: Literal["roundabout"]
     direction: Literal["left", "right"] = "left"
-    radius: float = Field(12.5, ge=11.0, le=100.0)  # of the outer front corner's circle [m]
-    turn_deg: float = Field(360.0, ge=30.0, le=1800.0)
-    entry: float = Field(30.0, ge=20.0, le=500.0)  # straight before the circle [m]
-    exit: float = Field(35.0, ge=5.0, le=500.0)  # straight behind it [m]
+    radius: float = _quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circle
+    turn_deg: float = _quantity(360.0, "deg", ge=30.0, le=1800.0)
+    entry: float = _quantity(30.0, "m", ge=20.0, le=500.0)  # straight before the circle
+    exit: float = _quantity(35.0, "m", ge=5.0, le=500.0)  # straight behind it
 
 
 class FigureOfEightOptions(_Options):
     """A full left circle, then a full right circle."""
 
     kind: Literal["figure-of-eight"]
-    radius: float = Field(12.5, ge=11.0, le=100.0)  # of the outer front corner's circles [m]
-    entry: float = Field(30.0, ge=20.0, le=500.0)  # [m]
-    exit: float = Field(35.0, ge=5.0, le=500.0)  # [m]
+    radius: float = _quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circles
+    entry: float = _quantity(30.0, "m", ge=20.0, le=500.0)
+    exit: float = _quantity(35.0, "m", ge=5.0, le=500.0)
 
 
 class ConstantSlipOptions(_Options):
     """The trailer dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
 
     kind: Literal["constant-slip"]
-    slip_angle_deg: float = Field(14.0, ge=-60.0, le=60.0)  # direction of travel in the trailer frame, + left
-    length: float = Field(100.0, ge=20.0, le=1000.0)  # [m]
+    slip_angle_deg: float = _quantity(14.0, "deg", ge=-60.0, le=60.0)  # from where the trailer points, + left
+    length: float = _quantity(100.0, "m", ge=20.0, le=1000.0)
 
 
+COURSES = (RoundaboutOptions, FigureOfEightOptions, ConstantSlipOptions)
 Course = Annotated[RoundaboutOptions | FigureOfEightOptions | ConstantSlipOptions, Field(discriminator="kind")]
 
 
 class SurfaceOptions(_Options):
     """The ground; see vehicle.surface."""
 
-    friction: float = Field(0.8, ge=0.05, le=1.5)
-    cross_fall: float = Field(0.0, ge=-0.2, le=0.2)  # a slope: 0.025 is 2.5 %
-    grade: float = Field(0.0, ge=-0.2, le=0.2)
+    friction: float = _quantity(0.8, "-", ge=0.05, le=1.5)
+    cross_fall: float = _quantity(0.0, "-", ge=-0.2, le=0.2)  # a slope: 0.025 is 2.5 %
+    grade: float = _quantity(0.0, "-", ge=-0.2, le=0.2)
 
 
 class RigOptions(_Options):
     """The stereo cameras on the trailer's roof (de Saxe & Cebon 2018, section 3.1)."""
 
     facing: Literal["rear", "left", "right"] = "rear"
-    width: int = Field(1344, ge=320, le=4096)  # [px]
-    height: int = Field(391, ge=200, le=4096)  # [px]
-    hfov_deg: float = Field(100.0, ge=30.0, le=140.0)
-    camera_height: float = Field(3.0, ge=0.5, le=6.0)  # above the ground [m]
-    baseline: float = Field(0.5, ge=0.1, le=5.0)  # [m]
-    rate_hz: float = Field(10.0, ge=1.0, le=50.0)
-    latency: float = Field(0.1, ge=0.0, le=1.0)  # exposure to finished estimate [s]
-    noise: float = Field(2.0, ge=0.0, le=50.0)  # standard deviation of the image noise [grey levels]
+    width: int = _quantity(1344, "px", ge=320, le=4096)
+    height: int = _quantity(391, "px", ge=200, le=4096)
+    hfov_deg: float = _quantity(100.0, "deg", ge=30.0, le=140.0)
+    camera_height: float = _quantity(3.0, "m", ge=0.5, le=6.0)  # above the ground
+    baseline: float = _quantity(0.5, "m", ge=0.1, le=5.0)
+    rate_hz: float = _quantity(10.0, "Hz", ge=1.0, le=50.0)
+    latency: float = _quantity(0.1, "s", ge=0.0, le=1.0)  # exposure to finished estimate
+    noise: float = _quantity(2.0, "grey levels", ge=0.0, le=50.0)  # standard deviation of the image noise
 
 
 class WorldOptions(_Options):
     """What stands beside the road."""
 
-    scenery_density: float = Field(1.0, ge=0.0, le=2.0)  # 1 is the reference, 0 bare ground
+    scenery_density: float = _quantity(1.0, "-", ge=0.0, le=2.0)  # 1 is the reference, 0 bare ground
 
 
 class Scenario(_Options):
@@ -86,7 +93,7 @@ class Scenario(_Options):
     description: str = ""
     course: Course
     vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
-    speed_kmh: float = Field(10.0, ge=1.0, le=120.0)
+    speed_kmh: float = _quantity(10.0, "km/h", ge=1.0, le=120.0)
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
     steering: dict[str, Parameter] = {}  # its parameters; those not given keep their defaults
     off_tracking: str = "viso_ot"  # truth, viso_ot or package.module:Name
@@ -130,20 +137,9 @@ def _read(name_or_path: str) -> Table:
     if name_or_path in scenario_names():
         return tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
     path = Path(name_or_path)
-    if not path.is_file():
-        if path.suffix == ".toml":
-            raise ValueError(f"scenario file {name_or_path} does not exist")
+    if path.suffix != ".toml" and not path.is_file():
         raise ValueError(f"unknown scenario '{name_or_path}'{nearest(name_or_path, scenario_names())}")
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"scenario file {name_or_path} is not valid TOML: {error}") from error
-
-
-def nearest(word: str, known: Sequence[str]) -> str:
-    """The end of an error line for an unknown word: the nearest known one, or all of them."""
-    close = difflib.get_close_matches(word, known, n=1, cutoff=0.5)
-    return f"; did you mean '{close[0]}'?" if close else f"; known: {', '.join(known)}"
+    return read_toml(path)
 
 
 def _apply(table: Table, setting: str) -> None:
@@ -171,31 +167,32 @@ def _validated(table: Table, source: str) -> Scenario:
     try:
         return Scenario.model_validate(table)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        kind = table.get("course", {}).get("kind") if isinstance(table.get("course"), Mapping) else None
-        key = ".".join(str(part) for part in first["loc"] if part != kind)
-        if first["type"] == "union_tag_invalid":
-            tag, known = first["ctx"]["tag"], first["ctx"]["expected_tags"].replace("'", "")
-            raise ValueError(f"scenario {source}: {key}.kind = '{tag}'; known: {known}") from None
-        if first["type"] == "extra_forbidden":
-            raise ValueError(f"scenario {source}: unknown key '{key}'{nearest(key, tuple(known_keys()))}") from None
-        given = "" if first["type"] == "missing" else f" = {first['input']!r}"
-        raise ValueError(f"scenario {source}: {key}{given}: {_lower_first(first['msg'])}") from None
+        raise ValueError(f"scenario {source}: {_complaint(error.errors(include_url=False)[0])}") from None
 
 
-def _lower_first(text: str) -> str:
-    return text[:1].lower() + text[1:]
+def _complaint(first: ErrorDetails) -> str:
+    """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
+    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in COURSES]
+    key = ".".join(str(part) for part in first["loc"] if part not in kinds)
+    units = dict(_known_keys(Scenario))
+    if first["type"] == "union_tag_invalid":
+        return f"{key}.kind = '{first['ctx']['tag']}'{nearest(first['ctx']['tag'], kinds)}"
+    if first["type"] == "extra_forbidden":
+        return f"unknown key '{key}'{nearest(key, units)}"
+    if first["type"] == "missing":
+        return f"{key} is missing"
+    limit = first["msg"].replace("Input should be", "must be")
+    unit = f" [{units[key]}]" if units.get(key, "-") != "-" else ""
+    return f"{key} = {first['input']!r} {limit}{unit}"
 
 
-def known_keys(model: type[BaseModel] = Scenario, prefix: str = "") -> Iterator[str]:
-    """Dotted names of every key a scenario may have."""
+def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted name and unit of every key a scenario may have."""
     for name, info in model.model_fields.items():
-        tables = [part for part in _alternatives(info.annotation) if isinstance(part, type) and issubclass(part, BaseModel)]
-        if not tables:
-            yield prefix + name
-        for nested in tables:
-            yield from known_keys(nested, f"{prefix}{name}.")
-
-
-def _alternatives(annotation: Any) -> tuple[Any, ...]:
-    return getattr(annotation, "__args__", ()) or (annotation,)
+        tables = COURSES if name == "course" else (info.annotation,)
+        for table in tables:
+            if isinstance(table, type) and issubclass(table, BaseModel):
+                yield from _known_keys(table, f"{prefix}{name}.")
+            else:
+                extra = info.json_schema_extra
+                yield prefix + name, str(extra["unit"]) if isinstance(extra, dict) else "-"

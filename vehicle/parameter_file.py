@@ -65,9 +65,10 @@ def checked(model: type[Model], plain: dict[str, Any], file: str, table: str = "
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """A hint at the known word most like this one, or nothing."""
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f"; did you mean '{close[0]}'?" if close else ""
+    """The end of a complaint about an unknown word: the known word most like it, or else all of them."""
+    words = list(known)
+    close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    return f"; did you mean '{close[0]}'?" if close else f"; known: {', '.join(words)}"
 
 
 def _first_complaint(model: type[BaseModel], error: ValidationError, table: str) -> str:

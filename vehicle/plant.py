@@ -158,5 +158,6 @@ class Plant:
         for i, unit in enumerate(self._vehicle.units):
             R = rotation_zyx(0.0, -unit.pitch_gradient * s.a_x[i], unit.roll_gradient * s.a_y[i])
             axis = np.array([0.0, 0.0, unit.roll_axis_height])
-            bodies[i] = self._surface.pose_on(*poses[i], unit.supports) @ transform(R, axis - R @ axis)
+            x, y, psi = poses[i].tolist()
+            bodies[i] = self._surface.pose_on(x, y, psi, unit.supports) @ transform(R, axis - R @ axis)
         return bodies

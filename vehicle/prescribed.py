@@ -65,8 +65,8 @@ class ConstantSlipPlant:
             velocities=velocities,
             bodies=np.array(
                 [
-                    self._surface.pose_on(*pose, unit.supports)
-                    for pose, unit in zip(poses, self._vehicle.units, strict=True)
+                    self._surface.pose_on(x, y, psi, unit.supports)
+                    for (x, y, psi), unit in zip(poses.tolist(), self._vehicle.units, strict=True)
                 ]
             ),
             steer=np.zeros(self._n_steered),

@@ -35,7 +35,10 @@ def offtrack(*arguments: str, cwd: Path, **environment: str) -> subprocess.Compl
         (["run", "roundabout", "--set", "surface.cross_fall=2.5"], ["surface.cross_fall", "2.5", "0.2"]),
         (["run", "roundabout", "--set", "rig.rate_hz=7"], ["rig.rate_hz"]),
         (["run", "roundabout", "--set", "speed_kmh=fast"], ["speed_kmh", "fast"]),
-        (["run", "roundabout", "--set", "vehicle=uk_longer_semitrailr"], ["uk_longer_semitrailr", "uk_longer_semitrailer"]),
+        (
+            ["run", "roundabout", "--set", "vehicle=uk_longer_semitrailr"],
+            ["uk_longer_semitrailr", "uk_longer_semitrailer"],
+        ),
         (["run", "roundabout", "--set", "vehicle=none.toml"], ["none.toml"]),
         (["run", "roundabout", "--set", "trailer_steering=path_preveiw"], ["path_preveiw", "path_preview"]),
         (["run", "roundabout", "--set", "trailer_steering=no_such_module:Law"], ["no_such_module"]),
@@ -66,7 +69,9 @@ def test_bad_input_is_refused_in_one_line(arguments: list[str], says: list[str],
 def test_missing_opengl_is_refused_in_one_line_before_anything_moves(tmp_path: Path) -> None:
     """EGL that can not be loaded looks to PyOpenGL like a machine without it; the line says what to install."""
     (tmp_path / "OpenGL").mkdir()
-    (tmp_path / "OpenGL" / "__init__.py").write_text("raise ImportError('Unable to load EGL library')", encoding="utf-8")
+    (tmp_path / "OpenGL" / "__init__.py").write_text(
+        "raise ImportError('Unable to load EGL library')", encoding="utf-8"
+    )
     done = offtrack("run", "constant-slip", "--quiet", cwd=tmp_path, PYTHONPATH=str(tmp_path))
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
@@ -81,7 +86,11 @@ def test_a_run_leaves_a_complete_directory_and_runs_again_identically(tmp_path: 
     assert first.returncode == 0, first.stderr
     directory = tmp_path / "runs" / "roundabout-1"
     assert {path.name for path in directory.iterdir()} == {
-        "manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"
+        "manifest.json",
+        "report.html",
+        "scenario.toml",
+        "signals.parquet",
+        "summary.json",
     }
     assert json.loads(first.stdout) == json.loads((directory / "summary.json").read_text(encoding="utf-8"))
     again = offtrack("run", str(directory / "scenario.toml"), "--no-video", "--quiet", "--out", "again", cwd=tmp_path)

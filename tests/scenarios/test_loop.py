@@ -68,7 +68,7 @@ def test_the_same_seed_gives_bitwise_the_same_log_and_images() -> None:
 
 
 def test_left_and_right_roundabout_are_mirror_images() -> None:
-    """With exact estimates nothing knows left from right; rounding grows a little over 5000 steps of a slipping vehicle."""
+    """With exact estimates nothing knows left from right; rounding grows a little over thousands of slipping steps."""
     left, right = short().log, short("course.direction=right").log
     assert len(left) == len(right)
     for name in ("off_tracking_true", "steer_trailer_1", "y_semitrailer", "yaw_rate_tractor"):
@@ -76,7 +76,7 @@ def test_left_and_right_roundabout_are_mirror_images() -> None:
 
 
 def test_constant_slip_has_its_closed_form_off_tracking() -> None:
-    """14 m times tan 14 degrees: 3.4906 m (de Saxe & Cebon 2018, section 3.1); + slip is to the left, the path lies right."""
+    """14 m times tan 14 degrees: 3.4906 m (de Saxe & Cebon 2018, section 3.1); slip to the left puts the path right."""
     result = run(load_scenario("constant-slip", ("off_tracking=truth", "course.length=40")), 1)
     true = result.log["off_tracking_true"]
     np.testing.assert_allclose(true[np.isfinite(true)], -14.0 * np.tan(np.radians(14.0)), atol=1e-9)
