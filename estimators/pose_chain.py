@@ -68,7 +68,8 @@ def lateral_std(samples: tuple[Sample, ...], positions: FloatArray, passed: Cros
 
     With an error (d_theta, d_p) in the increment that ends at p_i, the older path moves by -(d_theta x r + d_p),
     r being its position from p_i: along the normal n of the path, -(d_theta . (r x n) + d_p . n). The increment in
-    which the crossing falls counts in full.
+    which the crossing falls counts in full. What all increments have in common, a bias of the odometry, is not
+    modelled.
     """
     since = samples[1 : passed.beyond + 1]
     R_CP = samples[0].X_OS[:3, :3].T @ np.array([sample.X_OS[:3, :3] for sample in since])  # starts in newest S
