@@ -24,7 +24,8 @@ class Health(Enum):
 class Motion:
     """Motion of the left camera from the previous frame P to the current frame C.
 
-    A ``LOST`` motion carries the identity and an infinite covariance.
+    A ``LOST`` motion carries the identity and an infinite covariance. After one the next may start at the same
+    ``previous_tick`` again: the frame that showed nothing is passed over.
     """
 
     tick: int  # capture of the current frame
