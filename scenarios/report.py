@@ -249,6 +249,7 @@ def _timing_line(result: RunResult) -> str:
     return (
         f"{timing.simulated_s:.1f} s of driving took {timing.wall_s:.1f} s of computing: "
         f"{timing.realtime_factor:.2f} times real time."
+        + (f" {timing.odometry_beside_s:.1f} s of odometry ran beside it." if timing.odometry_beside_s > 0.05 else "")
     )
 
 

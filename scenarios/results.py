@@ -41,11 +41,13 @@ class Timing:
     physics_s: float
     render_s: float
     odometry_s: float
+    odometry_beside_s: float = 0.0  # of it, what ran beside the other stages and cost no wall time
 
     @property
     def rest_s(self) -> float:
         """Wall time outside the three stages: controllers, bookkeeping, log [s]."""
-        return max(0.0, self.wall_s - self.physics_s - self.render_s - self.odometry_s)
+        waited = self.odometry_s - self.odometry_beside_s
+        return max(0.0, self.wall_s - self.physics_s - self.render_s - waited)
 
     @property
     def realtime_factor(self) -> float:

@@ -47,6 +47,7 @@ def run(
             cleanup.callback(parts.renderer.close)
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
         session = Session(parts, keep_frames=keep_frames, recorder=recorder)
+        cleanup.callback(session.close)
         try:
             while session.outcome is None:
                 session.advance()
@@ -93,6 +94,7 @@ def _result(session: Session) -> RunResult:
             physics_s=seconds["physics"],
             render_s=seconds["render"],
             odometry_s=seconds["odometry"],
+            odometry_beside_s=seconds["odometry"] - seconds["wait"],
         ),
         frames=_camera_frames(session),
         manifest={

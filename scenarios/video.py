@@ -179,7 +179,8 @@ def _write_h264(composition: _Composition, ticks: range, path_without_suffix: Pa
         stream = None
         for picture in _pictures(composition, ticks, progress):
             if stream is None:
-                stream = container.add_stream("h264", rate=_FRAME_RATE, options={"crf": "21", "preset": "veryfast"})
+                stream = container.add_stream("h264", rate=_FRAME_RATE, options={"crf": "26", "preset": "veryfast"})
+                stream.thread_type = "FRAME"  # the next picture is drawn while this one is encoded
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"  # what every player can show
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))

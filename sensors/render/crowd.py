@@ -37,9 +37,13 @@ class Crowd:
         transposed = np.ascontiguousarray(matrices.transpose(0, 2, 1), dtype=np.float32)
         return cls(part, primitive(part.mesh, poses=matrices), transposed, np.column_stack([centres, radii]))
 
-    def muster(self, view_projections: list[FloatArray]) -> int:
-        """Number of individuals that any of the views may see, after putting their matrices first in the buffer."""
+    def muster(self, view_projections: list[FloatArray], eye: FloatArray, farthest: float) -> int:
+        """Number of individuals that any of the views may see, after putting their matrices first in the buffer.
+
+        Those farther than ``farthest`` [m] from the ``eye`` (3,) are left out.
+        """
         seen = np.logical_or.reduce([in_view(VP, self.spheres) for VP in view_projections])
+        seen &= np.linalg.norm(self.spheres[:, :3] - eye, axis=1) < farthest
         if seen.any():
             GL.glBindBuffer(GL.GL_ARRAY_BUFFER, self.primitive._buffers[1])  # [1]: the instances' matrices
             GL.glBufferSubData(GL.GL_ARRAY_BUFFER, 0, np.ascontiguousarray(self.matrices[seen]))

@@ -29,6 +29,7 @@ from vehicle.frames import FloatArray, inverse, transform
 _NEAR, _FAR = 0.3, 2500.0  # [m]
 _SUN_COLOUR, _SKY_COLOUR = (0.92, 0.87, 0.76), (0.40, 0.45, 0.52)
 _STRIP = (-0.7, 1.02)  # edge distances that matter begin here, and span this: steps of 4 mm [m]
+_TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel and only cost time [m]
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
 
 
@@ -169,7 +170,12 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
         """Draw the individuals that either view may see."""
-        drawn = [(crowd, count) for crowd in self._crowds if (count := crowd.muster([VP for _, VP in views]))]
+        VPs, eye = [VP for _, VP in views], views[0][0][:3, 3]
+        drawn = []
+        for crowd in self._crowds:
+            farthest = _TWIGS_RANGE if crowd.part.texture in self._pierced else np.inf
+            if count := crowd.muster(VPs, eye, farthest):
+                drawn.append((crowd, count))
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)

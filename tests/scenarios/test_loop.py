@@ -45,6 +45,7 @@ def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> N
     session = Session(replace(assemble(scenario, seed=1), trailer_steering=Witness()))
     while session.outcome is None:
         session.advance()
+    session.close()
     ages: Any = session._steering
     late = 0.01 if latency == 0.05 else 0.0  # delivered between two steps of the controller, which come every 20 ms
     assert min(ages) == pytest.approx(latency + late)

@@ -161,6 +161,8 @@ def test_timing_adds_up() -> None:
     """What is in no stage is the rest; a run that took no time has no factor."""
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
+    beside = dataclasses.replace(timing, odometry_beside_s=0.4)
+    assert beside.rest_s == pytest.approx(1.9)  # what ran beside the loop took no time from it
     assert timing.realtime_factor == 2.0
     assert math.isnan(dataclasses.replace(timing, wall_s=0.0).realtime_factor)
 
