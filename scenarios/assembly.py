@@ -7,21 +7,21 @@ import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from controllers.driver import PreviewDriver, TractorGeometry
+from controllers.driver import PreviewDriver
 from controllers.trailer import TrailerGeometry, TrailerSteering
-from scenarios import courses
+from scenarios.adapters import course_of, rig_on, surface_of, tractor_geometry, trailer_geometry, watched_unit
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, TRAILER_STEERING, resolve
 from scenarios.courses import Course
 from scenarios.randomness import stream
-from scenarios.scenario import ConstantSlipOptions, Parameter, RoundaboutOptions, Scenario
+from scenarios.scenario import ConstantSlipOptions, Parameter, RigOptions, Scenario
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
 from sensors.render import StereoRenderer
 from sensors.rig import StereoCalibration, StereoRig
 from sensors.stereo_camera import StereoCamera
 from sensors.world import build_world
-from vehicle.clock import Schedule
-from vehicle.description import Unit, Vehicle, load_vehicle
+from vehicle.clock import TICK, Schedule
+from vehicle.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
 from vehicle.parameter_file import nearest
 from vehicle.plant import Plant, VehicleCommand
@@ -29,6 +29,7 @@ from vehicle.prescribed import ConstantSlipPlant
 from vehicle.surface import Surface
 from vehicle.truth import Truth
 
+LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call, so that everything happens on these ticks
 _SCENERY_CLEARANCE = 8.0  # trailers cut in by several metres, and nothing solid may stand there [m]
 
 
@@ -57,6 +58,15 @@ class OffTrackingSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Cameras:
+    """The stereo cameras with the renderer behind them, which has to be closed in the end."""
+
+    calibration: StereoCalibration
+    camera: StereoCamera
+    renderer: StereoRenderer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Assembly:
     """The parts of one run."""
 
@@ -72,81 +82,47 @@ class Assembly:
     schedule: Schedule  # of the camera, or of the reference unit in its place
     sensor: PoseSensor
     source: OffTrackingSource
-    calibration: StereoCalibration | None  # of the cameras, where there are any
-    camera: StereoCamera | None
-    renderer: StereoRenderer | None
+    cameras: Cameras | None  # None: nothing is rendered
 
 
 def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record: bool = False) -> Assembly:
-    """The parts of the scenario's run with this seed.
+    """The parts of the scenario's run with this seed; cameras are opened last, when all else has been accepted.
+
+    Args:
+        scenario: what to run.
+        seed: decides world and noise.
+        keep_colour: let frames carry what the left camera saw in colour.
+        record: have cameras even if the off-tracking is not estimated from them.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     vehicle = load_vehicle(scenario.vehicle)
-    trailer_unit = _watched(vehicle, scenario)
-    trailer = trailer_geometry(vehicle, trailer_unit)
-    course = _course(scenario, vehicle)
-    surface = Surface(
-        friction=scenario.surface.friction,
-        cross_fall=scenario.surface.cross_fall,
-        grade=scenario.surface.grade,
-        centre=course.surface_centre,
-    )
-    prescribed = isinstance(scenario.course, ConstantSlipOptions)
-    if prescribed and scenario.trailer_steering != "none":
-        raise ValueError(
-            f"trailer_steering = {scenario.trailer_steering}: the trailer of {scenario.name} is dragged at a constant "
-            "slip angle and can not be steered; use trailer_steering=none"
-        )
+    unit = watched_unit(vehicle, scenario)
+    trailer = trailer_geometry(vehicle, unit)
+    course = course_of(scenario, vehicle)
+    surface = surface_of(scenario, course)
     steering = _constructed("trailer_steering", scenario.trailer_steering, TRAILER_STEERING, trailer, scenario.steering)
+    motive, driver = _moved(scenario, vehicle, unit, course, surface)
+    schedule = _schedule(scenario.rig)
     estimator = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
-    schedule = Schedule.at_rate(scenario.rig.rate_hz, latency=scenario.rig.latency, name="rig.rate_hz")
-    motive = (
-        ConstantSlipPlant(
-            vehicle,
-            surface,
-            unit=trailer_unit,
-            slip_angle=math.radians(scenario.course.slip_angle_deg),
-            speed=scenario.speed,
-        )
-        if isinstance(scenario.course, ConstantSlipOptions)
-        else Plant(vehicle, surface)
-    )
-    driver = None if prescribed else PreviewDriver(_tractor_geometry(vehicle, course), course.path, scenario.speed)
-
     sees = scenario.off_tracking != "truth"
-    calibration = renderer = camera = None
-    sensor: PoseSensor = ExactPose(trailer_unit)
-    if sees or record:
-        calibration = _rig(scenario, vehicle.units[trailer_unit], trailer).calibration()
-        world = build_world(
-            rng=stream(seed, "world"),
-            centreline=course.centreline,
-            road_half_width=course.road_half_width,
-            surface=surface,
-            scenery_density=scenario.world.scenery_density,
-            clearance=_SCENERY_CLEARANCE,
-        )
-        renderer = StereoRenderer(world, calibration)
-        camera = StereoCamera(
-            renderer=renderer,
-            unit=trailer_unit,
-            noise_std=scenario.rig.noise,
-            rng=stream(seed, "camera noise"),
-            keep_colour=keep_colour,
-        )
-    if sees and camera and calibration:
-        sensor, source = camera, estimator(calibration, trailer.follow_distance, odometry(calibration))
+    rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
+    cameras = _opened(scenario, seed, unit, rig, course, surface, keep_colour) if sees or record else None
+    sensor: PoseSensor
+    source: OffTrackingSource
+    if sees and cameras:
+        calibration = cameras.calibration
+        sensor, source = cameras.camera, estimator(calibration, trailer.follow_distance, odometry(calibration))
     else:
-        source = estimator(trailer.follow_distance)
+        sensor, source = ExactPose(unit), estimator(trailer.follow_distance)
     return Assembly(
         scenario=scenario,
         seed=seed,
         vehicle=vehicle,
-        trailer_unit=trailer_unit,
+        trailer_unit=unit,
         trailer=trailer,
         course=course,
         motive=motive,
@@ -155,91 +131,55 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
         schedule=schedule,
         sensor=sensor,
         source=source,
-        calibration=calibration,
-        camera=camera,
-        renderer=renderer,
+        cameras=cameras,
     )
 
 
-def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
-    """The data sheet of one towed unit for its steering controller.
-
-    Raises:
-        ValueError: if the unit has no follow point.
-    """
-    trailer = vehicle.units[unit]
-    if trailer.follow_x is None:
+def _moved(
+    scenario: Scenario, vehicle: Vehicle, unit: int, course: Course, surface: Surface
+) -> tuple[Motive, PreviewDriver | None]:
+    """What moves the vehicle, and who drives it."""
+    if not isinstance(scenario.course, ConstantSlipOptions):
+        driver = PreviewDriver(tractor_geometry(vehicle, course), course.path, scenario.speed)
+        return Plant(vehicle, surface), driver
+    if scenario.trailer_steering != "none":
         raise ValueError(
-            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow"
+            f"trailer_steering = {scenario.trailer_steering}: the trailer of {scenario.name} is dragged at a constant "
+            "slip angle and can not be steered; use trailer_steering=none"
         )
-    steering = trailer.steering
-    return TrailerGeometry(
-        follow_distance=-trailer.follow_x,
-        axle_distances=tuple(-axle.x for axle in trailer.axles),
-        steered=tuple(axle.steered for axle in trailer.axles),
-        max_steer=steering.limit if steering else 0.0,
-        max_steer_rate=steering.rate_limit if steering else 0.0,
-        actuator_lag=steering.lag if steering else 0.0,
+    slip_angle = math.radians(scenario.course.slip_angle_deg)
+    return ConstantSlipPlant(vehicle, surface, unit=unit, slip_angle=slip_angle, speed=scenario.speed), None
+
+
+def _schedule(rig: RigOptions) -> Schedule:
+    schedule = Schedule.at_rate(rig.rate_hz, latency=rig.latency, name="rig.rate_hz")
+    for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
+        if ticks % LOG_PERIOD:
+            raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {LOG_PERIOD * TICK:g} s")
+    return schedule
+
+
+def _opened(
+    scenario: Scenario, seed: int, unit: int, rig: StereoRig, course: Course, surface: Surface, keep_colour: bool
+) -> Cameras:
+    calibration = rig.calibration()
+    world = build_world(
+        rng=stream(seed, "world"),
+        centreline=course.centreline,
+        road_half_width=course.road_half_width,
+        surface=surface,
+        scenery_density=scenario.world.scenery_density,
+        clearance=_SCENERY_CLEARANCE,
     )
-
-
-def _watched(vehicle: Vehicle, scenario: Scenario) -> int:
-    if len(vehicle.units) < 2:
-        raise ValueError(f"vehicle {vehicle.name} tows nothing: scenario {scenario.name} needs a trailer")
-    return len(vehicle.units) - 1
-
-
-def _course(scenario: Scenario, vehicle: Vehicle) -> Course:
-    options, tractor = scenario.course, vehicle.units[0]
-    if isinstance(options, ConstantSlipOptions):
-        return courses.straight(front_x=tractor.front_x, length=options.length)
-    if isinstance(options, RoundaboutOptions):
-        return courses.roundabout(
-            front_x=tractor.front_x,
-            width=tractor.width,
-            direction=options.direction,
-            radius=options.radius,
-            turn=math.radians(options.turn_deg),
-            entry=options.entry,
-            exit=options.exit,
-        )
-    return courses.figure_of_eight(
-        front_x=tractor.front_x, width=tractor.width, radius=options.radius, entry=options.entry, exit=options.exit
+    renderer = StereoRenderer(world, calibration)
+    camera = StereoCamera(
+        renderer=renderer,
+        unit=unit,
+        noise_std=scenario.rig.noise,
+        rng=stream(seed, "camera noise"),
+        keep_colour=keep_colour,
     )
-
-
-def _tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
-    tractor = vehicle.units[0]
-    if tractor.steering is None:
-        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
-    return TractorGeometry(
-        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
-        x_ref=course.reference[0],
-        y_ref=course.reference[1],
-        max_steer=tractor.steering.limit,
-        max_steer_rate=tractor.steering.rate_limit,
-        actuator_lag=tractor.steering.lag,
-    )
-
-
-def _rig(scenario: Scenario, trailer: Unit, geometry: TrailerGeometry) -> StereoRig:
-    """Rear-facing cameras sit over the follow point; side-facing ones on their edge of the roof, half way along."""
-    options = scenario.rig
-    x, y = {
-        "rear": (-geometry.follow_distance, 0.0),
-        "left": (-0.5 * geometry.follow_distance, 0.5 * trailer.width),
-        "right": (-0.5 * geometry.follow_distance, -0.5 * trailer.width),
-    }[options.facing]
-    return StereoRig(
-        facing=options.facing,
-        width=options.width,
-        height=options.height,
-        hfov=math.radians(options.hfov_deg),
-        x=x,
-        y=y,
-        z=options.camera_height,
-        baseline=options.baseline,
-    )
+    return Cameras(calibration=calibration, camera=camera, renderer=renderer)
 
 
 def _constructed(

@@ -43,8 +43,8 @@ def run(
     """
     with ExitStack() as cleanup:
         parts = assemble(scenario, seed, keep_colour=keep_frames, record=record is not None)
-        if parts.renderer:
-            cleanup.callback(parts.renderer.close)
+        if parts.cameras:
+            cleanup.callback(parts.cameras.renderer.close)
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
         session = Session(parts, keep_frames=keep_frames, recorder=recorder)
         cleanup.callback(session.close)
@@ -59,9 +59,9 @@ def run(
 
 
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
-    if parts.calibration is None:
+    if parts.cameras is None:
         raise ValueError("there is no camera to record")
-    return RecordingWriter(directory, parts.calibration, parts.trailer.follow_distance)
+    return RecordingWriter(directory, parts.cameras.calibration, parts.trailer.follow_distance)
 
 
 def _result(session: Session) -> RunResult:
@@ -74,7 +74,7 @@ def _result(session: Session) -> RunResult:
         trailer_unit=parts.trailer_unit,
         follow_distance=parts.trailer.follow_distance,
         tractor_steers=sum(len(unit.steered_axles) for unit in units[: parts.trailer_unit]),
-        X_SC=parts.calibration.X_SC if parts.calibration else None,
+        X_SC=parts.cameras.calibration.X_SC if parts.cameras else None,
     )
     seconds = session.seconds
     return RunResult(
@@ -98,8 +98,8 @@ def _result(session: Session) -> RunResult:
         ),
         frames=_camera_frames(session),
         manifest={
-            "opengl_renderer": parts.renderer.name if parts.renderer else "none",
-            "frames_sha256": session.images_sha256 if parts.calibration else "none",
+            "opengl_renderer": parts.cameras.renderer.name if parts.cameras else "none",
+            "frames_sha256": session.images_sha256 if parts.cameras else "none",
         },
         trailer_steer_limit=parts.trailer.max_steer or None,
     )

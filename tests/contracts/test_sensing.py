@@ -27,8 +27,8 @@ SETTINGS = ("rig.width=672", "rig.height=240", "world.scenery_density=0.5")
 def parts() -> Iterator[Assembly]:
     assembly = assemble(load_scenario("constant-slip", SETTINGS), seed=3)
     yield assembly
-    assert assembly.renderer is not None
-    assembly.renderer.close()
+    assert assembly.cameras is not None
+    assembly.cameras.renderer.close()
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def messages(parts: Assembly) -> tuple[list[StereoFrame], list[BodyPose]]:
 
 @pytest.fixture(params=sorted(ODOMETRY))
 def odometry(request: pytest.FixtureRequest, parts: Assembly) -> Any:
-    return resolve("odometry", request.param, ODOMETRY)(parts.calibration)
+    return resolve("odometry", request.param, ODOMETRY)(parts.cameras.calibration)
 
 
 def motions(odometry: Any, frames: list[StereoFrame]) -> list[Any]:
@@ -101,8 +101,8 @@ def test_a_source_knows_nothing_before_a_trailer_length_is_travelled(name: str, 
     if name == "truth":
         source, given = build(parts.trailer.follow_distance), poses
     else:
-        odometry = resolve("odometry", parts.scenario.odometry, ODOMETRY)(parts.calibration)
-        source, given = build(parts.calibration, parts.trailer.follow_distance, odometry), frames
+        odometry = resolve("odometry", parts.scenario.odometry, ODOMETRY)(parts.cameras.calibration)
+        source, given = build(parts.cameras.calibration, parts.trailer.follow_distance, odometry), frames
     memory = source.init()
     for message in given:
         memory, estimate = source.step(memory, message)

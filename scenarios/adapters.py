@@ -1,0 +1,119 @@
+"""From the words of scenario and vehicle files to those of the parts: geometry, course, surface, rig."""
+
+from __future__ import annotations
+
+import math
+
+from controllers.driver import TractorGeometry
+from controllers.trailer import TrailerGeometry
+from scenarios import courses
+from scenarios.courses import Course
+from scenarios.scenario import ConstantSlipOptions, RigOptions, RoundaboutOptions, Scenario
+from sensors.rig import StereoRig
+from vehicle.description import Unit, Vehicle
+from vehicle.surface import Surface
+
+
+def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
+    """The data sheet of one towed unit for its steering controller.
+
+    Raises:
+        ValueError: if the unit has no follow point.
+    """
+    trailer = vehicle.units[unit]
+    if trailer.follow_x is None:
+        raise ValueError(
+            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow"
+        )
+    steering = trailer.steering
+    return TrailerGeometry(
+        follow_distance=-trailer.follow_x,
+        axle_distances=tuple(-axle.x for axle in trailer.axles),
+        steered=tuple(axle.steered for axle in trailer.axles),
+        max_steer=steering.limit if steering else 0.0,
+        max_steer_rate=steering.rate_limit if steering else 0.0,
+        actuator_lag=steering.lag if steering else 0.0,
+    )
+
+
+def watched_unit(vehicle: Vehicle, scenario: Scenario) -> int:
+    """Which unit is watched and steered: the last one.
+
+    Raises:
+        ValueError: if the vehicle tows nothing.
+    """
+    if len(vehicle.units) < 2:
+        raise ValueError(f"vehicle {vehicle.name} tows nothing: scenario {scenario.name} needs a trailer")
+    return len(vehicle.units) - 1
+
+
+def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
+    """The course as this vehicle's tractor has to drive it."""
+    options, tractor = scenario.course, vehicle.units[0]
+    if isinstance(options, ConstantSlipOptions):
+        return courses.straight(front_x=tractor.front_x, length=options.length)
+    if isinstance(options, RoundaboutOptions):
+        return courses.roundabout(
+            front_x=tractor.front_x,
+            width=tractor.width,
+            direction=options.direction,
+            radius=options.radius,
+            turn=math.radians(options.turn_deg),
+            entry=options.entry,
+            exit=options.exit,
+        )
+    return courses.figure_of_eight(
+        front_x=tractor.front_x, width=tractor.width, radius=options.radius, entry=options.entry, exit=options.exit
+    )
+
+
+def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
+    """What the driver knows of the tractor.
+
+    Raises:
+        ValueError: if the tractor can not be steered.
+    """
+    tractor = vehicle.units[0]
+    if tractor.steering is None:
+        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
+    return TractorGeometry(
+        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
+        x_ref=course.reference[0],
+        y_ref=course.reference[1],
+        max_steer=tractor.steering.limit,
+        max_steer_rate=tractor.steering.rate_limit,
+        actuator_lag=tractor.steering.lag,
+    )
+
+
+def surface_of(scenario: Scenario, course: Course) -> Surface:
+    """The ground of the course."""
+    options = scenario.surface
+    return Surface(
+        friction=options.friction,
+        cross_fall=options.cross_fall,
+        grade=options.grade,
+        centre=course.surface_centre,
+    )
+
+
+def rig_on(trailer: Unit, geometry: TrailerGeometry, options: RigOptions) -> StereoRig:
+    """The scenario's cameras on this trailer's roof.
+
+    Rear-facing cameras sit over the follow point; side-facing ones on their edge of the roof, half way along.
+    """
+    x, y = {
+        "rear": (-geometry.follow_distance, 0.0),
+        "left": (-0.5 * geometry.follow_distance, 0.5 * trailer.width),
+        "right": (-0.5 * geometry.follow_distance, -0.5 * trailer.width),
+    }[options.facing]
+    return StereoRig(
+        facing=options.facing,
+        width=options.width,
+        height=options.height,
+        hfov=math.radians(options.hfov_deg),
+        x=x,
+        y=y,
+        z=options.camera_height,
+        baseline=options.baseline,
+    )

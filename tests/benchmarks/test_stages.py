@@ -1,0 +1,62 @@
+"""What the stages of the loop cost, side by side in one run: compare them with each other, not with another machine.
+
+Each benchmark carries ``share_of_real_time``: its time over the simulated time it is worth. The sum for one camera
+period is the reciprocal of the real-time factor without overlap. Run with ``make benchmarks``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from scenarios.assembly import Assembly, assemble
+from scenarios.scenario import load_scenario
+from sensors.messages import StereoFrame
+from vehicle.clock import TICK
+from vehicle.plant import VehicleCommand
+
+CAMERA_PERIOD = 0.1  # [s]
+
+
+@pytest.fixture(scope="module")
+def parts() -> Iterator[Assembly]:
+    assembly = assemble(load_scenario("roundabout"), seed=1)
+    yield assembly
+    assert assembly.cameras is not None
+    assembly.cameras.renderer.close()
+
+
+def note(benchmark: BenchmarkFixture, worth: float) -> None:
+    benchmark.extra_info["share_of_real_time"] = benchmark.stats.stats.median / worth
+
+
+@pytest.mark.parametrize("ticks", [1, 10])
+def test_physics(benchmark: BenchmarkFixture, parts: Assembly, ticks: int) -> None:
+    """One call of the plant: folding ten ticks into it saves the look-up of friction and slope nine times."""
+    state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
+    after = benchmark(parts.motive.step, state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), ticks)
+    note(benchmark, ticks * TICK)
+    assert np.isfinite(after).all()
+
+
+def test_stereo_pair(benchmark: BenchmarkFixture, parts: Assembly) -> None:
+    """Rendering, read-back, grey conversion and noise of one pair."""
+    truth = parts.motive.observe(parts.motive.initial_state(parts.course.start, parts.scenario.speed), 0)
+    frame = benchmark(parts.sensor.sample, truth)
+    note(benchmark, CAMERA_PERIOD)
+    assert isinstance(frame, StereoFrame)
+
+
+def test_odometry_and_buffer(benchmark: BenchmarkFixture, parts: Assembly) -> None:
+    """One step of the estimator between two frames 0.28 m apart."""
+    state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
+    memory = parts.source.init()
+    memory, _ = parts.source.step(memory, parts.sensor.sample(parts.motive.observe(state, 0)))
+    state = parts.motive.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), 100)
+    frame = parts.sensor.sample(parts.motive.observe(state, 100))
+    _, estimate = benchmark(parts.source.step, memory, frame)
+    note(benchmark, CAMERA_PERIOD)
+    assert estimate.motion.inliers > 250
