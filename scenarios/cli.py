@@ -98,7 +98,7 @@ def run(
 
 
 class _Bar:
-    """Progress of a run and of its video on one rich display."""
+    """Progress of a run and of its video on one rich display, which appears when there is progress to show."""
 
     def __init__(self, progress: Progress, title: str) -> None:
         self._progress = progress
@@ -106,6 +106,7 @@ class _Bar:
         self._video: Any = None
 
     def run(self, share: float, simulated: float) -> None:
+        self._progress.start()
         self._progress.update(self._run, completed=share, detail=f"{simulated:.1f} s simulated")
 
     def video(self, done: int, total: int) -> None:
@@ -125,8 +126,11 @@ def _progress(title: str, *, shown: bool) -> Iterator[_Bar]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[detail]}"),
     )
-    with Progress(*columns, console=Console(stderr=True), disable=not shown) as progress:
+    progress = Progress(*columns, console=Console(stderr=True), disable=not shown)
+    try:
         yield _Bar(progress, title)
+    finally:
+        progress.stop()
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
