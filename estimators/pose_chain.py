@@ -11,6 +11,9 @@ from estimators.hitch_path import Crossing
 from estimators.rigid_motion import UncertainMotion, chained, composed
 from vehicle.frames import FloatArray, inverse
 
+# Share of the variance that all increments have in common. With it the normalised error of the off-tracking on rendered
+# frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to 2.1.
+_COMMON = 0.04
 _STEP = 0.02  # samples nearer than this to the next older one are dropped when the next arrives [m]
 
 
@@ -64,12 +67,12 @@ def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
 
 
 def lateral_std(samples: tuple[Sample, ...], positions: FloatArray, passed: Crossing, path_tangent: float) -> float:
-    """Standard deviation [m] of the path's y at the crossing, from the independent errors of all increments since.
+    """Standard deviation [m] of the path's y at the crossing, from the errors of all increments since.
 
     With an error (d_theta, d_p) in the increment that ends at p_i, the older path moves by -(d_theta x r + d_p),
     r being its position from p_i: along the normal n of the path, -(d_theta . (r x n) + d_p . n). The increment in
-    which the crossing falls counts in full. What all increments have in common, a bias of the odometry, is not
-    modelled.
+    which the crossing falls counts in full. Errors are independent but for a share of their variance that is common
+    to all increments, constant along the axes of the body: the odometry's slowly changing bias.
     """
     since = samples[1 : passed.beyond + 1]
     R_CP = samples[0].X_OS[:3, :3].T @ np.array([sample.X_OS[:3, :3] for sample in since])  # starts in newest S
@@ -78,4 +81,7 @@ def lateral_std(samples: tuple[Sample, ...], positions: FloatArray, passed: Cros
     r = point - positions[: passed.beyond]
     gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CP
     g = gradient.reshape(-1, 6)
-    return math.sqrt(np.einsum("ij,ijk,ik->", g, np.array([sample.to_next for sample in since]), g))
+    covariances = np.array([sample.to_next for sample in since])
+    independent = np.einsum("ij,ijk,ik->", g, covariances, g)
+    together = np.einsum("ij,ij->j", g, np.sqrt(np.einsum("ijj->ij", covariances)))
+    return math.sqrt(independent + _COMMON * together @ together)
