@@ -126,6 +126,9 @@ def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     table = _read(name_or_path)
     for setting in settings:
         _apply(table, setting)
+    vehicle = table.get("vehicle")
+    if isinstance(vehicle, str) and vehicle.endswith(".toml"):
+        table["vehicle"] = str(Path(vehicle).resolve())  # the resolved scenario runs again from any folder
     return _validated(table, name_or_path)
 
 
