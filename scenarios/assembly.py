@@ -84,6 +84,11 @@ class Assembly:
     source: OffTrackingSource
     cameras: Cameras | None  # None: nothing is rendered
 
+    @property
+    def steers_ahead(self) -> int:
+        """Number of steered axles in front of the watched trailer's, as they come first in ``Truth.steer``."""
+        return sum(len(unit.steered_axles) for unit in self.vehicle.units[: self.trailer_unit])
+
 
 def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record: bool = False) -> Assembly:
     """The parts of the scenario's run with this seed; cameras are opened last, when all else has been accepted.

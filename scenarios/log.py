@@ -1,13 +1,12 @@
 """The record of a run: named signals over time, as one read-only table of floats.
 
-Rows are gathered as plain tuples while the loop runs and become a :class:`Log` at the end. On disk a log is a
-Parquet file in SI units; unit and meaning of every signal travel in the schema.
+On disk a log is a Parquet file in SI units; unit and meaning of every signal travel in the schema.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -47,12 +46,6 @@ class Log:
         table = np.where(np.isnan(self.rows), np.nan, self.rows).copy(order="F")
         table.flags.writeable = False
         object.__setattr__(self, "rows", table)
-
-    @classmethod
-    def from_rows(cls, signals: tuple[Signal, ...], rows: Iterable[Sequence[float]]) -> Log:
-        """A log from the rows gathered in a loop, each with one value per signal, in the signals' order."""
-        table = np.array(list(rows), dtype=np.float64)
-        return cls(signals, table if table.size else table.reshape(0, len(signals)))
 
     @property
     def names(self) -> tuple[str, ...]:

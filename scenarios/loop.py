@@ -63,8 +63,7 @@ class Session:
         self._source = parts.source.init()
         self._steering = parts.trailer_steering.init()
         self._driver: Any = parts.driver.init() if parts.driver else None
-        first = sum(len(unit.steered_axles) for unit in parts.vehicle.units[: parts.trailer_unit])
-        self._encoders = SteerEncoders(first, len(parts.trailer.steered_distances))
+        self._encoders = SteerEncoders(parts.steers_ahead, len(parts.trailer.steered_distances))
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._steer_demand = SteerCommand(angles=np.zeros(len(parts.trailer.steered_distances)))
 

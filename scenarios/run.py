@@ -66,14 +66,13 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
 
 def _result(session: Session) -> RunResult:
     parts = session.parts
-    units = parts.vehicle.units
     log = run_log(
         session.rows,
         session.estimates,
-        units=[unit.name for unit in units],
+        units=[unit.name for unit in parts.vehicle.units],
         trailer_unit=parts.trailer_unit,
         follow_distance=parts.trailer.follow_distance,
-        tractor_steers=sum(len(unit.steered_axles) for unit in units[: parts.trailer_unit]),
+        steers_ahead=parts.steers_ahead,
         X_SC=parts.cameras.calibration.X_SC if parts.cameras else None,
     )
     seconds = session.seconds

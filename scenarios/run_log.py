@@ -63,7 +63,7 @@ def run_log(
     units: Sequence[str],
     trailer_unit: int,
     follow_distance: float,
-    tractor_steers: int,
+    steers_ahead: int,
     X_SC: FloatArray | None,
 ) -> Log:
     """The log of a run; estimates stand in the row of their capture, the true off-tracking is computed here.
@@ -74,14 +74,14 @@ def run_log(
         units: names of the units, tractor first.
         trailer_unit: which of them is watched.
         follow_distance: hitch to follow point of that trailer [m].
-        tractor_steers: number of steered axles in front of the watched trailer's.
+        steers_ahead: number of steered axles in front of the watched trailer's.
         X_SC: pose of the left camera in the trailer body (4, 4), if there are cameras.
     """
     n_steered = len(rows[0].steering.angles) if rows else 0
     signals = tuple(_signals(units, n_steered))
     table = np.full((len(rows), len(signals)), np.nan)
     for line, row in zip(table, rows, strict=True):
-        line[: -len(_ESTIMATE)] = list(_values(row, tractor_steers))
+        line[: -len(_ESTIMATE)] = list(_values(row, steers_ahead))
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     for estimate in estimates:
         if estimate.off_tracking.tick in index:
@@ -110,7 +110,7 @@ def _signals(units: Sequence[str], n_steered: int) -> Iterator[Signal]:
     yield from _ESTIMATE
 
 
-def _values(row: Row, tractor_steers: int) -> Iterator[float]:
+def _values(row: Row, steers_ahead: int) -> Iterator[float]:
     truth = row.truth
     yield truth.tick
     yield truth.tick * TICK
@@ -121,7 +121,7 @@ def _values(row: Row, tractor_steers: int) -> Iterator[float]:
         yield float(-np.arcsin(X_WB[2, 0]))
     yield truth.steer[0]
     yield row.driver.steer
-    yield from truth.steer[tractor_steers : tractor_steers + len(row.steering.angles)]
+    yield from truth.steer[steers_ahead : steers_ahead + len(row.steering.angles)]
     yield from row.steering.angles
     yield row.driver.acceleration
     yield float(truth.friction_used.max())

@@ -14,7 +14,7 @@ SIGNALS = (Signal("time", "s", "time"), Signal("e", "m", "off-tracking, + left")
 
 
 def a_log() -> Log:
-    return Log.from_rows(SIGNALS, [(0.0, np.nan, np.inf), (0.01, -0.0, 0.1), (0.02, 1.0 / 3.0, 1e-300)])
+    return Log(SIGNALS, np.array([(0.0, np.nan, np.inf), (0.01, -0.0, 0.1), (0.02, 1.0 / 3.0, 1e-300)]))
 
 
 def test_a_log_survives_the_disk_bit_by_bit(tmp_path: Path) -> None:
@@ -36,8 +36,8 @@ def test_missing_values_are_nulls_and_units_are_in_the_schema(tmp_path: Path) ->
 
 def test_an_empty_log_survives_the_disk(tmp_path: Path) -> None:
     """A run interrupted before its first row still writes its directory."""
-    write_log(Log.from_rows(SIGNALS, []), tmp_path / "signals.parquet")
-    assert read_log(tmp_path / "signals.parquet") == Log.from_rows(SIGNALS, [])
+    write_log(Log(SIGNALS, np.empty((0, len(SIGNALS)))), tmp_path / "signals.parquet")
+    assert read_log(tmp_path / "signals.parquet") == Log(SIGNALS, np.empty((0, len(SIGNALS))))
 
 
 def test_signals_are_read_by_name_and_can_not_be_changed() -> None:
