@@ -1,22 +1,10 @@
-"""The `offtrack` command."""
+"""The `offtrack` command: its subcommands put together."""
 
 from __future__ import annotations
 
-import json
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from typing import Annotated, Any
-
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table
 
-from scenarios.scenario import load_scenario, scenario_names
-
-BAD_INPUT, INTERRUPTED = 2, 130
+from scenarios.commands import listing, run
 
 app = typer.Typer(
     name="offtrack",
@@ -37,129 +25,8 @@ def _offtrack() -> None:
     """Closed-loop co-simulation of vehicles that slip, steered by what their cameras see."""
 
 
-@app.command()
-def scenarios() -> None:
-    """List the scenarios, a line each. Run one with: offtrack run NAME."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for name in scenario_names():
-        table.add_row(name, load_scenario(name).description)
-    Console().print(table)
-
-
-@app.command(
-    epilog=(
-        "Examples: offtrack run roundabout --set trailer_steering=none   "
-        "offtrack run figure-of-eight --set off_tracking=truth --no-video   "
-        "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025"
-    )
-)
-def run(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a key of the scenario, e.g. off_tracking=truth, trailer_steering=none, vehicle=my_truck.toml, "
-            "surface.friction=0.3, steering.gain=0.5. May be repeated.",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Decides the world and all noise.")] = 1,
-    out: Annotated[
-        Path | None, typer.Option(help="Run directory; must not exist yet.", show_default="runs/SCENARIO-N")
-    ] = None,
-    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
-    record: Annotated[
-        Path | None, typer.Option(help="Also write the stereo images there, as a KITTI-style sequence.")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
-) -> None:
-    """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
-    from scenarios.results import check_run_directory, next_run_directory, summary, write_run
-    from scenarios.run import run as run_scenario
-
-    with _one_line_errors():
-        chosen = load_scenario(scenario, settings or [])
-        directory = out or next_run_directory(chosen.name)
-        check_run_directory(directory)
-        if record:
-            check_run_directory(record)
-        with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
-            result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
-            write_run(result, directory, video=video, progress=bar.video)
-        numbers = summary(result)
-        if as_json:
-            print(json.dumps(numbers, indent=2))
-        elif not quiet:
-            _print_summary(numbers, directory)
-    if result.outcome == "interrupted":
-        raise typer.Exit(INTERRUPTED)
-
-
-class _Bar:
-    """Progress of a run and of its video on one rich display, which appears when there is progress to show."""
-
-    def __init__(self, progress: Progress, title: str) -> None:
-        self._progress = progress
-        self._run = progress.add_task(title, total=1.0, detail="")
-        self._video: Any = None
-
-    def run(self, share: float, simulated: float) -> None:
-        self._progress.start()
-        self._progress.update(self._run, completed=share, detail=f"{simulated:.1f} s simulated")
-
-    def video(self, done: int, total: int) -> None:
-        if self._video is None:
-            self._progress.update(self._run, completed=1.0)
-            self._video = self._progress.add_task("video", total=total, detail="")
-        self._progress.update(self._video, completed=done)
-
-
-@contextmanager
-def _progress(title: str, *, shown: bool) -> Iterator[_Bar]:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[detail]}"),
-    )
-    progress = Progress(*columns, console=Console(stderr=True), disable=not shown)
-    try:
-        yield _Bar(progress, title)
-    finally:
-        progress.stop()
-
-
-def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
-    console = Console()
-    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
-    table.add_column("")
-    table.add_column("quantity")
-    table.add_column("value", justify="right")
-    for group, values in numbers.items():
-        if isinstance(values, dict):
-            for k, (name, value) in enumerate(values.items()):
-                shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-                table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
-    console.print(table)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
-
-
-@contextmanager
-def _one_line_errors() -> Iterator[None]:
-    """What can be expected to go wrong ends in one line on standard error and exit code 2, an interrupt in 130."""
-    from sensors.render import RendererUnavailableError
-
-    try:
-        yield
-    except (ValueError, OSError, RendererUnavailableError) as error:
-        print(f"offtrack: {error}", file=sys.stderr)
-        raise typer.Exit(BAD_INPUT) from error
-    except KeyboardInterrupt as interrupt:
-        raise typer.Exit(INTERRUPTED) from interrupt
+app.command()(listing.scenarios)
+app.command(epilog=run.EXAMPLES)(run.run)
 
 
 def main() -> None:

@@ -1,0 +1,40 @@
+"""What the commands share: how they end when something is wrong, and how long work shows its progress."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """What can be expected to go wrong ends in one line on standard error and exit code 2, an interrupt in 130."""
+    from sensors.render import RendererUnavailableError
+
+    try:
+        yield
+    except (ValueError, OSError, RendererUnavailableError) as error:
+        print(f"offtrack: {error}", file=sys.stderr)
+        raise typer.Exit(BAD_INPUT) from error
+    except KeyboardInterrupt as interrupt:
+        raise typer.Exit(INTERRUPTED) from interrupt
+
+
+def progress_display(*, shown: bool) -> Progress:
+    """A rich progress display on standard error; its tasks carry a field ``detail``."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[detail]}"),
+    )
+    return Progress(*columns, console=Console(stderr=True), disable=not shown)
