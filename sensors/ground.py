@@ -54,6 +54,8 @@ class Terrain:
         rise = np.clip(beyond / 350.0, 0.0, 1.0)
         hills = 24.0 * rise**1.5 * (0.75 + 0.35 * self._hills(xy))
         height: FloatArray = self._surface.height(inside[..., 0], inside[..., 1]) + hills
+        if self._surface.roughness is not None:  # potholes are narrower than a cell: they are drawn by their shade
+            height += self._surface.roughness.waves(inside[..., 0], inside[..., 1])
         return height
 
 

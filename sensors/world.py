@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors import sky, textures
+from sensors.condition import Condition, condition_of
 from sensors.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
 from sensors.scenery import Plot, Stand, kerbs, planted
 from sensors.shapes import Mesh
@@ -44,6 +45,7 @@ class World:
     detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
     detail_period: float  # [m]
     road: RoadMap
+    condition: Condition  # of the ground
     stands: tuple[Stand, ...]
     textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
     panorama: TextureArray  # see sensors.sky
@@ -88,6 +90,7 @@ def build_world(
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
         road=replace(road, light=_shadows(road, stands, sun)),
+        condition=condition_of(surface, road),
         stands=tuple(stand for stand in stands if len(stand.poses)),
         textures={name: make(rng) for name, make in _TEXTURES.items()},
         panorama=sky.panorama(rng),

@@ -66,6 +66,22 @@ def _opened_on(device: EGLDevice) -> Context:
     return Context(platform, f"{name}, OpenGL {version}")
 
 
+def upload_table(table: NDArray[np.float32]) -> int:
+    """Name of a new texture that holds a table (ny, nx, 4) of numbers as they are, neither mixed nor shrunk."""
+    texture = int(GL.glGenTextures(1))
+    GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
+    ny, nx = table.shape[:2]
+    GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGBA32F, nx, ny, 0, GL.GL_RGBA, GL.GL_FLOAT, np.ascontiguousarray(table))
+    for key, value in (
+        (GL.GL_TEXTURE_WRAP_S, GL.GL_CLAMP_TO_EDGE),
+        (GL.GL_TEXTURE_WRAP_T, GL.GL_CLAMP_TO_EDGE),
+        (GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST),
+        (GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST),
+    ):
+        GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
+    return texture
+
+
 def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
     """Name of a new texture that repeats; its first row gets v = 0; ``shrink`` is OpenGL's filter for far away."""
     internal, layout = _LAYOUTS[image.shape[2]]
@@ -93,9 +109,10 @@ class Program:
     locations: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str) -> Program:
-        """The program of two files in ``shaders``; the cache owns it."""
-        program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag")
+    def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> Program:
+        """The program of two files in ``shaders``, with some words defined in them; the cache owns it."""
+        defines = dict.fromkeys(defined, 1)
+        program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
         program._add_to_context()
         return cls(int(program._program_id))
 

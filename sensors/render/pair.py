@@ -17,9 +17,18 @@ from pyrender import Scene
 from pyrender.renderer import Renderer
 
 from sensors import sky
+from sensors.condition import Condition
 from sensors.ground import RoadMap
 from sensors.render.blocks import dome, in_blocks
-from sensors.render.context import Context, Program, Uniforms, open_context, shader_cache, upload_texture
+from sensors.render.context import (
+    Context,
+    Program,
+    Uniforms,
+    open_context,
+    shader_cache,
+    upload_table,
+    upload_texture,
+)
 from sensors.render.crowd import Crowd, draw, in_view, primitive
 from sensors.rig import StereoCalibration
 from sensors.textures import to_bytes
@@ -57,17 +66,24 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._program_cache = shader_cache()
         self._programs = {
             name: Program.load(self._program_cache, vertex, name)
-            for name, vertex in (("ground", "ground"), ("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
+            for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
         }
+        marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes}
+        defined = [name for name, mark in marks.items() if mark is not None]  # what there is not costs nothing
+        defined += ["MARKED"] if defined else []
+        self._programs["ground"] = Program.load(self._program_cache, "ground", "ground", *defined)
         trilinear, nearest_level = GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR_MIPMAP_NEAREST
         self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
         self._textures = {
             key: upload_texture(texture[::-1], nearest_level if key in self._pierced else trilinear)
             for key, texture in world.textures.items()
         }
-        self._detail = upload_texture(world.detail, nearest_level)  # see ground.frag
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
-        self._road = upload_texture(_packed(world.road), nearest_level)  # smooth: its levels do not show
+        self._ground_textures = {  # by texture unit
+            0: upload_texture(world.detail, nearest_level),  # see ground.frag
+            1: upload_texture(_packed(world.road), nearest_level),  # smooth: its levels do not show
+            **_uploaded(world.condition),
+        }
         crowds = [Crowd.of(stand, part) for stand in world.stands for part in stand.thing.parts]
         self._crowds = sorted(crowds, key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
         self._blocks = in_blocks(world.ground)
@@ -92,7 +108,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
     def close(self) -> None:
         """Free everything in the context, and the context."""
         self._context.make_current()
-        GL.glDeleteTextures([*self._textures.values(), self._detail, self._panorama, self._road])
+        GL.glDeleteTextures([*self._textures.values(), self._panorama, *self._ground_textures.values()])
         GL.glDeleteRenderbuffers(2, self._buffers)
         GL.glDeleteFramebuffers(1, [self._framebuffer])
         self.delete()
@@ -134,6 +150,8 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         layers: Uniforms = {
             "detail": 0,
             "road": 1,
+            "looks": 2,
+            "holes": 3,
             "detail_period": world.detail_period,
             "detail_levels": math.log2(len(world.detail)),
         }
@@ -189,8 +207,8 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         GL.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
-        for unit, texture in ((GL.GL_TEXTURE1, self._road), (GL.GL_TEXTURE0, self._detail)):
-            GL.glActiveTexture(unit)
+        for unit, texture in sorted(self._ground_textures.items(), reverse=True):  # unit 0 last: it stays active
+            GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
             GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
@@ -207,6 +225,16 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             far_away = self._projection @ transform(X_WC[:3, :3].T, np.zeros(3))
             self._programs["sky"].use({"view_projection": far_away})
             draw(self._sky, 1)
+
+
+def _uploaded(condition: Condition) -> dict[int, int]:
+    """Textures, by texture unit, of what there is to be seen of the ground's condition."""
+    textures = {}
+    if condition.looks is not None:
+        textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST)
+    if condition.holes is not None:
+        textures[3] = upload_table(condition.holes)
+    return textures
 
 
 def _packed(road: RoadMap) -> NDArray[np.uint8]:

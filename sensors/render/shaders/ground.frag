@@ -33,6 +33,79 @@ float stripe(float x, float half_width, float half_footprint)
     return max(min(x + half_footprint, half_width) - max(x - half_footprint, -half_width), 0.0) / (2.0 * half_footprint);
 }
 
+#ifdef MARKED
+in vec3 place;  // W [m]
+uniform vec3 sun;
+#endif
+
+#ifdef HOLES
+uniform sampler2D holes;  // the pothole around: W of its middle, radius, depth [m]; on the road's map
+
+// Replaces albedo and light of what lies in a pothole or on its broken edge.
+void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
+{
+    vec4 hole = textureLod(holes, map_uv, 0.0);
+    float turn = 6.2832 * fract(7.31 * hole.x + 3.77 * hole.y);  // no two holes have the same outline
+    vec2 q = (place.xy - hole.xy) / hole.z;
+    vec2 outwards = q / max(length(q), 0.1);
+    q *= 1.0 + 0.3 * dot(outwards, vec2(cos(turn), sin(turn)));
+    float ragged = 1.1 * grain.a + 0.5 * grain.r;
+    float r = length(q) + ragged;
+    float footprint = abs(dot(outwards, dFdx(place.xy))) + abs(dot(outwards, dFdy(place.xy)));
+    float blur = max(footprint / hole.z, 0.05);
+
+    float inside = clamp((1.0 - r) / blur + 0.5, 0.0, 1.0);
+    float rim = clamp((1.3 - r) / 0.3, 0.0, 1.0) * (1.0 - inside);
+    float wall = smoothstep(0.55, 0.95, r);
+    vec2 slope = q * (3.5 * wall * hole.w / hole.z + 1.2 * grain.b);
+    float facing = max(dot(normalize(vec3(-slope, 1.0)), sun), 0.0) / sun.z;
+    float towards_sun = length(q + sun.xy / sun.z * hole.w * 1.3 / hole.z) + ragged;
+    float sunny = clamp((1.0 - towards_sun) / max(blur, 0.12) + 0.5, 0.0, 1.0);
+    vec3 rubble = vec3(0.40, 0.36, 0.30) * (0.8 + 2.4 * grain.b + 0.8 * grain.r);
+    vec3 below = sky_light * (0.75 - 0.25 * wall) + sun_light * lit * facing * sunny;
+    albedo = mix(albedo * (1.0 + rim * (0.15 - 2.2 * abs(grain.a))), rubble, inside);
+    light = mix(light, below, inside);
+}
+#endif
+
+#ifdef LOOKS
+uniform sampler2D looks;  // r wet, g muddy, b icy; on the road's map
+uniform vec3 camera;      // W [m]
+uniform vec3 sun_colour;
+
+const vec3 ZENITH = vec3(0.36, 0.52, 0.78);
+
+// Wet, muddy or icy ground as it is seen: its own colour, and what a film of water or the ice mirrors.
+vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
+{
+    vec3 look = texture(looks, clamp(map_uv, 0.0, 1.0)).rgb;  // there is none at the edges of the map
+    float beside = clamp(2.0 * d, 0.0, 1.0);
+    vec3 share = clamp(2.5 * (look - 0.5) + (look - look * look) * 6.0 * grain.a + 0.5, 0.0, 1.0);  // ragged edges
+    share.gb *= 1.0 - 0.45 * beside;
+
+    float puddle = share.r * smoothstep(0.02, 0.12, grain.a + 0.35 * (here.b - 0.55)) * (1.0 - beside);
+    albedo *= 1.0 - share.r * mix(0.45, 0.25, beside) - 0.15 * puddle;
+    float clods = clamp(share.g * (1.15 + 1.2 * grain.a), 0.0, 1.0);
+    vec3 mud = vec3(0.27, 0.20, 0.13) * (0.95 + 1.3 * grain.b + 0.9 * grain.a + 0.25 * (here.b - 0.5));
+    albedo = mix(albedo, mud, clods);
+    float frost = share.b * clamp(0.62 + 1.9 * grain.a + 0.6 * grain.g, 0.25, 0.95);
+    vec3 ice = vec3(0.70, 0.77, 0.84) * (1.0 + 0.5 * grain.r + 0.35 * grain.a);
+    albedo = mix(albedo * (1.0 - 0.25 * share.b), ice, frost);
+
+    float film = (1.0 - beside) * max(max(share.r * (0.35 + 0.65 * puddle), 0.75 * share.b), 0.30 * clods);
+    float polish = max(puddle, 0.8 * share.b);
+    vec3 normal = vec3((1.0 - polish) * 0.35 * grain.rb, 1.0);
+    vec3 view = normalize(camera - place);
+    vec3 ray = reflect(-view, normal);
+    float grazing = clamp(1.0 - dot(view, normal), 0.0, 1.0);
+    float mirrored = 0.02 + 0.98 * grazing * grazing * grazing * grazing * grazing;  // Schlick's formula, water
+    float glint = max(dot(ray, sun), 0.0);
+    glint *= glint, glint *= glint, glint *= glint, glint *= glint, glint *= glint;
+    vec3 sky = mix(haze, ZENITH, clamp(2.0 * ray.z, 0.0, 1.0)) + (0.4 + 2.0 * polish) * glint * sun_colour;
+    return mix(albedo * light, sky * (0.55 + 0.45 * here.g), film * mirrored);
+}
+#endif
+
 void main()
 {
     vec4 grain = along_footprint(detail_uv) - 0.5;
@@ -54,5 +127,14 @@ void main()
     verge = mix(verge, vec3(0.66, 0.65, 0.62) * (1.0 + 0.9 * grain.r), stripe(d - 0.06, 0.06, half_footprint));
 
     vec3 albedo = mix(asphalt, verge, clamp(0.5 * d / half_footprint + 0.5, 0.0, 1.0));
-    colour = vec4(mix(haze, albedo * (sky_light + sun_light * here.g), clear), 1.0);
+    vec3 light = sky_light + sun_light * here.g;
+#ifdef HOLES
+    dig(albedo, light, grain, here.g);
+#endif
+#ifdef LOOKS
+    vec3 seen = weathered(albedo, light, grain, here, d);
+#else
+    vec3 seen = albedo * light;
+#endif
+    colour = vec4(mix(haze, seen, clear), 1.0);
 }

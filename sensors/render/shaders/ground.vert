@@ -18,6 +18,9 @@ out vec2 map_uv;
 out vec3 sky_light;
 out vec3 sun_light;
 out float clear;  // share of the light that the haze lets through
+#ifdef MARKED
+out vec3 place;  // W [m]
+#endif
 
 void main()
 {
@@ -27,4 +30,7 @@ void main()
     sky_light = sky_colour * (0.72 + 0.28 * normal.z);
     sun_light = sun_colour * max(dot(normal, sun), 0.0);
     clear = exp(-length(camera - position) / haze_range);
+#ifdef MARKED
+    place = position;
+#endif
 }

@@ -1,4 +1,4 @@
-"""The ground as one object: height, slope and friction, looked up by the vehicle and by the renderer alike."""
+"""The ground under a vehicle: a plane or a cone with friction, and the roughness of the road on top of it."""
 
 from __future__ import annotations
 
@@ -8,33 +8,45 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.surface.friction import Friction, check_friction, friction_of
+from vehicle.surface.roughness import Roughness
 
 _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """Sloping ground of uniform friction.
+    """Sloping ground, of one friction or of several, smooth or rough.
 
     Without a ``centre`` the ground is a plane that rises along W's x by ``grade`` and falls to the right (-y) by
     ``cross_fall``. With one, the cross-fall is conical and falls away from the centre: the adverse camber of a
-    roundabout.
+    roundabout. ``height`` and ``gradient`` are those of the smooth ground; what is rough about it is told apart.
     """
 
-    friction: float  # peak friction coefficient of tyre and ground [-]
+    friction: Friction  # peak friction coefficient of tyre and ground [-]
     cross_fall: float = 0.0  # [-], 0.025 is 2.5 %
     grade: float = 0.0  # [-]
     centre: tuple[float, float] | None = None  # [m]
+    roughness: Roughness | None = None
 
     def __post_init__(self) -> None:
-        if not 0.05 <= self.friction <= 1.5:
-            raise ValueError(f"friction = {self.friction} must be between 0.05 and 1.5")
+        check_friction("friction", self.friction)
         for name, slope in (("cross_fall", self.cross_fall), ("grade", self.grade)):
             if not -0.2 <= slope <= 0.2:
                 raise ValueError(f"{name} = {slope} must be between -0.2 and 0.2 (a slope: 0.025 is 2.5 %)")
 
+    @property
+    def is_uniform(self) -> bool:
+        """Whether the friction is one number everywhere."""
+        return isinstance(self.friction, int | float)
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether the road has neither roughness nor potholes."""
+        return self.roughness is None
+
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Height of the ground [m] at x, y [m] in W, of any shape."""
+        """Height of the smooth ground [m] at x, y [m] in W, of any shape."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         if self.centre is None:
             return self.grade * x + self.cross_fall * y
@@ -42,7 +54,7 @@ class Surface:
         return self.grade * x - self.cross_fall * distance
 
     def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Slope (dz/dx, dz/dy) [-] at x, y [m]; shape (..., 2)."""
+        """Slope (dz/dx, dz/dy) [-] of the smooth ground at x, y [m]; shape (..., 2)."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         if self.centre is None:
             return np.stack([np.full_like(x, self.grade), np.full_like(x, self.cross_fall)], axis=-1)
@@ -52,13 +64,19 @@ class Surface:
 
     def friction_at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Friction coefficient [-] at x, y [m], of their common shape."""
-        return np.full(np.broadcast_shapes(np.shape(x), np.shape(y)), self.friction)
+        return friction_of(self.friction, x, y)
+
+    def roughness_at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Height of the road above the smooth ground [m] at x, y [m], of their common shape, as a tyre feels it."""
+        if self.roughness is None:
+            return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
+        return self.roughness.height(x, y)
 
     def pose_on(self, x: float, y: float, psi: float, supports: tuple[float, float]) -> FloatArray:
         """X_WB (4, 4) of a body at x, y [m] with heading psi [rad] that stands on two points of its x axis.
 
         ``supports`` are their places along that axis [m], front and rear: a semi-trailer is carried by its hitch and
-        by its axles, and leans as the ground does across these two on average.
+        by its axles, and leans as the smooth ground does across these two on average.
         """
         c, s = np.cos(psi), np.sin(psi)
         along = np.array(supports)

@@ -1,0 +1,167 @@
+"""What the cameras see of the ground's friction and of its potholes: at the place, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sensors.condition import condition_of
+from sensors.ground import Centreline, Terrain, road_map
+from sensors.messages import ColourImage
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration
+from sensors.world import World
+from vehicle.frames import FloatArray
+from vehicle.surface import (
+    Friction,
+    PatchedFriction,
+    Potholes,
+    Roughness,
+    RoughProfile,
+    SplitFriction,
+    Surface,
+    circle,
+)
+
+LEVEL = Surface(friction=0.8)
+SLOPE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py
+POSE = SLOPE.pose_on(-12.0, 0.0, 0.0, (0.0, -8.0))  # cameras 25.6 m before the circle, looking back along the entry
+MIDDLE = (-37.0, 0.5)  # of what is there to be seen, 11 m from the cameras, which see the ground from 9 m on [m]
+
+
+@pytest.fixture(scope="module")
+def plain(bare_world: World, calibration: StereoCalibration) -> ColourImage:
+    """What the left camera sees without any of it."""
+    return seen(bare_world, calibration)
+
+
+@pytest.fixture(scope="module")
+def places(bare_world: World, calibration: StereoCalibration) -> FloatArray:
+    """x, y in W of what each pixel shows (height, width, 2) [m], far away where it is not the ground."""
+    renderer = StereoRenderer(bare_world, calibration)
+    depth = renderer.render_depth(POSE)[0]
+    renderer.close()
+    v, u = np.mgrid[0 : calibration.height, 0 : calibration.width]
+    x, y = (u - calibration.cx) / calibration.focal_length, (v - calibration.cy) / calibration.focal_length
+    X_WC = POSE @ calibration.X_SC
+    points = np.stack([x, y, np.ones_like(x)], axis=-1) * np.minimum(depth, 1e4)[..., None] @ X_WC[:3, :3].T
+    return np.asarray(points[..., :2] + X_WC[:2, 3])
+
+
+def seen(world: World, calibration: StereoCalibration) -> ColourImage:
+    renderer = StereoRenderer(world, calibration)
+    image = renderer.render(POSE)[0]
+    renderer.close()
+    return image
+
+
+def with_condition(world: World, surface: Surface) -> World:
+    return replace(world, condition=condition_of(surface, world.road))
+
+
+def changed(image: ColourImage, plain: ColourImage) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(image.astype(int) - plain).max(axis=-1) > 3)  # [levels] of 8-bit rounding: 1
+
+
+@pytest.mark.parametrize(
+    ("friction", "tint"),
+    [(0.12, (0, 1, 2)), (0.35, (2, 1, 0))],  # ice is blue, mud is brown: channels from the weakest to the strongest
+)
+def test_a_patch_is_seen_where_it_is_and_nowhere_else(
+    bare_world: World,
+    calibration: StereoCalibration,
+    plain: ColourImage,
+    places: FloatArray,
+    friction: float,
+    tint: tuple[int, ...],
+) -> None:
+    """A circle of 2 m on the road, in the colour of its friction; ragged by less than the map's cell."""
+    patch = PatchedFriction(0.8, [circle(*MIDDLE, 2.0, friction)])
+    image = seen(with_condition(bare_world, Surface(friction=patch)), calibration)
+    distance = np.linalg.norm(places - MIDDLE, axis=-1)
+    inside, beyond = distance < 1.75, distance > 2.5  # [m] of the outline, more than a cell of 0.25 m and its mipmap
+    assert inside.sum() > 2000
+    assert changed(image, plain)[inside].mean() > 0.9
+    assert not changed(image, plain)[beyond].any()
+    level = image[inside].astype(float).mean(axis=0) - plain[inside].astype(float).mean(axis=0)
+    assert tuple(np.argsort(level)) == tint
+
+
+def test_a_wet_lane_is_darker_than_the_dry_one(
+    bare_world: World, calibration: StereoCalibration, plain: ColourImage, places: FloatArray
+) -> None:
+    """Split along the entry, y = 0: near the cameras the wet side has lost a third of its light, the dry none."""
+    line = np.array([[-60.0, 0.0], [60.0, 0.0]])
+    world = with_condition(bare_world, Surface(friction=SplitFriction(0.5, 0.8, line)))
+    image = seen(world, calibration)
+    near = np.linalg.norm(places - MIDDLE, axis=-1) < 6.0
+    wet, dry = near & (places[..., 1] > 0.6) & (places[..., 1] < 3.0), near & (places[..., 1] < -0.6)
+    assert image[wet].mean() < 0.8 * plain[wet].mean()
+    assert np.array_equal(image[dry], plain[dry])
+
+
+def test_a_pothole_is_a_dark_hole_of_its_size(
+    bare_world: World, calibration: StereoCalibration, plain: ColourImage, places: FloatArray
+) -> None:
+    """0.8 m wide, 80 mm deep: rubble and shadow inside, cracks around it, the road as ever from 1.5 radii on."""
+    hole = Potholes(*(np.array([value]) for value in (*MIDDLE, 0.8, 0.08)))
+    image = seen(with_condition(bare_world, Surface(friction=0.8, roughness=Roughness(potholes=hole))), calibration)
+    distance = np.linalg.norm(places - MIDDLE, axis=-1)
+    inside, beyond = distance < 0.3, distance > 0.85
+    assert inside.sum() > 150
+    assert image[inside].mean() < 0.8 * plain[inside].mean()
+    assert not changed(image, plain)[beyond].any()
+
+
+def test_ground_of_one_friction_without_holes_is_drawn_as_before(bare_world: World) -> None:
+    """Nothing is looked up for what is not there, however slippery; the frames of such a world stay what they were."""
+    for surface in (LEVEL, Surface(friction=0.2), Surface(friction=0.8, roughness=Roughness())):
+        condition = condition_of(surface, bare_world.road)
+        assert condition.looks is None
+        assert condition.holes is None
+
+
+@pytest.mark.parametrize(("friction", "look"), [(0.8, None), (0.55, 0), (0.35, 1), (0.15, 2)])
+def test_friction_decides_the_look(bare_world: World, friction: float, look: int | None) -> None:
+    """Dry, wet, muddy, icy on the road; and meadows beyond are left alone."""
+    everywhere: Friction = PatchedFriction(0.8, [circle(0.0, 0.0, 400.0, friction)])
+    looks = condition_of(Surface(friction=everywhere), bare_world.road).looks
+    assert looks is not None
+    expected = np.zeros(3)
+    if look is not None:
+        expected[look] = 1.0
+    on_road = bare_world.road.edge_distance < 0.0
+    np.testing.assert_allclose(looks[on_road], np.broadcast_to(expected, looks[on_road].shape), atol=1e-6)  # float32
+    assert looks[bare_world.road.edge_distance > 10.0].max() == 0.0
+
+
+def test_every_pothole_is_found_from_all_around_it() -> None:
+    """Each node of the map near a hole names it: its middle, its radius and its depth."""
+    rng = np.random.default_rng(0)
+    line = Centreline(np.array([[0.0, 0.0], [40.0, 0.0]]))
+    road = road_map(rng, line, 4.0, np.array([-20.0, -20.0]), np.array([60.0, 20.0]))
+    holes = Potholes(np.array([5.0, 30.1]), np.array([1.0, -2.2]), np.array([0.9, 0.4]), np.array([0.08, 0.03]))
+    table = condition_of(Surface(friction=0.8, roughness=Roughness(potholes=holes)), road).holes
+    assert table is not None
+    for i in range(2):
+        around = np.arange(-1, 2) * 0.5 * holes.diameter[i]
+        column = np.round((holes.x[i] + around - road.origin[0]) / road.cell).astype(int)
+        row = np.round((holes.y[i] + around - road.origin[1]) / road.cell).astype(int)
+        hole = (holes.x[i], holes.y[i], 0.5 * holes.diameter[i], holes.depth[i])
+        np.testing.assert_allclose(table[np.ix_(row, column)], np.broadcast_to(hole, (3, 3, 4)), rtol=1e-6)  # float32
+    assert np.unique(table[..., 2]) == pytest.approx([0.2, 0.45, 1.0])  # the last one: there is none
+
+
+def test_the_drawn_ground_rises_and_falls_with_a_rough_road() -> None:
+    """Where the vehicle is lifted, so is what its cameras see; but for potholes, which are narrower than a triangle."""
+    profile = RoughProfile(np.random.default_rng(0), "D")
+    holes = Potholes(*(np.array([value]) for value in (0.0, 0.0, 0.8, 0.08)))
+    surface = Surface(friction=0.8, grade=0.03, roughness=Roughness(profile=profile, potholes=holes))
+    terrain = Terrain(np.random.default_rng(0), surface, np.zeros(2), np.ones(2))
+    xy = np.random.default_rng(1).uniform(-40.0, 40.0, (50, 2))
+    xy[0] = 0.0
+    expected = 0.03 * xy[:, 0] + profile.height(xy[:, 0], xy[:, 1])
+    np.testing.assert_allclose(terrain.height(xy), expected, atol=1e-12)  # sums in another order

@@ -1,0 +1,139 @@
+"""Rough roads: as uneven as their class of ISO 8608, alike in every direction, without a seam, the same from a seed."""
+
+from __future__ import annotations
+
+import pickle
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.signal import csd
+
+from vehicle.frames import FloatArray
+from vehicle.surface import Roughness, RoughProfile, Surface, displacement_psd
+from vehicle.surface.roughness import PATCH_SPREAD
+from vehicle.surface.unevenness import coherence, felt_psd, plane_psd
+
+STEP = 0.1  # of the tracks that are looked at [m]
+SEGMENT = 1024  # of Welch's method: 0.01 cycles/m apart, as fine as the tile itself
+
+
+def tracks(road_class: str, *, apart: float = 0.0, count: int = 60) -> FloatArray:
+    """Heights (count, 4096) along tracks of 410 m in all directions on three roads, ``apart`` to their left."""
+    profiles = [RoughProfile(np.random.default_rng(seed), road_class) for seed in range(3)]
+    along = STEP * np.arange(4 * SEGMENT)
+    heading = 2.39996 * np.arange(count)  # golden angle: directions spread evenly
+    start = np.random.default_rng(9).uniform(-200.0, 200.0, (count, 2))
+    c, s = np.cos(heading), np.sin(heading)
+    return np.array(
+        [
+            profiles[i % 3].height(start[i, 0] + c[i] * along - s[i] * apart, start[i, 1] + s[i] * along + c[i] * apart)
+            for i in range(count)
+        ]
+    )
+
+
+def spectrum(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Spatial frequencies [cycles/m] and the real part of the tracks' mean one-sided cross density [m3]."""
+    n, density = csd(one, other, fs=1.0 / STEP, window="hann", nperseg=SEGMENT, detrend=False, axis=-1)
+    return n, np.real(density.mean(axis=0))
+
+
+def band_means(n: FloatArray, ratio: FloatArray, edges: FloatArray) -> FloatArray:
+    return np.array([ratio[(n >= low) & (n < high)].mean() for low, high in pairwise(edges)])
+
+
+@pytest.mark.parametrize("road_class", ["A", "C", "E"])
+def test_a_track_has_the_density_of_its_class(road_class: str) -> None:
+    """Gd(n0) (n/n0)^-2 over waves of 40 m to 0.3 m, less what a tyre of 0.2 m contact length averages out.
+
+    Classes lie a factor of 4 apart: up to 1.5 cycles/m even the averaged road is within the bounds of its class.
+    """
+    heights = tracks(road_class)
+    n, density = spectrum(heights, heights)
+    edges = 0.025 * 2.0 ** np.arange(0.0, 7.1, 0.5)  # half octaves up to 3.2 cycles/m
+    ratio = band_means(n[1:], density[1:] / felt_psd(road_class, n[1:], PATCH_SPREAD), edges)
+    # [-] the lowest bands hold but 1 to 4 waves of each of 3 roads; the highest one what interpolation mirrors into it
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+    within = (n > 0.02) & (n < 1.5)
+    smooth = np.convolve(density[within] / displacement_psd(road_class, n[within]), np.full(9, 1 / 9), mode="valid")
+    assert smooth.min() > 0.5
+    assert smooth.max() < 2.0
+
+
+def test_the_classes_double_in_height() -> None:
+    """ISO 8608: Gd(n0) = 16e-6 m3 in class A and four times as much from each class to the next."""
+    n0 = np.array([0.1])
+    assert displacement_psd("A", n0) == pytest.approx(16e-6)
+    assert displacement_psd("D", n0) == pytest.approx(1024e-6)
+    assert displacement_psd("H", n0) == pytest.approx(262144e-6)
+    assert displacement_psd("C", 2 * n0) == pytest.approx(256e-6 / 4.0)
+
+
+@pytest.mark.parametrize("n", [0.05, 0.8, 2.5])
+def test_the_density_over_the_plane_has_the_tracks_that_are_wanted(n: float) -> None:
+    """Twice its integral across the track is the track's one-sided density: Abel's integral, done numerically."""
+    integral, _ = quad(
+        lambda across: float(plane_psd("C", np.array([np.hypot(n, across)]), PATCH_SPREAD)[0]), 0.0, np.inf, epsrel=1e-9
+    )
+    assert 4.0 * integral == pytest.approx(felt_psd("C", np.array([n]), PATCH_SPREAD)[0], rel=1e-6)  # of quad
+
+
+def test_left_and_right_wheels_are_lifted_together_by_long_waves_only() -> None:
+    """Tracks 2 m apart: the cross density of an isotropic road, X K1(X) with X = 2 pi n d."""
+    left, right = tracks("C", apart=2.0), tracks("C")
+    n, cross = spectrum(left, right)
+    _, own = spectrum(right, right)
+    edges = np.array([0.02, 0.04, 0.08, 0.16, 0.32, 0.64])
+    measured = band_means(n, cross / own, edges)
+    expected = band_means(n, np.append(1.0, coherence(n[1:], 2.0)), edges)
+    np.testing.assert_allclose(measured, expected, atol=0.08)  # 4 standard deviations of a mean over 60 tracks
+    assert expected[0] > 0.8
+    assert expected[-1] < 0.05
+
+
+def test_a_road_has_no_seam() -> None:
+    """From one millimetre to the next no step, on a way that leaves the tile on two of its sides."""
+    height = RoughProfile(np.random.default_rng(0), "C").height(np.arange(0.0, 260.0, 1e-3), np.array(0.0))
+    slope = np.diff(height) / 1e-3
+    assert np.abs(slope).max() < 7.0 * slope.std()  # a normal distribution's largest of 2600 nodes is 4 of them
+
+
+def test_no_straight_road_repeats_itself() -> None:
+    """The waves of 1 km of road resemble no shifted copy of them."""
+    profile = RoughProfile(np.random.default_rng(0), "C")
+    x = np.arange(0.0, 1000.0, 0.1)
+    height = profile.height(x, np.zeros_like(x))
+    rough = height - np.convolve(height, np.full(101, 1 / 101), mode="same")  # waves below 10 m: they tell places apart
+    padded = np.abs(np.fft.rfft(rough, 2 * len(rough))) ** 2
+    correlation = np.fft.irfft(padded)[: len(x)] / np.sum(rough**2)
+    assert correlation[0] == pytest.approx(1.0)
+    assert np.abs(correlation[300:]).max() < 0.25  # a tile crossed straight would give 0.9 at 102.4 m
+
+
+def test_the_seed_decides_the_road() -> None:
+    """The same generator draws the same road to the last bit, and it survives a journey to another process."""
+    x = np.linspace(-30.0, 200.0, 50)
+    one, same, other = (RoughProfile(np.random.default_rng(seed), "B") for seed in (3, 3, 4))
+    np.testing.assert_array_equal(one.height(x, 0.3 * x), same.height(x, 0.3 * x))
+    np.testing.assert_array_equal(one.height(x, 0.3 * x), pickle.loads(pickle.dumps(one)).height(x, 0.3 * x))
+    assert not np.array_equal(one.height(x, 0.3 * x), other.height(x, 0.3 * x))
+
+
+def test_a_smooth_surface_says_so_and_is_level() -> None:
+    """What needs no looking up can be left out."""
+    smooth = Surface(friction=0.8)
+    assert smooth.is_smooth
+    np.testing.assert_array_equal(smooth.roughness_at(np.zeros((3, 1)), np.zeros(4)), np.zeros((3, 4)))
+    rough = Surface(friction=0.8, roughness=Roughness(profile=RoughProfile(np.random.default_rng(0), "C")))
+    assert not rough.is_smooth
+    assert rough.roughness_at(np.zeros((3, 1)), np.zeros(4)).shape == (3, 4)
+    assert rough.roughness_at(0.0, 0.0).shape == ()
+    assert rough.height(5.0, 5.0) == 0.0
+
+
+def test_an_unknown_class_is_refused() -> None:
+    """ISO 8608 ends with H."""
+    with pytest.raises(ValueError, match="'I' must be one of A, B"):
+        RoughProfile(np.random.default_rng(0), "I")

@@ -1,0 +1,25 @@
+"""The ground as one object: height, slope, friction and roughness, looked up by the vehicle and the renderer alike."""
+
+from vehicle.surface.friction import Friction, FrictionImage, FrictionMap, SplitFriction
+from vehicle.surface.ground import Surface
+from vehicle.surface.patches import PatchedFriction, circle, rectangle
+from vehicle.surface.potholes import Potholes, scattered_potholes
+from vehicle.surface.roughness import Roughness, RoughProfile
+from vehicle.surface.unevenness import ROAD_CLASSES, displacement_psd
+
+__all__ = [
+    "ROAD_CLASSES",
+    "Friction",
+    "FrictionImage",
+    "FrictionMap",
+    "PatchedFriction",
+    "Potholes",
+    "RoughProfile",
+    "Roughness",
+    "SplitFriction",
+    "Surface",
+    "circle",
+    "displacement_psd",
+    "rectangle",
+    "scattered_potholes",
+]

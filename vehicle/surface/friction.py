@@ -1,0 +1,126 @@
+"""Friction of tyre and ground from place to place: by sides of a line, or as an image says."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from vehicle.frames import FloatArray
+
+LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
+_SPACING = 0.1  # of the points that stand for a line: at R = 10 m they leave it by s^2/8R = 0.1 mm [m]
+
+
+class FrictionMap(Protocol):
+    """A friction coefficient for every place."""
+
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Friction coefficient [-] at x, y [m] in W, all of one shape."""
+
+
+Friction = float | FrictionMap
+
+
+def friction_of(friction: Friction, x: ArrayLike, y: ArrayLike) -> FloatArray:
+    """Friction coefficient [-] at x, y [m], of their common shape."""
+    if isinstance(friction, int | float):
+        return np.full(np.broadcast_shapes(np.shape(x), np.shape(y)), friction, dtype=np.float64)
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if x.shape != y.shape:
+        x, y = np.broadcast_arrays(x, y)
+    return friction.at(x, y)
+
+
+def check_friction(name: str, value: object) -> None:
+    """Refuse what no tyre meets; a map has checked itself."""
+    if isinstance(value, int | float) and not LOWEST <= value <= HIGHEST:
+        raise ValueError(f"{name} = {value} must be between {LOWEST} and {HIGHEST}")
+
+
+class SplitFriction:
+    """Another friction on either side of a line: one lane is dry, the other one iced over.
+
+    Args:
+        left: friction to the left of the line.
+        right: friction to the right of it.
+        line: points (n, 2) in W [m]; a road's centreline, or two points. It goes on straight beyond both ends, and
+            where it bends or meets itself, the nearest of its points decides.
+
+    Raises:
+        ValueError: if a friction is out of range or the line is not one.
+    """
+
+    def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
+        check_friction("left", left)
+        check_friction("right", right)
+        if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.any(np.diff(line, axis=0)):
+            raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
+        self._left, self._right = left, right
+        self._points = _dense(line)
+        self._tangents = np.gradient(self._points, axis=0)
+        self._tree = cKDTree(self._points)
+
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Friction coefficient [-] at x, y [m] of one shape."""
+        return np.where(self.is_left(x, y), friction_of(self._left, x, y), friction_of(self._right, x, y))
+
+    def is_left(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
+        """Which of the places lie to the left of the line."""
+        nearest = self._tree.query(np.stack([x, y], axis=-1))[1]
+        from_line = self._points[nearest]
+        along = self._tangents[nearest]
+        left: NDArray[np.bool_] = along[..., 0] * (y - from_line[..., 1]) > along[..., 1] * (x - from_line[..., 0])
+        return left
+
+
+def _dense(line: FloatArray) -> FloatArray:
+    """Points (n, 2) close together along a polyline."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    stations = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SPACING) + 1))
+    return np.stack([np.interp(stations, along, line[:, i]) for i in range(2)], axis=1)
+
+
+class FrictionImage:
+    """Friction coefficients on a lattice, linear in between; outside of it another friction.
+
+    Args:
+        values: (ny, nx) friction coefficients; the first row is the northernmost, as in an image.
+        cell: side of a pixel [m].
+        corner: W of the image's lower left corner [m].
+        outside: friction where the image does not reach.
+
+    Raises:
+        ValueError: if a value is out of range.
+    """
+
+    def __init__(self, values: FloatArray, *, cell: float, corner: tuple[float, float], outside: Friction) -> None:
+        if values.ndim != 2 or not values.size:
+            raise ValueError(f"values of shape {values.shape} must be (ny, nx) friction coefficients")
+        if not cell > 0.0:
+            raise ValueError(f"cell = {cell} m must be positive")
+        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
+            check_friction(name, float(value))
+        check_friction("outside", outside)
+        self._values = np.pad(values[::-1].astype(np.float64), 1, mode="edge")
+        self._cell, self._corner, self._outside = cell, corner, outside
+
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Friction coefficient [-] at x, y [m] of one shape."""
+        ny, nx = np.array(self._values.shape) - 2
+        u, v = (x - self._corner[0]) / self._cell, (y - self._corner[1]) / self._cell  # [px] from the corner
+        inside = (u >= 0.0) & (u <= nx) & (v >= 0.0) & (v <= ny)
+        value = _between(self._values, np.clip(u, 0.0, nx) + 0.5, np.clip(v, 0.0, ny) + 0.5)
+        return np.where(inside, value, friction_of(self._outside, x, y))
+
+
+def _between(values: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
+    """Bilinear interpolation of values[v, u]."""
+    i, j = u.astype(np.intp), v.astype(np.intp)
+    a, b = u - i, v - j
+    lower = values[j, i] + a * (values[j, i + 1] - values[j, i])
+    upper = values[j + 1, i] + a * (values[j + 1, i + 1] - values[j + 1, i])
+    value: FloatArray = lower + b * (upper - lower)
+    return value
