@@ -1,9 +1,10 @@
 """Equations of motion of a chain of N hitched units on slipping tyres, from data, as CasADi expressions.
 
-Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; load transfer from
-lagged specific forces; slope as gravity along the ground under each unit; steering and drive actuators inside, so
-that one step integrates everything. Not modelled: roll and pitch as degrees of freedom, aerodynamic drag, friction
-and play of the hitch, contact between the units' bodies.
+Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; each unit's sprung body in
+heave, pitch and roll, whose springs and dampers load the wheels; slope as gravity along the ground under each unit;
+steering and drive actuators inside, so that one step integrates everything. Not modelled: aerodynamic drag, friction
+and play of the hitch, what roll and pitch do to the yaw plane other than through the loads, contact between the units'
+bodies, and going over once a side has lifted off.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
 from vehicle.description import GRAVITY, Vehicle
-from vehicle.layout import Input, Output, State, Wheel, steering_actuators, wheels
-from vehicle.loads import axle_loads, roll_moments, wheel_load
+from vehicle.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
+from vehicle.loads import axle_loads, roll_moments, wheel_loads
 from vehicle.multibody import Speeds, Vector, acceleration, along, axes, from_unit, levers_to, speed_rates, velocity
+from vehicle.sprung import Ride, rides, spring_rates
 from vehicle.tyres import Num, Planar
-from vehicle.wheel import WheelMotion, WheelState, road_wheel_angle, wheel_motion
+from vehicle.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
 
 
 class _Ground(NamedTuple):
@@ -30,22 +32,34 @@ class _Ground(NamedTuple):
     gravity: Vector  # along the ground, along the tractor's axes [m/s2]
 
 
+class _Moment(NamedTuple):
+    """A state with what follows from it at once."""
+
+    layout: tuple[Wheel, ...]
+    e: list[Vector]  # directions of the units' x axes
+    speeds: Speeds
+    bodies: list[Ride]
+    loads: list[Num]  # of every wheel [N]
+    rolling: list[WheelMotion]
+    ground: list[_Ground]
+
+
 def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
     """Time derivative of the state."""
-    e, speeds = _kinematics(s)
-    rolling = _wheel_motions(vehicle, s, u)
-    ground = _ground(vehicle, rolling, s, u)
+    now = _moment(vehicle, s, u)
+    e, rolling, bodies = now.e, now.rolling, now.bodies
     forces = [
         Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
-        for unit, on in zip(vehicle.units, ground, strict=True)
+        for unit, on in zip(vehicle.units, now.ground, strict=True)
     ]
-    rates = speed_rates(vehicle, ca.vertsplit(s.psi), speeds, forces, [on.moment for on in ground])
-    specific = _specific_forces(vehicle, e, speeds, rates, ground)
+    rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, [on.moment for on in now.ground])
+    specific = _specific_forces(vehicle, e, now.speeds, rates, now.ground)
     felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
-    hitches = _hitch_forces(vehicle, e, specific, ground)
-    travel = from_unit(Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0])), Vector(s.v_x, s.v_y))
-    lags = _column(unit.suspension_lag for unit in vehicle.units)
-    towed_lags = _column(unit.suspension_lag for unit in vehicle.units[1:])
+    springs = [spring_rates(unit, body, a.x, a.y) for unit, body, a in zip(vehicle.units, bodies, felt, strict=True)]
+    hitches = _hitch_forces(vehicle, e, specific, now.ground)
+    course = _course(s)
+    travel = from_unit(course, Vector(s.v_x, s.v_y))
+    follow = _column(1.0 / unit.hitch_lag for unit in vehicle.units[1:])
     return State(
         x=_column([travel.x]),
         y=_column([travel.y]),
@@ -53,10 +67,14 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
         v_x=_column([rates.v_x]),
         v_y=_column([rates.v_y]),
         yaw_rate=_column(rates.yaw_rate),
-        a_x=(_column(a.x for a in felt) - s.a_x) / lags,
-        a_y=(_column(a.y for a in felt) - s.a_y) / lags,
-        hitch_x=(_column(F.x for F in hitches) - s.hitch_x) / towed_lags,
-        hitch_y=(_column(F.y for F in hitches) - s.hitch_y) / towed_lags,
+        heave=_column(body.rate.heave for body in bodies),
+        pitch=_column(body.rate.pitch for body in bodies),
+        roll=_column(body.rate.roll for body in bodies),
+        heave_spring=_column(rate.heave for rate in springs),
+        pitch_spring=_column(rate.pitch for rate in springs),
+        roll_spring=_column(rate.roll for rate in springs),
+        hitch_x=(_column(F.x for F in hitches) - s.hitch_x) * follow,
+        hitch_y=(_column(F.y for F in hitches) - s.hitch_y) * follow,
         omega=_column(wheel.omega for wheel in rolling),
         deflection_x=_column(wheel.deflection.x for wheel in rolling),
         deflection_y=_column(wheel.deflection.y for wheel in rolling),
@@ -66,30 +84,56 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
     )
 
 
+def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
+    """How fast every state relaxes when the others hold [1/s], for the integrator: 0 where that is not stiff."""
+    wheel_by_wheel = [motion.relaxation for motion in _moment(vehicle, s, u).rolling]
+    deflection = _column(of_one.deflection for of_one in wheel_by_wheel)
+    none = State(*(ca.SX(size, 1) for size in state_sizes(vehicle)))
+    return none._replace(
+        omega=_column(of_one.omega for of_one in wheel_by_wheel),
+        deflection_x=deflection,
+        deflection_y=deflection,
+        brake_windup=_column(of_one.brake_windup for of_one in wheel_by_wheel),
+    )
+
+
 def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
     """What can be told of the wheels, and the forces of the ground on the units."""
-    rolling = _wheel_motions(vehicle, s, u)
-    ground = _ground(vehicle, rolling, s, u)
+    now = _moment(vehicle, s, u)
     return Output(
-        load=_column(_wheel_loads(vehicle, wheels(vehicle), s, u)),
-        slip_angle=_column(wheel.slip_angle for wheel in rolling),
-        friction_used=_column(wheel.friction_used for wheel in rolling),
-        force_x=_column(on.force.x for on in ground),
-        force_y=_column(on.force.y for on in ground),
-        moment=_column(on.moment for on in ground),
+        load=_column(now.loads),
+        slip_angle=_column(wheel.slip_angle for wheel in now.rolling),
+        friction_used=_column(wheel.friction_used for wheel in now.rolling),
+        force_x=_column(on.force.x for on in now.ground),
+        force_y=_column(on.force.y for on in now.ground),
+        moment=_column(on.moment for on in now.ground),
+        lateral_load_transfer=_column(_load_transfers(vehicle, now)),
     )
+
+
+def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
+    """The state with what follows from it at once."""
+    layout = wheels(vehicle)
+    psi = ca.vertsplit(s.psi)
+    e, speeds = axes(psi), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
+    bodies = rides(vehicle, layout, s, u)
+    loads = _wheel_loads(vehicle, layout, e, bodies, s, u)
+    rolling = _wheel_motions(vehicle, layout, e, speeds, loads, s, u)
+    ground = _ground(vehicle, layout, e, rolling, s, u)
+    return _Moment(layout, e, speeds, bodies, loads, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *entries)  # the empty start makes no entry at all a column too
 
 
-def _kinematics(s: State[ca.SX]) -> tuple[list[Vector], Speeds]:
-    return axes(ca.vertsplit(s.psi)), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
+def _course(s: State[ca.SX]) -> Vector:
+    """Direction of the tractor's x axis in W."""
+    return Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0]))
 
 
 def _steer_rates(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
-    """Rate of every steered axle's road-wheel angle [rad/s]."""
+    """Rate of every steering actuator's angle [rad/s]."""
     return _column(
         steer_rate(s.steer[k], u.steer[k], lag=a.lag, limit=a.limit, rate_limit=a.rate_limit)
         for k, a in enumerate(steering_actuators(vehicle))
@@ -108,31 +152,59 @@ def _demand_rate(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
     return _column([rate])
 
 
-def _wheel_loads(vehicle: Vehicle, layout: tuple[Wheel, ...], s: State[ca.SX], u: Input[ca.SX]) -> list[Num]:
+def _wheel_loads(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    bodies: list[Ride],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[Num]:
     """Vertical load [N] of every wheel."""
     n = len(vehicle.units)
     normal = [ca.sqrt(GRAVITY**2 - u.gravity_x[i] ** 2 - u.gravity_y[i] ** 2) for i in range(n)]
+    gravity = [g + body.felt.heave for g, body in zip(normal, bodies, strict=True)]
     hitches = [Vector(0.0, 0.0), *(Vector(s.hitch_x[i], s.hitch_y[i]) for i in range(n - 1))]
-    pitch = axle_loads(vehicle, normal, ca.vertsplit(s.a_x), hitches, axes(ca.vertsplit(s.psi)))
-    roll = roll_moments(vehicle, ca.vertsplit(s.a_y))
-    return [wheel_load(pitch[w.unit][w.axle_in_unit], w.roll_share * roll[w.unit], w.side) for w in layout]
+    on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e)
+    moments = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
+    found: list[Num] = []
+    for wheel in layout[::2]:  # the left ones; their partners follow
+        found += wheel_loads(on_axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * moments[wheel.unit])
+    return found
 
 
-def _wheel_motions(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> list[WheelMotion]:
+def _load_transfers(vehicle: Vehicle, now: _Moment) -> list[Num]:
+    """Right less left wheel loads of each unit over their sum."""
+    found = []
+    for i in range(len(vehicle.units)):
+        left, right = (
+            sum(load for w, load in zip(now.layout, now.loads, strict=True) if (w.unit, w.side) == (i, side))
+            for side in (+1, -1)
+        )
+        found.append((right - left) / (right + left))
+    return found
+
+
+def _wheel_motions(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    speeds: Speeds,
+    loads: list[Num],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[WheelMotion]:
     """The motion of every wheel, front to rear, left before right."""
-    e, speeds = _kinematics(s)
-    layout = wheels(vehicle)
-    loads = _wheel_loads(vehicle, layout, s, u)
+    origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(vehicle.units))]
     found = []
     for k, wheel in enumerate(layout):
-        origin = along(e[wheel.unit], velocity(levers_to(vehicle, wheel.unit, 0.0), e, speeds))
         r = speeds.yaw_rate[wheel.unit]
         state = WheelState(
             omega=s.omega[k],
             deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
             brake_windup=s.brake_windup[k],
-            delta=0.0 if wheel.steer is None else road_wheel_angle(wheel.axle, wheel.y, s.steer[wheel.steer]),
-            hub=Vector(origin.x - r * wheel.y, origin.y + r * wheel.axle.x),
+            plane=_plane(wheel, s),
+            hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,
@@ -141,20 +213,34 @@ def _wheel_motions(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> list[W
     return found
 
 
-def _ground(vehicle: Vehicle, rolling: list[WheelMotion], s: State[ca.SX], u: Input[ca.SX]) -> list[_Ground]:
+def _plane(wheel: Wheel, s: State[ca.SX]) -> Vector:
+    if wheel.steer is None:
+        return Vector(1.0, 0.0)
+    return wheel_plane(wheel.axle, wheel.y, wheel.steer_ratio * s.steer[wheel.steer])
+
+
+def _ground(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    rolling: list[WheelMotion],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[_Ground]:
     """What the ground does to each unit."""
-    e, _ = _kinematics(s)
-    course = Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0]))
+    course = _course(s)
+    axles = list(zip(layout[::2], rolling[::2], rolling[1::2], strict=True))
     found = []
     for i, unit in enumerate(vehicle.units):
-        on = [(w, m.force) for w, m in zip(wheels(vehicle), rolling, strict=True) if w.unit == i]
-        found.append(
-            _Ground(
-                force=from_unit(e[i], Vector(sum(F.x for _, F in on), sum(F.y for _, F in on))),
-                moment=sum((w.axle.x - unit.cg_x) * F.y - w.y * F.x for w, F in on),
-                gravity=along(course, Vector(u.gravity_x[i], u.gravity_y[i])),
-            )
-        )
+        force = Vector(0.0, 0.0)
+        moment: Num = 0.0
+        for axle, left, right in (one for one in axles if one[0].unit == i):
+            across = left.force.y + right.force.y
+            turning = (axle.axle.x - unit.cg_x) * across + axle.y * (right.force.x - left.force.x)
+            moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
+            force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
+        gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
+        found.append(_Ground(from_unit(e[i], force), moment, gravity))
     return found
 
 

@@ -1,80 +1,125 @@
-"""The chain's equations compiled for CasADi's virtual machine: several ticks to a call, no arguments converted."""
+"""The chain's equations as CasADi functions of vectors.
+
+Those with a third argument take the vehicle's numbers there, in the order of ``symbolic.numbers``: they are built once
+for all vehicles that differ in numbers only.
+"""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from itertools import accumulate, pairwise
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache, wraps
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from vehicle.chain import derivative, output
+from vehicle.attitude import Ground, body_poses, ground_sizes
+from vehicle.chain import derivative, output, relaxation
 from vehicle.clock import TICK
+from vehicle.demands import Demands, Footing, chain_input, demand_sizes, footing_sizes
 from vehicle.description import Vehicle
-from vehicle.frames import FloatArray
 from vehicle.integrator import semi_implicit_step
 from vehicle.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.places import places
+from vehicle.start import START_SIZES, Start, rolling_freely
+from vehicle.symbolic import SymbolicTwin, symbolic_twin, topology
+from vehicle.wheel_truth import wheel_truth
 
 
-class Buffered:
-    """A compiled function (state, input) -> vector that works in its own memory; one per thread."""
+def _once_for_all_built_alike(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
+    """A function of a vehicle that builds only where no vehicle of that topology was seen before."""
+    built = lru_cache(maxsize=16)(lambda bare: build(symbolic_twin(bare)))
 
-    def __init__(self, function: Any) -> None:
-        self._buffer, self._evaluate = function.buffer()
-        self._arguments = [np.zeros(function.numel_in(k)) for k in range(2)]
-        self._result = np.zeros(function.numel_out(0))
-        for k, argument in enumerate(self._arguments):
-            self._buffer.set_arg(k, argument.data)
-        self._buffer.set_res(0, self._result.data)
+    @wraps(build)
+    def of_vehicle(vehicle: Vehicle) -> Any:
+        return built(topology(vehicle))
 
-    def __call__(self, state: FloatArray, u: FloatArray) -> FloatArray:
-        """The result, as a new array."""
-        self._arguments[0][:] = state
-        self._arguments[1][:] = u
-        self._evaluate()
-        return self._result.copy()
+    return of_vehicle
 
 
-@lru_cache(maxsize=32)  # vehicles are values: plants of the same one share their compiled functions
-def compiled_steps(vehicle: Vehicle, ticks: int) -> Any:
-    """Function (state, input) -> state, ``ticks`` ticks later under a held input."""
-    one = _compiled_step(vehicle)
-    if ticks == 1:
-        return one
-    x, u = ca.MX.sym("x", one.numel_in(0)), ca.MX.sym("u", one.numel_in(1))
-    after = x
-    for _ in range(ticks):
-        after = one(after, u)
-    return ca.Function("steps", [x, u], [after])
+@_once_for_all_built_alike
+def step_function(twin: SymbolicTwin) -> Any:
+    """Function (state, demands and footing, numbers) -> state one tick later."""
+    x, given = _state(twin.vehicle), _given(twin.vehicle)
+    u = _chain_input(twin.vehicle, given)
+    stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
+    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff)
+    return ca.Function("step", [x, given, twin.symbols], [ca.cse(after)])
 
 
-@lru_cache(maxsize=8)
-def compiled_output(vehicle: Vehicle) -> Any:
-    """Function (state, input) -> output."""
-    x, u = _symbols(vehicle)
-    told = output(vehicle, State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle))))
-    return ca.Function("output", [x, u], [ca.vertcat(*told)])
+@_once_for_all_built_alike
+def wheel_function(twin: SymbolicTwin) -> Any:
+    """Function (state, demands and footing, numbers) -> ``WheelTruth``."""
+    x, given = _state(twin.vehicle), _given(twin.vehicle)
+    told = wheel_truth(twin.vehicle, _named(twin.vehicle, x), _chain_input(twin.vehicle, given))
+    return ca.Function("wheels", [x, given, twin.symbols], [ca.cse(ca.vertcat(*told))])
+
+
+@_once_for_all_built_alike
+def place_function(twin: SymbolicTwin) -> Any:
+    """Function (state, nothing, numbers) -> ``Places``."""
+    x = _state(twin.vehicle)
+    seen = places(twin.vehicle, _named(twin.vehicle, x))
+    return ca.Function("places", [x, ca.SX(0, 1), twin.symbols], [ca.cse(ca.vertcat(*seen))])
+
+
+@_once_for_all_built_alike
+def body_function(twin: SymbolicTwin) -> Any:
+    """Function (state, ``Ground``, numbers) -> X_WB of every body, row by row."""
+    x, g = _state(twin.vehicle), _vector(ground_sizes(twin.vehicle))
+    poses = body_poses(twin.vehicle, _named(twin.vehicle, x), Ground(*parts(g, ground_sizes(twin.vehicle))))
+    return ca.Function("bodies", [x, g, twin.symbols], [ca.cse(poses)])
+
+
+@_once_for_all_built_alike
+def start_function(twin: SymbolicTwin) -> Any:
+    """Function (nothing, start and footing, numbers) -> state."""
+    chosen = _vector((*START_SIZES, *footing_sizes(twin.vehicle)))
+    start, under = _two(chosen, START_SIZES, footing_sizes(twin.vehicle))
+    state = rolling_freely(twin.vehicle, Start(*start), Footing(*under))
+    return ca.Function("start", [ca.SX(0, 1), chosen, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 
 @lru_cache(maxsize=8)
 def compiled_derivative(vehicle: Vehicle) -> Any:
-    """Function (state, input) -> time derivative of the state."""
-    x, u = _symbols(vehicle)
-    rate = derivative(vehicle, State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle))))
-    return ca.Function("derivative", [x, u], [ca.cse(ca.vertcat(*rate))])
+    """Function (state, chain's input) -> time derivative of the state."""
+    x, u = _state(vehicle), _vector(input_sizes(vehicle))
+    return ca.Function("derivative", [x, u], [ca.cse(_rate(vehicle, x, Input(*parts(u, input_sizes(vehicle)))))])
 
 
 @lru_cache(maxsize=8)
-def _compiled_step(vehicle: Vehicle) -> Any:
-    x, u = _symbols(vehicle)
-    rate = compiled_derivative(vehicle)
-    sizes = state_sizes(vehicle)
-    spans = State(*pairwise(accumulate(sizes, initial=0)))
-    stiff = (spans.omega, spans.deflection_x, spans.deflection_y, spans.brake_windup)
-    after = semi_implicit_step(lambda state: rate(state, u), x, TICK, stiff)
-    return ca.Function("step", [x, u], [ca.cse(after)])
+def compiled_output(vehicle: Vehicle) -> Any:
+    """Function (state, chain's input) -> output."""
+    x, u = _state(vehicle), _vector(input_sizes(vehicle))
+    told = output(vehicle, _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    return ca.Function("output", [x, u], [ca.vertcat(*told)])
 
 
-def _symbols(vehicle: Vehicle) -> tuple[ca.SX, ca.SX]:
-    return ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
+def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
+    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
+
+
+def _chain_input(vehicle: Vehicle, given: ca.SX) -> Input[ca.SX]:
+    demands, under = _two(given, demand_sizes(vehicle), footing_sizes(vehicle))
+    return chain_input(vehicle, Demands(*demands), Footing(*under))
+
+
+def _two(vector: ca.SX, first: Sequence[int], second: Sequence[int]) -> tuple[list[ca.SX], list[ca.SX]]:
+    """The parts of two vectors one behind the other."""
+    both = parts(vector, (*first, *second))
+    return both[: len(first)], both[len(first) :]
+
+
+def _named(vehicle: Vehicle, x: ca.SX) -> State[ca.SX]:
+    return State(*parts(x, state_sizes(vehicle)))
+
+
+def _state(vehicle: Vehicle) -> ca.SX:
+    return _vector(state_sizes(vehicle))
+
+
+def _given(vehicle: Vehicle) -> ca.SX:
+    return _vector((*demand_sizes(vehicle), *footing_sizes(vehicle)))
+
+
+def _vector(sizes: Iterable[int]) -> ca.SX:
+    return ca.SX.sym("v", sum(sizes))

@@ -11,66 +11,53 @@ import math
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
+from vehicle.quantities import (
+    Flag,
+    Fraction,
+    Frequency,
+    Frozen,
+    Gradient,
+    Inertia,
+    Lag,
+    Length,
+    Mass,
+    Position,
+    quantity,
+)
+from vehicle.tyres.data import TYRES, Tyre
 
 GRAVITY: Final = 9.81  # [m/s2]
 
 
-def _quantity(unit: str, *, ge: float | None = None, gt: float | None = None, le: float) -> Any:
-    return Field(ge=ge, gt=gt, le=le, strict=True, allow_inf_nan=False, json_schema_extra={"unit": unit})
-
-
-# The limits are those of road vehicles from a hand cart to the largest road train: they catch slips of unit and sign.
-Mass = Annotated[float, _quantity("kg", gt=0.0, le=2e5)]
-Inertia = Annotated[float, _quantity("kg m2", gt=0.0, le=1e7)]
-Position = Annotated[float, _quantity("m", ge=-40.0, le=40.0)]
-Length = Annotated[float, _quantity("m", gt=0.0, le=10.0)]
-Fraction = Annotated[float, _quantity("-", ge=0.0, le=1.0)]
-Flag = Annotated[bool, Field(strict=True)]
-Lag = Annotated[float, _quantity("s", gt=0.0, le=5.0)]
-
-
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Tyre(_Frozen):
-    """Tyre data of one wheel (a twin wheel counts as one), normalised by its vertical load."""
-
-    cornering_stiffness: Annotated[float, _quantity("1/rad", gt=0.0, le=60.0)]  # at the nominal load
-    longitudinal_stiffness: Annotated[float, _quantity("-", gt=0.0, le=60.0)]  # per unit of slip, at the nominal load
-    nominal_load: Annotated[float, _quantity("N", gt=0.0, le=1e6)]  # per wheel
-    load_sensitivity: Annotated[float, _quantity("-", ge=0.0, le=1.0)]  # relative loss of stiffness, per nominal load
-    shape: Annotated[float, _quantity("-", ge=1.0, le=2.0)]  # C of the magic formula; at 1 the force never falls off
-    curvature: Annotated[float, _quantity("-", ge=-10.0, le=1.0)]  # E of the magic formula
-    relaxation_length: Annotated[float, _quantity("m", gt=0.0, le=3.0)]
-    damping: Annotated[float, _quantity("s", ge=0.0, le=0.2)]  # of the carcass: damping over stiffness
-    rolling_resistance: Annotated[float, _quantity("-", ge=0.0, le=0.3)]  # rolling drag over load
-
-
-class Axle(_Frozen):
+class Axle(Frozen):
     """An axle with two equal wheels."""
 
     x: Position
     track: Length
     steered: Flag
     driven: Flag = False
-    wheel_radius: Annotated[float, _quantity("m", gt=0.0, le=3.0)]
-    wheel_inertia: Annotated[float, _quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
+    wheel_radius: Annotated[float, quantity("m", gt=0.0, le=3.0)]
+    wheel_inertia: Annotated[float, quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
     ackermann_x: Position | None = None  # where the axes of the axle's steered wheels meet; None: they stay parallel
+    steer_group: str | None = None  # axles of a unit with the same name are turned by one actuator
+    steer_ratio: Annotated[float, quantity("-", ge=-2.0, le=2.0)] = 1.0  # angle of the axle over its actuator's
+    lifted: Flag = False  # raised off the ground: it carries nothing
+    bogie: str | None = None  # axles of a unit with the same name are a compensated group
+    load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
     tyre: Tyre
 
 
-class Steering(_Frozen):
-    """The steering actuators of a unit, one per steered axle; files speak degrees, the rest of the program radians."""
+class Steering(Frozen):
+    """The steering actuators of a unit; files speak degrees, the rest of the program radians."""
 
     lag: Lag  # first-order time constant
-    limit_deg: Annotated[float, _quantity("deg", gt=0.0, le=80.0)]
-    rate_limit_deg: Annotated[float, _quantity("deg/s", gt=0.0, le=500.0)]
+    limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0)]
+    rate_limit_deg: Annotated[float, quantity("deg/s", gt=0.0, le=500.0)]
 
     @property
     def limit(self) -> float:
@@ -83,16 +70,23 @@ class Steering(_Frozen):
         return math.radians(self.rate_limit_deg)
 
 
-class Drive(_Frozen):
+class Drive(Frozen):
     """What the driveline and the brakes together can do with a demanded acceleration."""
 
     lag: Lag  # first-order time constant of torque build-up
-    max_acceleration: Annotated[float, _quantity("m/s2", gt=0.0, le=20.0)]
-    max_power: Annotated[float, _quantity("W", gt=0.0, le=5e6)]  # at the wheels
-    max_deceleration: Annotated[float, _quantity("m/s2", gt=0.0, le=20.0)]
+    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
+    max_power: Annotated[float, quantity("W", gt=0.0, le=5e6)]  # at the wheels
+    max_deceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
 
 
-class Unit(_Frozen):
+class Actuator(NamedTuple):
+    """The axles that one steering actuator turns."""
+
+    axles: tuple[int, ...]  # numbers in ``Unit.axles``
+    ratios: tuple[float, ...]  # angle of each over the actuator's [-]
+
+
+class Unit(Frozen):
     """One rigid unit of the chain: the tractor, a semi-trailer, a dolly."""
 
     name: str
@@ -105,15 +99,21 @@ class Unit(_Frozen):
     width: Length
     height: Length  # top of the body
     hitch_x: Position | None = None  # hitch for the next unit
-    hitch_height: Annotated[float, _quantity("m", ge=0.0, le=10.0)] | None = None
+    hitch_height: Annotated[float, quantity("m", ge=0.0, le=10.0)] | None = None
     hitch_roll_share: Fraction = 0.0  # part of the roll moment that the unit in front takes through the hitch
     follow_x: Position | None = None  # the point of a towed unit that is to follow the hitch
-    roll_gradient: Annotated[float, _quantity("rad/(m/s2)", ge=0.0, le=0.1)]  # body roll per lateral acceleration
-    pitch_gradient: Annotated[float, _quantity("rad/(m/s2)", ge=0.0, le=0.1)]  # body pitch per braking
-    roll_axis_height: Annotated[float, _quantity("m", ge=0.0, le=5.0)]
-    suspension_lag: Lag  # of body attitude and load transfer behind the accelerations
+    roll_gradient: Gradient  # body roll per lateral acceleration
+    pitch_gradient: Gradient  # body pitch per braking
+    roll_axis_height: Annotated[float, quantity("m", ge=0.0, le=5.0)]
+    heave_frequency: Frequency  # of the body on its springs, undamped
+    pitch_frequency: Frequency
+    roll_frequency: Frequency
+    suspension_damping: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # damping ratio of the three motions
     steering: Steering | None = None
-    axles: Annotated[tuple[Axle, ...], Field(min_length=1)]
+    axles: Annotated[
+        tuple[Axle, ...], Field(min_length=1)
+    ]  # those on the ground; a file lists the raised ones here too
+    lifted_axles: tuple[Axle, ...] = ()
 
     @property
     def supports(self) -> tuple[float, float]:
@@ -123,16 +123,44 @@ class Unit(_Frozen):
         return self.axles[0].x, self.axles[-1].x
 
     @property
+    def hitch_lag(self) -> float:
+        """Lag [s] of the load that the front hitch's force moves behind that force: its pitching body's."""
+        return 1.0 / (math.tau * self.pitch_frequency)
+
+    @property
     def steered_axles(self) -> tuple[Axle, ...]:
         """The steered axles, front to rear."""
         return tuple(axle for axle in self.axles if axle.steered)
+
+    @property
+    def actuators(self) -> tuple[Actuator, ...]:
+        """The steering actuators in the order of their foremost axles; an axle without a group has its own."""
+        groups: dict[str | int, list[int]] = {}
+        for k, axle in enumerate(self.axles):
+            if axle.steered:
+                groups.setdefault(k if axle.steer_group is None else axle.steer_group, []).append(k)
+        return tuple(
+            Actuator(tuple(group), tuple(self.axles[k].steer_ratio for k in group)) for group in groups.values()
+        )
+
+    @model_validator(mode="after")
+    def _lifted_apart(self) -> Unit:
+        if any(behind.x >= ahead.x for ahead, behind in zip(self.axles, self.axles[1:], strict=False)):
+            raise ValueError("axles must be listed front to rear, each at its own x [m]")
+        raised = tuple(axle for axle in self.axles if axle.lifted)
+        if len(raised) == len(self.axles):
+            raise ValueError("an axle at least must stay on the ground: all of them are lifted")
+        if raised:  # object.__setattr__: how a frozen class derives one field from another at construction
+            object.__setattr__(self, "lifted_axles", raised)
+            object.__setattr__(self, "axles", tuple(axle for axle in self.axles if not axle.lifted))
+        return self
 
     @model_validator(mode="after")
     def _consistent(self) -> Unit:
         if self.rear_x >= self.front_x:
             raise ValueError(f"rear_x = {self.rear_x:g} m must be behind front_x = {self.front_x:g} m")
-        if any(behind.x >= ahead.x for ahead, behind in zip(self.axles, self.axles[1:], strict=False)):
-            raise ValueError("axles must be listed front to rear, each at its own x [m]")
+        if any(axle.steer_ratio == 0.0 for axle in self.steered_axles):
+            raise ValueError("steer_ratio = 0 turns no axle: it must be between -2 and 2 and not 0")
         if self.steered_axles and self.steering is None:
             raise ValueError("a unit with steered axles needs a table 'steering'")
         if (self.hitch_x is None) != (self.hitch_height is None):
@@ -140,7 +168,7 @@ class Unit(_Frozen):
         return self
 
 
-class Vehicle(_Frozen):
+class Vehicle(Frozen):
     """A combination: the tractor and the units it tows, front to rear."""
 
     name: str
@@ -230,20 +258,34 @@ def _file_of(name_or_path: str) -> Path:
 
 
 def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The contents with each axle's ``tyre = "name"`` replaced by the table ``[tyres.name]``."""
+    """The contents with each axle's ``tyre = "name"`` replaced by what the table ``[tyres.name]`` says."""
     tables = plain.pop("tyres", {})
     if not isinstance(tables, dict):
         raise ValueError(f"{path}: tyres: must be tables [tyres.name]")
-    tyres = {name: checked(Tyre, table, str(path), f"tyres.{name}") for name, table in tables.items()}
+    tyres = {name: _tyre(table, path, f"tyres.{name}") for name, table in tables.items()}
     for key, axle in _axles(plain):
-        name = axle.get("tyre")
-        if isinstance(name, str):
-            if name not in tyres:
+        said = axle.get("tyre")
+        if isinstance(said, dict):
+            axle["tyre"] = _tyre(said, path, f"{key}.tyre")
+        elif isinstance(said, str):
+            if said not in tyres:
                 raise ValueError(
-                    f"{path}: {key}.tyre = '{name}': there is no table [tyres.{name}]{nearest(name, tyres)}"
+                    f"{path}: {key}.tyre = '{said}': there is no table [tyres.{said}]{nearest(said, tyres)}"
                 )
-            axle["tyre"] = tyres[name]
+            axle["tyre"] = tyres[said]
     return plain
+
+
+def _tyre(table: Any, path: Path, key: str) -> Tyre:
+    """The tyre that a table describes, by the law that it names."""
+    if not isinstance(table, dict):
+        raise ValueError(f"{path}: {key}: must be a table")
+    if "model" not in table:
+        raise ValueError(f"{path}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
+    model = table["model"]
+    if model not in TYRES:
+        raise ValueError(f"{path}: {key}.model = {model!r} is no tyre law{nearest(str(model), TYRES)}")
+    return checked(TYRES[model], table, str(path), key)
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

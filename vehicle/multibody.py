@@ -1,8 +1,13 @@
-"""Rigid bodies in a plane, hinged in a chain: kinematics and equations of motion (Kane), for numbers or ``casadi.SX``.
+"""Rigid bodies in a plane, hinged in a chain: kinematics and equations of motion, for numbers or ``casadi.SX``.
 
 The speeds are the velocity of the first unit's origin along its own axes T and the yaw rate of each unit. Every
-point on the chain is reached from that origin over levers along the units' x axes: hitch to hitch, then to the point.
-All vectors are along T, so only angles relative to the first unit enter.
+point on the chain is reached from that origin over levers along the units' x axes e_j: hitch to hitch, then to the
+point. All vectors are along T, so only angles relative to the first unit enter.
+
+Seen from the common centre of mass, centre of gravity k lies at sum_j d_kj e_j, with constant levers of which
+sum_k m_k d_kj = 0. So the yaw rates' equations hold no other speed: with mu_ij = sum_k m_k d_ki d_kj and e' the normal
+to the left of e, d'Alembert's principle for a turn of unit i gives
+I_i r_i' + sum_j mu_ij (e_i . e_j r_j' - e_i' . e_j r_j^2) = M_i + e_i' . sum_k d_ki F_k.
 """
 
 from __future__ import annotations
@@ -59,56 +64,67 @@ def velocity(levers: Levers, e: Sequence[Vector], speeds: Speeds) -> Vector:
     """Velocity [m/s] of the point at the end of the levers."""
     x, y = speeds.v_x, speeds.v_y
     for unit, length in levers:
-        x = x - speeds.yaw_rate[unit] * length * e[unit].y
-        y = y + speeds.yaw_rate[unit] * length * e[unit].x
+        swing = length * speeds.yaw_rate[unit]
+        x = x - swing * e[unit].y
+        y = y + swing * e[unit].x
     return Vector(x, y)
 
 
 def acceleration(levers: Levers, e: Sequence[Vector], speeds: Speeds, rates: Speeds) -> Vector:
     """Acceleration [m/s2] of the point at the end of the levers, relative to W, along T."""
-    tangential = velocity(levers, e, rates)
-    centripetal = _centripetal(levers, e, speeds)
-    return Vector(tangential.x + centripetal.x, tangential.y + centripetal.y)
-
-
-def _centripetal(levers: Levers, e: Sequence[Vector], speeds: Speeds) -> Vector:
-    """The part of the acceleration that is there without any rate of the speeds."""
-    x, y = -speeds.yaw_rate[0] * speeds.v_y, speeds.yaw_rate[0] * speeds.v_x
-    for unit, length in levers:
-        x = x - speeds.yaw_rate[unit] ** 2 * length * e[unit].x
-        y = y - speeds.yaw_rate[unit] ** 2 * length * e[unit].y
-    return Vector(x, y)
+    origin = Vector(
+        rates.v_x - speeds.yaw_rate[0] * speeds.v_y,
+        rates.v_y + speeds.yaw_rate[0] * speeds.v_x,
+    )
+    swings = _swings(e, speeds.yaw_rate, rates.yaw_rate)
+    return _plus(origin, [(length, swings[unit]) for unit, length in levers])
 
 
 def speed_rates(
     vehicle: Vehicle, psi: Sequence[Num], speeds: Speeds, forces: Sequence[Vector], moments: Sequence[Num]
 ) -> Speeds:
     """Rates of the speeds under a force [N, along T] at, and a moment [N m] about, each unit's centre of gravity."""
-    e = axes(psi)
-    n = 2 + len(vehicle.units)
-    M: list[list[Num]] = [[0.0] * n for _ in range(n)]
-    Q: list[Num] = [0.0] * n
+    e, units = axes(psi), range(len(vehicle.units))
+    masses = [unit.mass for unit in vehicle.units]
+    levers = [dict(levers_to(vehicle, k, unit.cg_x)) for k, unit in enumerate(vehicle.units)]
+    whole = 1.0 / sum(masses)
+    means = [whole * sum(masses[k] * levers[k].get(j, 0.0) for k in units) for j in units]
+    d = [[levers[k].get(j, 0.0) - means[j] for j in units] for k in units]
+    mu = [[sum(masses[k] * d[k][i] * d[k][j] for k in units) for j in units] for i in units]
+    r = speeds.yaw_rate
+    J: list[list[Num]] = [[0.0] * len(units) for _ in units]
+    turning: list[Num] = []
     for i, unit in enumerate(vehicle.units):
-        levers = levers_to(vehicle, i, unit.cg_x)
-        bias = _centripetal(levers, e, speeds)
-        effective = Vector(forces[i].x - unit.mass * bias.x, forces[i].y - unit.mass * bias.y)
-        partials = _partial_velocities(levers, e)
-        for a, p in partials.items():
-            Q[a] = Q[a] + p.x * effective.x + p.y * effective.y
-            for b, q in partials.items():
-                M[a][b] = M[a][b] + unit.mass * (p.x * q.x + p.y * q.y)
-        M[2 + i][2 + i] = M[2 + i][2 + i] + unit.yaw_inertia
-        Q[2 + i] = Q[2 + i] + moments[i]
-    v_x, v_y, *yaw = solve_ldl(M, Q)
-    return Speeds(v_x, v_y, yaw)
+        pull = _plus(Vector(0.0, 0.0), [(d[k][i], forces[k]) for k in units])
+        turning.append(moments[i] + along(e[i], pull).y)
+        J[i][i] = unit.yaw_inertia + mu[i][i]
+    for i in units:
+        for j in range(i):
+            between = along(e[i], e[j])  # cosine and sine of the angle from unit i to unit j
+            J[i][j] = J[j][i] = mu[i][j] * between.x
+            across = mu[i][j] * between.y
+            turning[i] = turning[i] + across * r[j] ** 2
+            turning[j] = turning[j] - across * r[i] ** 2
+    yaw = solve_ldl(J, turning)
+    centre = Vector(whole * sum(F.x for F in forces), whole * sum(F.y for F in forces))  # its acceleration
+    swings = _swings(e, r, yaw)
+    origin = _plus(centre, [(-means[j], swings[j]) for j in units])
+    return Speeds(origin.x + r[0] * speeds.v_y, origin.y - r[0] * speeds.v_x, yaw)
 
 
-def _partial_velocities(levers: Levers, e: Sequence[Vector]) -> dict[int, Vector]:
-    """Velocity of the levers' end per unit of each speed (Kane's partial velocities), by the speed's number."""
-    partials = {0: Vector(1.0, 0.0), 1: Vector(0.0, 1.0)}
-    for unit, length in levers:
-        partials[2 + unit] = Vector(-length * e[unit].y, length * e[unit].x)
-    return partials
+def _swings(e: Sequence[Vector], yaw_rate: Sequence[Num], rates: Sequence[Num]) -> list[Vector]:
+    """Second derivative of each unit's axis: tangential and centripetal acceleration on a lever of 1 m."""
+    return [
+        from_unit(axis, Vector(-(rate**2), acceleration))
+        for axis, rate, acceleration in zip(e, yaw_rate, rates, strict=True)
+    ]
+
+
+def _plus(v: Vector, terms: Sequence[tuple[Num, Vector]]) -> Vector:
+    """A vector and multiples of others."""
+    for factor, term in terms:
+        v = Vector(v.x + factor * term.x, v.y + factor * term.y)
+    return v
 
 
 def solve_ldl(M: Sequence[Sequence[Num]], b: Sequence[Num]) -> list[Num]:
@@ -116,14 +132,16 @@ def solve_ldl(M: Sequence[Sequence[Num]], b: Sequence[Num]) -> list[Num]:
     n = len(b)
     L: list[list[Num]] = [[0.0] * n for _ in range(n)]
     D: list[Num] = [0.0] * n
+    inverse: list[Num] = [0.0] * n
     for j in range(n):
         D[j] = M[j][j] - sum(L[j][k] ** 2 * D[k] for k in range(j))
+        inverse[j] = 1.0 / D[j]
         for i in range(j + 1, n):
-            L[i][j] = (M[i][j] - sum(L[i][k] * L[j][k] * D[k] for k in range(j))) / D[j]
+            L[i][j] = (M[i][j] - sum(L[i][k] * L[j][k] * D[k] for k in range(j))) * inverse[j]
     z: list[Num] = []
     for i in range(n):
         z.append(b[i] - sum(L[i][k] * z[k] for k in range(i)))
-    x: list[Num] = [z[i] / D[i] for i in range(n)]
+    x: list[Num] = [z[i] * inverse[i] for i in range(n)]
     for i in reversed(range(n)):
         x[i] = x[i] - sum(L[k][i] * x[k] for k in range(i + 1, n))
     return x

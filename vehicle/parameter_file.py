@@ -104,6 +104,7 @@ def _model_in(annotation: Any) -> type[BaseModel]:
 
 
 def _unit_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
-    field = _fields_at(model, location[:-1]).get(str(location[-1]))
+    *path, name = (part for part in location if isinstance(part, str))  # an entry of a list has the list's unit
+    field = _fields_at(model, tuple(path)).get(name)
     extra = field.json_schema_extra if field is not None else None
     return f" [{extra['unit']}]" if isinstance(extra, dict) and "unit" in extra else ""

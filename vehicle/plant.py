@@ -2,162 +2,137 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from vehicle.clock import TICK
-from vehicle.compiled import Buffered, compiled_output, compiled_steps
-from vehicle.description import GRAVITY, Vehicle
-from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
-from vehicle.layout import Input, Output, State, output_sizes, parts, state_sizes, wheels
+from vehicle.compiled import body_function, place_function, start_function, step_function, wheel_function
+from vehicle.demands import demand_sizes, footing_sizes, spans
+from vehicle.description import Vehicle
+from vehicle.engine.kernels import Engine, kernel_for_one
+from vehicle.footing import SurfaceUnder, ticks_to_next_look
+from vehicle.frames import FloatArray, Pose2
+from vehicle.layout import State, state_sizes
+from vehicle.places import Places, place_sizes
+from vehicle.sanity import is_sane
 from vehicle.surface import Surface
+from vehicle.symbolic import numbers
 from vehicle.truth import Truth
+from vehicle.wheel_truth import WheelTruth, wheel_truth_sizes
+
+_NOTHING: Final = np.empty(0)
 
 
 class VehicleCommand(NamedTuple):
     """What driver and trailer controllers demand of the vehicle."""
 
-    steer: float  # of the tractor's road wheels [rad]
+    steer: float  # of the tractor's foremost steered axle [rad]
     acceleration: float  # [m/s2]
     trailer_steer: tuple[float, ...]  # of every steered trailer axle, front to rear [rad]
 
 
 class DivergedError(Exception):
-    """The physics broke: a step led to a state that is not finite."""
+    """The physics broke: a step led to a state that is not finite, or astronomic."""
 
     def __init__(self, state: FloatArray, u: FloatArray) -> None:
-        super().__init__(f"the state is no longer finite after a step from state {state} with input {u}")
+        super().__init__(f"the state is no longer sane after a step from state {state} with input {u}")
         self.state = state
         self.input = u
 
 
 class Plant:
-    """A vehicle on a surface. Friction and slope are looked up once a call, at its beginning."""
+    """A vehicle on a surface, compiled or interpreted; one per thread.
 
-    def __init__(self, vehicle: Vehicle, surface: Surface) -> None:
-        self._vehicle = vehicle
-        self._surface = surface
-        self._state_sizes = state_sizes(vehicle)
-        self._output_sizes = output_sizes(vehicle)
-        self._n_steered = [len(unit.steered_axles) for unit in vehicle.units]
-        self._hitch_x = np.array([unit.hitch_x or 0.0 for unit in vehicle.units[:-1]])  # [m]
-        self._cg_x = np.array([unit.cg_x for unit in vehicle.units])  # [m]
-        layout = wheels(vehicle)
-        self._wheel_unit = np.array([wheel.unit for wheel in layout])
-        self._wheel_xy = np.array([(wheel.axle.x, wheel.y) for wheel in layout])  # (n_wheels, 2) in its unit [m]
-        self._wheel_radius = np.array([wheel.axle.wheel_radius for wheel in layout])  # [m]
-        self._output = Buffered(compiled_output(vehicle))
-        self._steps: dict[int, Buffered] = {}  # by number of ticks
+    Where the ground changes from place to place, it is looked up at the beginning of a call and every 0.1 m.
+    """
 
-    def __reduce__(self) -> tuple[type[Plant], tuple[Vehicle, Surface]]:
-        return (Plant, (self._vehicle, self._surface))  # buffers do not travel: they are made anew where it arrives
+    def __init__(self, vehicle: Vehicle, surface: Surface, engine: Engine = "auto") -> None:
+        self._vehicle, self._surface, self._engine = vehicle, surface, engine
+        values = numbers(vehicle)
+        self._under = SurfaceUnder(surface, vehicle)
+        self._everywhere = self._under.everywhere
+        always = _NOTHING if self._everywhere is None else self._everywhere
+        self._advance = kernel_for_one(step_function(vehicle), values, engine, always=always)
+        # What is asked now and then is interpreted: a call costs more than its arithmetic.
+        self._places = kernel_for_one(place_function(vehicle), values, "interpreted")
+        self._wheels = kernel_for_one(wheel_function(vehicle), values, "interpreted")
+        self._bodies = kernel_for_one(body_function(vehicle), values, "interpreted")
+        self._start = kernel_for_one(start_function(vehicle), values, "interpreted")
+        self._n_trailer = demand_sizes(vehicle).trailer_steer
+        self._idle = np.zeros(2 + self._n_trailer)
+        self._at = Places(*spans(place_sizes(vehicle)))
+        self._of_wheels = WheelTruth(*spans(wheel_truth_sizes(vehicle)))
+        in_state = State(*spans(state_sizes(vehicle)))
+        self._velocity = [in_state.v_x.start, in_state.v_y.start]
+
+    def __reduce__(self) -> tuple[type[Plant], tuple[Vehicle, Surface, Engine]]:
+        return (Plant, (self._vehicle, self._surface, self._engine))  # memory does not travel: it is made anew
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
         """State of the straight combination rolling freely at ``speed`` [m/s] with its tractor at X_WT."""
-        resting = State(*(np.zeros(size) for size in self._state_sizes))
-        standing = resting._replace(
-            x=np.array([pose.x]), y=np.array([pose.y]), psi=np.full(len(resting.psi), pose.psi), v_x=np.array([speed])
-        )
-        gravity_x, gravity_y = self._gravity(self._poses(standing))
-        c, s = np.cos(pose.psi), np.sin(pose.psi)
-        rolling = standing._replace(
-            a_x=-(c * gravity_x + s * gravity_y),  # carried by the wheels from the start, as after a long wait
-            a_y=-(c * gravity_y - s * gravity_x),
-            omega=speed / self._wheel_radius,
-        )
-        return np.concatenate(rolling)
+        start = (*pose, speed)
+        level = self._start(_NOTHING, np.array([*start, *np.zeros(sum(footing_sizes(self._vehicle)))]))
+        return self._start(_NOTHING, np.array([*start, *self._footing(self._seen(level))]))
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
         """State after whole ticks under a held command, a new array.
 
         Raises:
-            ValueError: if the number of ticks or of trailer steer demands does not fit.
-            DivergedError: if the new state is not finite.
+            ValueError: if the number of ticks or of trailer steer demands does not fit, or a demand is not finite.
+            DivergedError: if the new state is not finite, or beyond 1e12 in any SI unit.
         """
-        u = self._input(self._poses(self._named(state)), command)
-        after = self._compiled(ticks)(state, u)
-        if not np.isfinite(after).all():
-            raise DivergedError(state, u)
-        return after
+        if ticks < 1:
+            raise ValueError(f"ticks = {ticks} must be at least 1 tick of {TICK * 1e3:g} ms")
+        demands = self._demands(command)
+        if self._everywhere is not None:
+            return self._stepped(state, np.concatenate([demands, self._everywhere]), ticks)
+        while ticks > 0:
+            u = np.concatenate([demands, self._footing(self._seen(state))])
+            before_next_look = min(ticks, ticks_to_next_look(math.hypot(*state[self._velocity].tolist())))
+            state = self._stepped(state, u, before_next_look)
+            ticks -= before_next_look
+        return state
 
     def observe(self, state: FloatArray, tick: int) -> Truth:
         """What is really so in this state."""
-        s = self._named(state)
-        poses = self._poses(s)
-        idle = VehicleCommand(0.0, 0.0, (0.0,) * sum(self._n_steered[1:]))  # no output depends on a demand
-        told = Output(*parts(self._output(state, self._input(poses, idle)), self._output_sizes))
+        seen = self._seen(state)
+        idle = np.concatenate([self._idle, self._footing(seen)])  # no truth depends on a demand
+        at, of_wheels, told = self._at, self._of_wheels, self._wheels(state, idle)
         return Truth(
             tick=tick,
-            poses=poses,
-            velocities=self._velocities(s),
-            bodies=self._bodies(s, poses),
-            steer=s.steer.copy(),
-            wheel_loads=told.load,
-            wheel_slip_angles=told.slip_angle,
-            friction_used=told.friction_used,
+            poses=seen[at.poses].reshape(-1, 3),
+            velocities=seen[at.velocities].reshape(-1, 3),
+            bodies=self._bodies(state, self._under.ground(seen)).reshape(-1, 4, 4),
+            steer=told[of_wheels.steer],
+            wheel_loads=told[of_wheels.loads],
+            wheel_slip_angles=told[of_wheels.slip_angles],
+            friction_used=told[of_wheels.friction_used],
+            load_transfer=told[of_wheels.load_transfer],
         )
 
-    def _named(self, state: FloatArray) -> State[FloatArray]:
-        return State(*parts(state, self._state_sizes))
+    def _stepped(self, state: FloatArray, u: FloatArray, ticks: int) -> FloatArray:
+        after = self._advance(state, u, ticks)
+        if not is_sane(after):
+            raise DivergedError(state, u)
+        return after
 
-    def _compiled(self, ticks: int) -> Buffered:
-        if ticks not in self._steps:
-            if ticks < 1:
-                raise ValueError(f"ticks = {ticks} must be at least 1 tick of {TICK * 1e3:g} ms")
-            self._steps[ticks] = Buffered(compiled_steps(self._vehicle, ticks))
-        return self._steps[ticks]
+    def _demands(self, command: VehicleCommand) -> tuple[float, ...]:
+        demands = (command.steer, command.acceleration, *command.trailer_steer)
+        if len(demands) != len(self._idle):
+            raise ValueError(
+                f"trailer_steer has {len(command.trailer_steer)} angles, "
+                f"{self._vehicle.name} steers {self._n_trailer} trailer axles"
+            )
+        if not math.isfinite(sum(demands)):
+            raise ValueError(f"{command} must be of finite numbers [rad, m/s2]")
+        return demands
 
-    def _input(self, poses: FloatArray, command: VehicleCommand) -> FloatArray:
-        expected = sum(self._n_steered[1:])
-        if len(command.trailer_steer) != expected:
-            got = len(command.trailer_steer)
-            raise ValueError(f"trailer_steer has {got} angles, {self._vehicle.name} steers {expected} trailer axles")
-        gravity_x, gravity_y = self._gravity(poses)
-        u = Input(
-            steer=np.array([*[command.steer] * self._n_steered[0], *command.trailer_steer]),
-            acceleration=np.array([command.acceleration]),
-            friction=self._friction(poses),
-            gravity_x=gravity_x,
-            gravity_y=gravity_y,
-        )
-        return np.concatenate(u)
+    def _seen(self, state: FloatArray) -> FloatArray:
+        """``Places``; a state that is no number is taken as at the origin, for the ground is only at places."""
+        places = self._places(state, _NOTHING)
+        return places if is_sane(places) else np.zeros_like(places)
 
-    def _friction(self, poses: FloatArray) -> FloatArray:
-        """Friction coefficient under every wheel, (n_wheels,)."""
-        x, y, psi = poses[self._wheel_unit].T
-        c, s = np.cos(psi), np.sin(psi)
-        ahead, left = self._wheel_xy.T
-        return self._surface.friction_at(x + c * ahead - s * left, y + s * ahead + c * left)
-
-    def _gravity(self, poses: FloatArray) -> FloatArray:
-        """Gravity along the ground under every unit's centre of gravity, along W, (2, N) [m/s2]."""
-        x, y, psi = poses.T
-        slope = self._surface.gradient(x + self._cg_x * np.cos(psi), y + self._cg_x * np.sin(psi))
-        along: FloatArray = -GRAVITY * slope.T / np.sqrt(1.0 + np.sum(slope**2, axis=1))
-        return along
-
-    def _poses(self, s: State[FloatArray]) -> FloatArray:
-        """x [m], y [m], psi [rad] of each unit's frame in W, (N, 3)."""
-        ahead = s.psi[:-1]
-        x = np.cumsum(np.concatenate([s.x, self._hitch_x * np.cos(ahead)]))
-        y = np.cumsum(np.concatenate([s.y, self._hitch_x * np.sin(ahead)]))
-        return np.column_stack([x, y, s.psi])
-
-    def _velocities(self, s: State[FloatArray]) -> FloatArray:
-        """v_x, v_y [m/s] of each frame's origin along its unit's axes and yaw rate [rad/s], (N, 3)."""
-        relative = s.psi - s.psi[0]
-        x = s.v_x - np.concatenate([[0.0], np.cumsum(s.yaw_rate[:-1] * self._hitch_x * np.sin(relative[:-1]))])
-        y = s.v_y + np.concatenate([[0.0], np.cumsum(s.yaw_rate[:-1] * self._hitch_x * np.cos(relative[:-1]))])
-        c, sin = np.cos(relative), np.sin(relative)
-        return np.column_stack([c * x + sin * y, c * y - sin * x, s.yaw_rate])
-
-    def _bodies(self, s: State[FloatArray], poses: FloatArray) -> FloatArray:
-        """X_WB of every sprung body, (N, 4, 4): on the ground, rolled outwards and pitched with the specific forces."""
-        bodies = np.empty((len(poses), 4, 4))
-        for i, unit in enumerate(self._vehicle.units):
-            R = rotation_zyx(0.0, -unit.pitch_gradient * s.a_x[i], unit.roll_gradient * s.a_y[i])
-            axis = np.array([0.0, 0.0, unit.roll_axis_height])
-            x, y, psi = poses[i].tolist()
-            bodies[i] = self._surface.pose_on(x, y, psi, unit.supports) @ transform(R, axis - R @ axis)
-        return bodies
+    def _footing(self, places: FloatArray) -> FloatArray:
+        return self._under.footing(places) if self._everywhere is None else self._everywhere

@@ -13,7 +13,7 @@ import numpy as np
 from vehicle.clock import TICK
 from vehicle.description import Vehicle
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import steering_actuators, wheels
+from vehicle.layout import wheels
 from vehicle.loads import static_axle_loads
 from vehicle.plant import VehicleCommand
 from vehicle.surface import Surface
@@ -39,7 +39,7 @@ class ConstantSlipPlant:
         self._slip = np.where(np.arange(n) < unit, 0.0, slip_angle)  # of every unit [rad]
         self._loads = np.repeat(0.5 * np.concatenate(static_axle_loads(vehicle)), 2)  # (n_wheels,) [N]
         self._wheel_unit = [wheel.unit for wheel in wheels(vehicle)]
-        self._n_steered = len(steering_actuators(vehicle))
+        self._n_steered = sum(len(unit.steered_axles) for unit in vehicle.units)
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
         """The tractor's pose X_WT: x [m], y [m] and psi [rad], the direction of travel.
@@ -73,6 +73,7 @@ class ConstantSlipPlant:
             wheel_loads=self._loads.copy(),
             wheel_slip_angles=self._slip[self._wheel_unit],
             friction_used=np.zeros(len(self._wheel_unit)),
+            load_transfer=np.zeros(len(poses)),
         )
 
     def _poses(self, X_WT: Pose2) -> FloatArray:

@@ -98,6 +98,7 @@ def _truth(tick: int) -> Truth:
         wheel_loads=nothing,
         wheel_slip_angles=nothing,
         friction_used=nothing,
+        load_transfer=np.zeros(2),
     )
 
 

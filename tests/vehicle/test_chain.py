@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import accumulate, pairwise
 
 import casadi as ca
@@ -11,11 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vehicle.chain import derivative, relaxation
 from vehicle.compiled import compiled_derivative, compiled_output
 from vehicle.description import GRAVITY, Unit, Vehicle
+from vehicle.integrator import exact_diagonal
 from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
 from vehicle.loads import static_axle_loads
-from vehicle.tyres import stiffness
+from vehicle.tyres import ROLLING_SPEED_FLOOR, stiffness
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=40, deadline=None)  # the first example of a chain compiles it
@@ -27,8 +30,12 @@ SCALE = State(  # typical sizes, to draw random states from
     v_x=15.0,
     v_y=3.0,
     yaw_rate=0.5,
-    a_x=3.0,
-    a_y=3.0,
+    heave=0.03,
+    pitch=0.01,
+    roll=0.03,
+    heave_spring=0.2,
+    pitch_spring=0.05,
+    roll_spring=0.2,
     hitch_x=3e4,
     hitch_y=3e4,
     omega=40.0,
@@ -45,8 +52,12 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     v_x=1,
     v_y=-1,
     yaw_rate=-1,
-    a_x=1,
-    a_y=-1,
+    heave=1,
+    pitch=1,
+    roll=-1,
+    heave_spring=1,
+    pitch_spring=1,
+    roll_spring=-1,
     hitch_x=1,
     hitch_y=-1,
     omega=1,
@@ -56,8 +67,8 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     steer=-1,
     acceleration=1,
 )
-LATERAL_INPUT = Input(steer=-1, acceleration=1, friction=1, gravity_x=1, gravity_y=-1)
-PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction"}
+LATERAL_INPUT = Input(steer=-1, acceleration=1, friction=1, gravity_x=1, gravity_y=-1, road=1)
+PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
 
 
 def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[np.ndarray]]:
@@ -70,6 +81,7 @@ def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[
         friction=rng.uniform(0.1, 1.0, sizes.friction),
         gravity_x=rng.uniform(-1, 1, sizes.gravity_x),
         gravity_y=rng.uniform(-1, 1, sizes.gravity_y),
+        road=rng.uniform(-0.02, 0.02, sizes.road),
     )
     return s, u
 
@@ -152,12 +164,47 @@ def test_nothing_depends_on_where_north_is(chain: Vehicle, seed: int, turn: floa
     close(got, ds._replace(x=c * ds.x - si * ds.y, y=si * ds.x + c * ds.y))
 
 
+def test_no_wheel_exceeds_its_friction(longer_semitrailer: Vehicle) -> None:
+    """In any state, of any wheel: horizontal force over friction times load is at most 1; 20 000 random ones."""
+    drawn = [random_state(longer_semitrailer, seed) for seed in range(2000)]
+    states, inputs = (np.array([np.concatenate(one) for one in of_all]).T for of_all in zip(*drawn, strict=True))
+    out = compiled_output(longer_semitrailer).map(len(drawn))(states, inputs)
+    told = Output(*parts(np.array(out), output_sizes(longer_semitrailer)))
+    assert told.friction_used.shape == (10, 2000)
+    assert told.friction_used.max() <= 1.0 + 1e-12
+    assert told.load.min() > 0.0
+
+
+@lru_cache(maxsize=4)
+def both_diagonals(vehicle: Vehicle) -> ca.Function:
+    """Function (state, input) -> relaxation as the chain gives it, and as differentiation does [1/s]."""
+    x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
+    named = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    at = State(*pairwise(accumulate(state_sizes(vehicle), initial=0)))
+    blocks = [at.omega, at.deflection_x, at.deflection_y, at.brake_windup]
+    exact = exact_diagonal(ca.vertcat(*derivative(vehicle, *named)), x, blocks)
+    return ca.Function("both", [x, u], [ca.vertcat(*relaxation(vehicle, *named)), -exact])
+
+
 @few
 @given(seeds)
-def test_no_wheel_exceeds_its_friction(chain: Vehicle, seed: int) -> None:
-    """In any state, of any wheel: horizontal force over friction times load is at most 1."""
-    s, u = random_state(chain, seed)
-    assert told(chain, s, u).friction_used.max() <= 1.0 + 1e-12
+def test_the_relaxation_is_the_jacobians_diagonal(chain: Vehicle, seed: int) -> None:
+    """Exactly that of tyre deflections and brakes; of a wheel's spin where its tyre sticks or slides all over.
+
+    In between a law's own curvature is left out: the method's order does not need it.
+    """
+    both = both_diagonals(chain)
+    s, given = random_state(chain, seed)
+    got, expected = (np.array(one).ravel() for one in both(np.concatenate(s), np.concatenate(given)))
+    at = State(*pairwise(accumulate(state_sizes(chain), initial=0)))
+    spin = np.zeros(len(got), dtype=bool)
+    spin[slice(*at.omega)] = True
+    np.testing.assert_allclose(got[~spin], expected[~spin], rtol=1e-9, atol=1e-9)
+    assert (got >= 0.0).all()
+    rolling = [s.v_x[0] / wheel.axle.wheel_radius for wheel in wheels(chain)]
+    calm = State(*(np.zeros(n) for n in state_sizes(chain)))._replace(v_x=s.v_x, omega=np.array(rolling))
+    got, expected = (np.array(one).ravel()[spin] for one in both(np.concatenate(calm), np.concatenate(given)))
+    np.testing.assert_allclose(got, expected, rtol=1e-3)  # the power limit of the engine, the rounding of no slip
 
 
 @few
@@ -180,8 +227,41 @@ def test_slip_angles_are_those_of_rigid_body_motion(chain: Vehicle, seed: int) -
     for k, wheel in enumerate(wheels(chain)):
         if wheel.unit == last and wheel.steer is None:
             at = own + s.yaw_rate[-1] * np.array([-wheel.y, wheel.axle.x])
-            # the floor of the rolling speed, 0.05 m/s, shows in quadrature
-            assert alphas[k] == pytest.approx(math.atan2(at[1], math.hypot(at[0], 0.05)), abs=1e-12)
+            assert alphas[k] == pytest.approx(math.atan2(at[1], max(abs(at[0]), ROLLING_SPEED_FLOOR)), abs=1e-12)
+
+
+@pytest.mark.parametrize("speed", [10.0, -10.0])
+def test_side_forces_act_behind_the_wheels_by_the_pneumatic_trail(tractor_semitrailer: Vehicle, speed: float) -> None:
+    """Behind as the wheel rolls: deflected tyres without slip turn each unit by minus trail times side force more."""
+    bare = tuple(
+        unit.model_copy(
+            update={
+                "axles": tuple(
+                    axle.model_copy(update={"tyre": axle.tyre.model_copy(update={"pneumatic_trail": 0.0})})
+                    for axle in unit.axles
+                )
+            }
+        )
+        for unit in tractor_semitrailer.units
+    )
+    x, u = rolling_straight(tractor_semitrailer, speed)
+    s, given_u = (
+        State(*parts(x, state_sizes(tractor_semitrailer)))._replace(
+            deflection_y=np.full(10, -0.05), brake_windup=np.full(10, math.copysign(1.0, speed))
+        ),
+        Input(*parts(u, input_sizes(tractor_semitrailer))),
+    )
+    with_trail = told(tractor_semitrailer, s, given_u)
+    without = told(tractor_semitrailer.model_copy(update={"units": bare}), s, given_u)
+    for i, unit in enumerate(tractor_semitrailer.units):
+        expected = sum(
+            # both wheels of an axle carry their nominal load to 1e-3 and pull alike
+            -math.copysign(axle.tyre.pneumatic_trail, speed) * with_trail.force_y[i] * load / sum(loads)
+            for loads in [static_axle_loads(tractor_semitrailer)[i]]
+            for axle, load in zip(unit.axles, loads, strict=True)
+        )
+        assert with_trail.force_y[i] < -1e3
+        assert with_trail.moment[i] - without.moment[i] == pytest.approx(expected, rel=5e-3)
 
 
 # --- linear theory ---------------------------------------------------------------------------------------------

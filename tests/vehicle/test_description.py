@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from vehicle.description import Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.description import Actuator, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.tyres.data import TmeasyTyre
 
 FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"
 
@@ -64,7 +65,7 @@ def test_degrees_of_the_file_are_radians_in_the_program() -> None:
 
 def test_an_unknown_name_is_answered_with_the_nearest_and_all_known() -> None:
     """One line, so that a terminal shows it whole."""
-    with pytest.raises(ValueError, match=r"did you mean 'uk_longer_semitrailer'.*known: eu_tractor") as caught:
+    with pytest.raises(ValueError, match=r"did you mean 'uk_longer_semitrailer'.*known: .*eu_tractor") as caught:
         load_vehicle("uk_longer_semitrailr")
     assert "\n" not in str(caught.value)
 
@@ -95,6 +96,14 @@ MISTAKES = [
     ("\nhitch_height", "\n# hitch_height", ["units.0", "hitch_x and hitch_height", "[m]"]),
     ("steered = true", "steered = 1", ["units.0.axles.0.steered = 1", "boolean"]),
     ("name =", "name", ["not a TOML file"]),
+    ('model = "magic_formula"', 'model = "magic"', ["tyres.steer.model = 'magic'", "did you mean 'magic_formula'"]),
+    ('model = "magic_formula"', "", ["key 'tyres.steer.model' is missing", "linear", "tmeasy"]),
+    ('model = "magic_formula"', 'model = "brush"', ["unknown key 'tyres.steer.shape'"]),
+    ('tyre = "steer"', 'tyre = { model = "linear" }', ["key 'units.0.axles.0.tyre.nominal_load' [N] is missing"]),
+    ("steered = true", "steered = true\nsteer_ratio = 0.0", ["units.0", "steer_ratio = 0", "between -2 and 2"]),
+    ("steered = true", "steered = true\nload_share = 0.0", ["units.0.axles.0.load_share = 0.0", "greater than 0"]),
+    ("driven = true", "driven = true\nlifted = true", ["units.0", "driven axle"]),
+    ("roll_frequency = { value = 1.4,", "roll_frequency = { value = 0.0,", ["units.0.roll_frequency", "[Hz]"]),
 ]
 
 
@@ -111,6 +120,118 @@ def test_a_mistake_in_a_file_gives_one_clear_line(tmp_path: Path, right: str, wr
     assert "\n" not in message
     for words in said:
         assert words in message
+
+
+def trailer_like(text: str, *changes: tuple[str, str]) -> str:
+    """The file with changes made in its trailer."""
+    tractor, trailer = text.split('name = "semitrailer"')
+    for right, wrong in changes:
+        assert right in trailer
+        trailer = trailer.replace(right, wrong, 1)
+    return tractor + 'name = "semitrailer"' + trailer
+
+
+def test_raised_axles_are_told_from_those_on_the_ground(tmp_path: Path) -> None:
+    """Everything that rolls looks at the axles on the ground; complaints count as the file does."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text(trailer_like(FILE.read_text(), ("steered = false", "steered = false\nlifted = true")))
+    vehicle = load_vehicle(str(mine))
+    trailer = vehicle.units[1]
+    assert [axle.x for axle in trailer.axles] == [-7.70, -9.01]
+    assert [axle.x for axle in trailer.lifted_axles] == [-6.39]
+    assert vehicle.n_wheels == 8
+    raised_and_wrong = ("value = -9.01", "value = -9.01e3")
+    mine.write_text(
+        trailer_like(FILE.read_text(), ("steered = false", "steered = false\nlifted = true"), raised_and_wrong)
+    )
+    with pytest.raises(ValueError, match=r"units\.1\.axles\.2\.x"):
+        load_vehicle(str(mine))
+
+
+def test_an_axle_at_least_stays_on_the_ground(tmp_path: Path) -> None:
+    """A trailer on no axle stands nowhere."""
+    mine = tmp_path / "mine.toml"
+    mine.write_text(trailer_like(FILE.read_text(), *[("steered = false\n", "steered = false \nlifted = true\n")] * 3))
+    with pytest.raises(ValueError, match=r"units\.1: an axle at least must stay on the ground"):
+        load_vehicle(str(mine))
+
+
+def test_axles_of_one_steer_group_share_an_actuator(longer_semitrailer: Vehicle) -> None:
+    """Without groups every steered axle has its own; with one the ratios say how far each turns."""
+    trailer = longer_semitrailer.units[1]
+    assert trailer.actuators == (Actuator((1,), (1.0,)), Actuator((2,), (1.0,)))
+    grouped = tuple(
+        axle.model_copy(update={"steer_group": "rear", "steer_ratio": ratio})
+        for axle, ratio in zip(trailer.axles, (1.0, 0.5, 1.0), strict=True)
+    )
+    assert trailer.model_copy(update={"axles": grouped}).actuators == (Actuator((1, 2), (0.5, 1.0)),)
+
+
+TMEASY = """
+[tyres.steer]
+model = "tmeasy"
+nominal_load = 34830.0
+relaxation_length = 0.5
+damping = 0.04
+rolling_resistance = 0.006
+pneumatic_trail = 0.04
+reference_friction = 0.8
+[tyres.steer.lateral]
+initial_slope = { value = [5.948, 5.506], source = "Project Chrono, TMeasy GuessTruck80Par" }
+peak_slip = [0.38786, 0.38786]
+peak_force = [0.77253, 0.73048]
+sliding_slip = [0.82534, 0.91309]
+sliding_force = [0.71139, 0.66823]
+[tyres.steer.longitudinal]
+initial_slope = [17.687, 13.805]
+peak_slip = [0.12, 0.15]
+peak_force = [0.88468, 0.7479]
+sliding_slip = [0.9, 0.95]
+sliding_force = [0.54397, 0.50365]
+"""
+
+
+def with_tmeasy(tmp_path: Path, *change: str) -> Path:
+    """A file whose steer axle has TMeasy tyres, with one text replaced by another."""
+    text = FILE.read_text()
+    start, end = text.index("[tyres.steer]"), text.index("[tyres.drive]")
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text[:start] + (TMEASY.replace(*change) if change else TMEASY) + text[end:])
+    return mine
+
+
+def test_tmeasy_tables_are_read_with_their_sources(tmp_path: Path) -> None:
+    """Two values each: at the nominal load and at twice of it."""
+    mine = with_tmeasy(tmp_path)
+    tyre = load_vehicle(str(mine)).units[0].axles[0].tyre
+    assert isinstance(tyre, TmeasyTyre)
+    assert tyre.longitudinal.peak_slip == (0.12, 0.15)
+    assert vehicle_sources(str(mine))["tyres.steer.lateral.initial_slope"].startswith("Project Chrono")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("peak_slip = [0.12, 0.15]", "peak_slip = [0.12]", ["tyres.steer.longitudinal.peak_slip.1", "missing"]),
+        ("[0.9, 0.95]", "[0.1, 0.95]", ["tyres.steer.longitudinal", "sliding_slip = 0.1", "peak_slip = 0.12"]),
+        ("[0.54397, 0.50365]", "[0.9, 0.5]", ["tyres.steer.longitudinal", "sliding_force = 0.9", "peak_force"]),
+        (
+            "[17.687, 13.805]",
+            "[17.687, 9.0]",
+            ["initial_slope = 9", "peak_force / peak_slip = 9.972", "twice"],
+        ),
+        ("[0.12, 0.15]", '[0.12, "0.15"]', ["tyres.steer.longitudinal.peak_slip.1 = '0.15'", "valid number"]),
+    ],
+)
+def test_a_mistake_in_a_tmeasy_table_gives_one_clear_line(
+    tmp_path: Path, right: str, wrong: str, said: list[str]
+) -> None:
+    """Which curve, which of the two loads, and what must hold."""
+    with pytest.raises(ValueError, match=r"mine\.toml: ") as caught:
+        load_vehicle(str(with_tmeasy(tmp_path, right, wrong)))
+    for words in said:
+        assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("shapeless", ["units = 3", "tyres = 3", "units = [3]", "[[units]]\naxles = 3"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vehicle.description import GRAVITY, Vehicle
 from vehicle.layout import wheels
-from vehicle.loads import axle_loads, roll_moments, static_axle_loads, wheel_load
+from vehicle.loads import axle_loads, roll_moments, static_axle_loads, wheel_loads
 from vehicle.multibody import Vector
 
 accelerations = st.floats(-6.0, 6.0)
@@ -76,15 +76,76 @@ def test_braking_loads_the_front_and_a_pull_at_the_hitch_unloads_it(tractor_semi
 def test_roll_moments_add_up_and_load_the_outside(chain: Vehicle) -> None:
     """Whatever the hitches pass on, all of m h a_y arrives; in a left turn (a_y > 0) at the right wheels."""
     a_y = [1.0 + 0.1 * i for i in range(len(chain.units))]
-    moments = roll_moments(chain, a_y)
+    moments = roll_moments(chain, a_y, [0.0] * len(a_y), [GRAVITY] * len(a_y))
     total = sum(unit.mass * unit.cg_height * a for unit, a in zip(chain.units, a_y, strict=True))
     assert sum(moments) == pytest.approx(total)
-    assert wheel_load(6e4, 5e3, -1) > 3e4 > wheel_load(6e4, 5e3, +1)
+    left, right = wheel_loads(6e4, 5e3)
+    assert right > 3e4 > left
 
 
 @given(st.floats(-1e5, 2e5), st.floats(-1e5, 1e5))
-def test_a_wheel_never_pulls_the_ground_up(axle_load: float, transfer: float) -> None:
+def test_a_wheel_never_pulls_the_ground_up_and_its_partner_then_carries_the_axle(axle: float, transfer: float) -> None:
     """A lifted wheel carries (next to) nothing; a loaded one what equilibrium asks for."""
-    load = wheel_load(axle_load, transfer, 1)
-    assert load > 0.0
-    assert load == pytest.approx(max(0.0, 0.5 * axle_load - transfer), abs=25.1)  # half of the smoothing's 50 N
+    left, right = wheel_loads(axle, transfer)
+    assert min(left, right) >= 10.0 - 1e-9  # [N], so that nothing divides by zero
+    assert left + right == pytest.approx(max(axle, 20.0))
+    expected = min(max(0.5 * axle - transfer, 0.0), max(axle, 0.0))
+    assert left == pytest.approx(expected, abs=10.0 + 1e-9)
+
+
+# --- groups of axles ---
+
+
+def with_axles(vehicle: Vehicle, unit: int, *changes: dict[str, object]) -> Vehicle:
+    """The vehicle with each axle of a unit changed."""
+    units = list(vehicle.units)
+    axles = tuple(axle.model_copy(update=change) for axle, change in zip(units[unit].axles, changes, strict=True))
+    units[unit] = units[unit].model_copy(update={"axles": axles})
+    return vehicle.model_copy(update={"units": tuple(units)})
+
+
+def test_a_compensated_group_shares_by_load_share(tractor_semitrailer: Vehicle) -> None:
+    """The tridem as 1 : 1 : 2 carries what holds the trailer level about its hitch, from another centre."""
+    shared = with_axles(tractor_semitrailer, 1, {}, {}, {"load_share": 2.0})
+    trailer = static_axle_loads(shared)[1]
+    centre = -(6.39 + 7.70 + 2.0 * 9.01) / 4.0
+    whole = 32000.0 * GRAVITY * 5.1734375 / -centre
+    assert trailer == pytest.approx([0.25 * whole, 0.25 * whole, 0.5 * whole])
+
+
+def test_a_bogie_of_the_tractor_is_one_support_and_shares_within(tractor_semitrailer: Vehicle) -> None:
+    """Steer axle and a bogie of drive (2) and tag (1): two supports, so that equilibrium alone gives the loads."""
+    tractor = tractor_semitrailer.units[0]
+    drive = tractor.axles[1]
+    axles = (
+        tractor.axles[0],
+        drive.model_copy(update={"bogie": "rear", "load_share": 2.0}),
+        drive.model_copy(update={"x": -1.35, "driven": False, "bogie": "rear"}),
+    )
+    units = (tractor.model_copy(update={"axles": axles}), *tractor_semitrailer.units[1:])
+    (steer, driven, tag), tridem = static_axle_loads(tractor_semitrailer.model_copy(update={"units": units}))
+    assert driven == pytest.approx(2.0 * tag)
+    weight = tractor_semitrailer.mass * GRAVITY - sum(tridem)
+    assert steer + driven + tag == pytest.approx(weight)
+    kingpin = weight - 8000.0 * GRAVITY
+    assert 3.8 * steer - 1.35 * tag == pytest.approx(8000.0 * GRAVITY * tractor.cg_x + kingpin * tractor.hitch_x)
+
+
+def test_a_beam_on_three_springs_loads_them_by_its_tilt(tractor_semitrailer: Vehicle) -> None:
+    """Three axles without a bogie: equilibrium, and loads over stiffness on one straight line."""
+    tractor = tractor_semitrailer.units[0]
+    drive = tractor.axles[1]
+    axles = (tractor.axles[0], drive.model_copy(update={"load_share": 2.0}), drive.model_copy(update={"x": -1.35}))
+    units = (tractor.model_copy(update={"axles": axles}), *tractor_semitrailer.units[1:])
+    loads = static_axle_loads(tractor_semitrailer.model_copy(update={"units": units}))[0]
+    sunk = np.array(loads) / [1.0, 2.0, 1.0]
+    assert np.diff(sunk) / np.diff([3.8, 0.0, -1.35]) == pytest.approx([(sunk[0] - sunk[2]) / 5.15] * 2)
+
+
+def test_named_bogies_of_a_towed_unit_turn_about_its_hitch(tractor_semitrailer: Vehicle) -> None:
+    """Front axle alone, the rear two a bogie: loads of the two groups go by stiffness times distance to the hitch."""
+    trailer = static_axle_loads(with_axles(tractor_semitrailer, 1, {"bogie": "a"}, {"bogie": "b"}, {"bogie": "b"}))[1]
+    centre = 0.5 * (7.70 + 9.01)
+    assert trailer[1] == pytest.approx(trailer[2])
+    assert (trailer[1] + trailer[2]) / trailer[0] == pytest.approx(2.0 * centre / 6.39)
+    assert 6.39 * trailer[0] + 7.70 * trailer[1] + 9.01 * trailer[2] == pytest.approx(32000.0 * GRAVITY * 5.1734375)

@@ -1,4 +1,4 @@
-"""Rigid chains: Kane's equations against Lagrange's, and what a chain without forces conserves."""
+"""Rigid chains: the equations of motion against Lagrange's, and what a chain without forces conserves."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def random_motion(n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_kanes_equations_are_lagranges(chain: Vehicle, seed: int) -> None:
-    """Two derivations, from levers and from positions: M qdd + ... = generalised force."""
+def test_the_equations_are_lagranges(chain: Vehicle, seed: int) -> None:
+    """Two derivations, from levers about the common centre of mass and from positions: M qdd + ... = force."""
     n = len(chain.units)
     q, qd = random_motion(n, seed)
     rng = np.random.default_rng(seed + 100)
@@ -78,10 +78,11 @@ def test_a_chain_without_forces_conserves_energy_and_momenta(chain: Vehicle) -> 
         half = 2 + n
         return np.concatenate([y[half:], rates_in_world(chain, y[:half], y[half:], np.zeros((n, 2)), np.zeros(n))])
 
-    end = solve_ivp(f, (0.0, 20.0), np.concatenate([q, qd]), method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    end = solve_ivp(f, (0.0, 20.0), np.concatenate([q, qd]), method="DOP853", rtol=3e-14, atol=1e-13).y[:, -1]
     conserved = Lagrange(chain).conserved
     before, after = np.array(conserved(q, qd)).ravel(), np.array(conserved(end[: 2 + n], end[2 + n :])).ravel()
-    np.testing.assert_allclose(after, before, rtol=1e-9)  # rtol of the solver times a few hundred steps
+    # Rounding over a thousand steps; angular momentum is a difference of products with positions of 150 m.
+    np.testing.assert_array_less(np.abs(after / before - 1.0), [1e-12, 1e-11, 1e-11, 3e-10])
 
 
 def test_gravity_does_the_work_of_the_descent(tractor_semitrailer: Vehicle) -> None:
@@ -95,11 +96,11 @@ def test_gravity_does_the_work_of_the_descent(tractor_semitrailer: Vehicle) -> N
             [y[4:], rates_in_world(tractor_semitrailer, y[:4], y[4:], masses[:, None] * g, np.zeros(2))]
         )
 
-    end = solve_ivp(f, (0.0, 10.0), np.concatenate([q, qd]), method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    end = solve_ivp(f, (0.0, 10.0), np.concatenate([q, qd]), method="DOP853", rtol=3e-14, atol=1e-13).y[:, -1]
     model = Lagrange(tractor_semitrailer)
     ways = (np.array(model.places(end[:4])) - np.array(model.places(q))).reshape(2, 2)
     T = [float(model.conserved(y[:4], y[4:])[0]) for y in (np.concatenate([q, qd]), end)]
-    assert T[1] - T[0] == pytest.approx(float(masses @ (ways @ g)), rel=1e-9)  # the solver's 1e-12 over some steps
+    assert T[1] - T[0] == pytest.approx(float(masses @ (ways @ g)), rel=1e-14)  # rounding of 1e6 J
 
 
 @pytest.mark.parametrize("seed", range(5))

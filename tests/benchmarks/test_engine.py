@@ -1,0 +1,99 @@
+"""What a tick costs, one vehicle and many at once, with and without a compiler: a 5-axle tractor-semitrailer, one core.
+
+Each benchmark carries ``us_per_tick``, the least of its rounds for one vehicle and tick, and fails beyond its bar. The
+processor's time is what counts, for others may use the machine too. Run with ``make benchmarks``.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from vehicle.batch import PlantBatch
+from vehicle.description import load_vehicle
+from vehicle.engine.compiler import compiler
+from vehicle.engine.kernels import Engine
+from vehicle.frames import Pose2
+from vehicle.plant import Plant, VehicleCommand
+from vehicle.surface import Surface
+
+VEHICLE = load_vehicle("eu_tractor_semitrailer")
+DRY = Surface(friction=0.8)
+CONE = Surface(friction=0.7, cross_fall=-0.025, centre=(0.0, 20.0))
+STEADY = VehicleCommand(0.05, 0.2, ())
+MANY = 1024
+FOLDED = 20  # [ticks] to a call: a controller at 50 Hz
+
+pytestmark = pytest.mark.benchmark(timer=time.process_time)
+with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+
+
+def judge(benchmark: BenchmarkFixture, ticks: int, bar: float) -> None:
+    """Note the time of one vehicle and tick [us], and hold it against the bar."""
+    spent = 1e6 * benchmark.stats.stats.min / ticks
+    benchmark.extra_info["us_per_tick"] = spent
+    assert spent <= bar
+
+
+@pytest.mark.parametrize(("engine", "bar"), [pytest.param("compiled", 2.0, marks=with_compiler), ("interpreted", 6.0)])
+def test_tick_of_one_vehicle(benchmark: BenchmarkFixture, engine: Engine, bar: float) -> None:
+    """Twenty ticks in a call."""
+    plant = Plant(VEHICLE, DRY, engine)
+    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0), STEADY, 500)
+    benchmark(plant.step, state, STEADY, FOLDED)
+    judge(benchmark, FOLDED, bar)
+
+
+@pytest.mark.parametrize(("engine", "bar"), [pytest.param("compiled", 0.4, marks=with_compiler), ("interpreted", 2.0)])
+def test_tick_of_many_vehicles(benchmark: BenchmarkFixture, engine: Engine, bar: float) -> None:
+    """A batch of 1024, twenty ticks in a call, each vehicle at its own speed with its own steer."""
+    batch = PlantBatch(VEHICLE, DRY, MANY, engine)
+    states = batch.initial_state(np.zeros((MANY, 3)), np.linspace(0.0, 25.0, MANY))
+    demands = np.linspace(-0.1, 0.1, MANY), np.linspace(-2.0, 1.0, MANY), np.zeros((MANY, 0))
+    states = batch.step(states, *demands, 100)
+    benchmark.pedantic(batch.step, (states, *demands, FOLDED), rounds=15, warmup_rounds=2)
+    assert batch.finite(states).all()
+    judge(benchmark, FOLDED * MANY, bar)
+
+
+@pytest.mark.parametrize("surface", [DRY, CONE], ids=["plane", "cone"])
+def test_call_of_one_tick(benchmark: BenchmarkFixture, surface: Surface) -> None:
+    """What a call costs beside its arithmetic, and a look at the ground where that changes from place to place."""
+    plant = Plant(VEHICLE, surface)
+    state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0)
+    benchmark(plant.step, state, STEADY, 1)
+    judge(benchmark, 1, 40.0)  # a third of what it took to convert arguments
+
+
+@pytest.mark.parametrize("surface", [DRY, CONE], ids=["plane", "cone"])
+def test_observation(benchmark: BenchmarkFixture, surface: Surface) -> None:
+    """The whole truth of one vehicle."""
+    plant = Plant(VEHICLE, surface)
+    state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0)
+    benchmark(plant.observe, state, 0)
+    judge(benchmark, 1, 60.0)  # half of what it took in numpy
+
+
+def resident() -> int:
+    """Memory of this process [bytes]."""
+    return 4096 * int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="no /proc here")
+@pytest.mark.parametrize("engine", [pytest.param("compiled", marks=with_compiler), "interpreted"])
+def test_memory_stays_over_a_million_steps(benchmark: BenchmarkFixture, engine: Engine) -> None:
+    """Neither numpy's nor CasADi's memory grows: less than 1 MB more after a million ticks."""
+    plant = Plant(VEHICLE, DRY, engine)
+    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, 0.0), 10.0), STEADY, 1000)
+    before = resident()
+
+    def a_million() -> None:
+        for _ in range(50_000):
+            plant.step(state, STEADY, 20)
+
+    benchmark.pedantic(a_million, rounds=1)
+    assert resident() - before < 1 << 20

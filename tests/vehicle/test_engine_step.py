@@ -1,0 +1,151 @@
+"""One tick of a vehicle four ways: CasADi's machine, compiled C, and many at a time in numpy and in C."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from vehicle.compiled import step_function, wheel_function
+from vehicle.demands import demand_sizes, footing_sizes
+from vehicle.description import Vehicle
+from vehicle.engine.compiler import compiler
+from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
+from vehicle.frames import FloatArray
+from vehicle.layout import State, state_sizes
+from vehicle.symbolic import numbers
+
+with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+N = 50
+
+
+def random_states(vehicle: Vehicle) -> FloatArray:
+    """Driving, standing, sliding and spinning, far from any trim, (N, n_state)."""
+    rng = np.random.default_rng(8)
+    scales = State(
+        x=50.0, y=50.0, psi=3.0, v_x=20.0, v_y=2.0, yaw_rate=0.5, heave=0.05, pitch=0.05, roll=0.1, heave_spring=0.5,
+        pitch_spring=0.3, roll_spring=0.5, hitch_x=5e4, hitch_y=5e4, omega=40.0, deflection_x=0.1, deflection_y=0.1,
+        brake_windup=1.0, steer=0.5, acceleration=3.0,
+    )  # fmt: skip
+    sizes = state_sizes(vehicle)
+    return np.hstack([scale * rng.uniform(-1.0, 1.0, (N, size)) for scale, size in zip(scales, sizes, strict=True)])
+
+
+def random_inputs(vehicle: Vehicle) -> FloatArray:
+    """Demands and ground, (N, n_demands + n_footing)."""
+    rng = np.random.default_rng(9)
+    demands, under = demand_sizes(vehicle), footing_sizes(vehicle)
+    return np.hstack(
+        [
+            rng.uniform(-0.6, 0.6, (N, demands.steer)),
+            rng.uniform(-5.0, 2.0, (N, demands.acceleration)),
+            rng.uniform(-0.4, 0.4, (N, demands.trailer_steer)),
+            rng.uniform(0.1, 1.0, (N, under.friction)),
+            rng.uniform(-0.1, 0.1, (N, under.slope_x + under.slope_y)),
+            rng.uniform(-0.05, 0.05, (N, under.road)),
+        ]
+    )
+
+
+def one_by_one(function: Any, vehicle: Vehicle, engine: Engine, ticks: int = 1) -> FloatArray:
+    kernel = kernel_for_one(function, numbers(vehicle), engine)
+    return np.array([kernel(x, u, ticks) for x, u in zip(random_states(vehicle), random_inputs(vehicle), strict=True)])
+
+
+def all_at_once(function: Any, vehicle: Vehicle, engine: Engine, ticks: int = 1) -> FloatArray:
+    kernel = kernel_for_many(function, numbers(vehicle), N, engine)
+    return kernel(random_states(vehicle), random_inputs(vehicle), ticks)
+
+
+# Some 2000 roundings of 1e-16; forces of 1e5 N cancel to what accelerates a wheel of 12 kg m2 within 1 ms, which costs
+# four digits, and the stiff modes pass on less than they get.
+ROUNDING = 1e-11
+
+
+@pytest.mark.parametrize("ticks", [1, 5])
+def test_many_in_numpy_are_each_as_interpreted(chain: Vehicle, ticks: int) -> None:
+    """From one unit to four, from states far from any trim."""
+    function = step_function(chain)
+    expected = one_by_one(function, chain, "interpreted", ticks)
+    assert np.isfinite(expected).all()
+    got = all_at_once(function, chain, "interpreted", ticks)
+    np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING)
+
+
+@with_compiler
+@pytest.mark.parametrize("ticks", [1, 5])
+@pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
+def test_compiled_steps_are_as_interpreted(name: str, ticks: int, request: pytest.FixtureRequest) -> None:
+    """One vehicle at a time, and eight of them side by side."""
+    vehicle: Vehicle = request.getfixturevalue(name)
+    function = step_function(vehicle)
+    expected = one_by_one(function, vehicle, "interpreted", ticks)
+    for way in (one_by_one, all_at_once):
+        np.testing.assert_allclose(
+            way(function, vehicle, "compiled", ticks), expected, rtol=ROUNDING, atol=ROUNDING, err_msg=way.__name__
+        )
+
+
+@with_compiler
+def test_each_vehicle_can_have_its_own_numbers(tractor_semitrailer: Vehicle) -> None:
+    """A row of numbers for each, here the same, is the same source compiled in another way."""
+    function, own = step_function(tractor_semitrailer), np.tile(numbers(tractor_semitrailer), (N, 1))
+    expected = one_by_one(function, tractor_semitrailer, "interpreted")
+    for engine in get_args(Engine):
+        kernel = kernel_for_many(function, own, N, engine)
+        got = kernel(random_states(tractor_semitrailer), random_inputs(tractor_semitrailer))
+        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING, err_msg=engine)
+
+
+@with_compiler
+def test_wheels_look_alike_four_ways(longer_semitrailer: Vehicle) -> None:
+    """Loads, slip and friction used, with an arc tangent of our own in two of the ways."""
+    function = wheel_function(longer_semitrailer)
+    expected = one_by_one(function, longer_semitrailer, "interpreted")
+    ways = [(all_at_once, "interpreted"), (one_by_one, "compiled"), (all_at_once, "compiled")]
+    for way, engine in ways:
+        got = way(function, longer_semitrailer, engine)
+        np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING, err_msg=f"{way.__name__} {engine}")
+
+
+def test_without_a_compiler_it_runs_interpreted_and_says_so(
+    tractor_semitrailer: Vehicle, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nothing is missing but speed; who insists on compiled code is told why there is none."""
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    function, values = step_function(tractor_semitrailer), numbers(tractor_semitrailer)
+    x, u = random_states(tractor_semitrailer), random_inputs(tractor_semitrailer)
+    with caplog.at_level(logging.INFO):
+        after = kernel_for_one(function, values, "auto")(x[0], u[0])
+    assert "engine: interpreted" in caplog.text
+    np.testing.assert_array_equal(after, kernel_for_one(function, values, "interpreted")(x[0], u[0]))
+    with pytest.raises(ValueError, match="needs a C compiler"):
+        kernel_for_one(function, values, "compiled")
+    with pytest.raises(ValueError, match="engine = 'fast' must be one of auto, compiled, interpreted"):
+        kernel_for_one(function, values, "fast")  # type: ignore[arg-type]  # what a settings file could say
+
+
+@with_compiler
+def test_a_compiler_that_fails_is_done_without(
+    tractor_semitrailer: Vehicle, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    """It says what it can but compiles nothing, as with a library missing: a warning, and the step is interpreted."""
+    real = compiler()
+    assert real is not None
+    broken = tmp_path / "cc"
+    broken.write_text(f'#!/bin/sh\ncase "$*" in *-dM*) exec {real.path} "$@";; esac\necho out of order >&2\nexit 1\n')
+    broken.chmod(0o755)
+    monkeypatch.setenv("OFFTRACK_COMPILER", str(broken))
+    monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
+    function, values = step_function(tractor_semitrailer), numbers(tractor_semitrailer)
+    x, u = random_states(tractor_semitrailer), random_inputs(tractor_semitrailer)
+    np.testing.assert_array_equal(
+        kernel_for_one(function, values, "auto")(x[0], u[0]),
+        kernel_for_one(function, values, "interpreted")(x[0], u[0]),
+    )
+    assert "out of order" in caplog.text
+    with pytest.raises(ValueError, match="out of order"):
+        kernel_for_many(function, values, N, "compiled")

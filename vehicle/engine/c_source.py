@@ -1,0 +1,129 @@
+"""C source of a program: the same text for one vehicle and, with several lanes to a number, for many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from importlib import resources
+from string import Template
+from typing import Final
+
+from vehicle.engine.program import Program
+from vehicle.engine.tape import Constant, Entry, Node, Tape
+
+_INFIX: Final = {
+    "add": "{} + {}",
+    "sub": "{} - {}",
+    "mul": "{} * {}",
+    "div": "{} / {}",
+    "neg": "-{}",
+    "inv": "1.0 / {}",
+}
+
+# An entry of the numbers c is one for all vehicles or, with OWN_NUMBERS, one for each.
+_KERNEL: Final = Template("""
+#define NX $nx
+#define NU $nu
+#define NC $nc
+#define NH $nh
+#define NY $ny
+
+#ifdef OWN_NUMBERS
+typedef real number;
+#define NUMBER(k) c[k]
+#else
+typedef double number;
+#define NUMBER(k) ALL(c[k])
+#endif
+#define FUNCTION static __attribute__((noinline)) void
+
+/* what stays the same from tick to tick */
+FUNCTION hold(const real *restrict u, const number *restrict c, real *restrict h) {
+$held
+}
+
+FUNCTION evaluate(const real *restrict x, const real *restrict u, const number *restrict c, const real *restrict h,
+                  real *restrict y) {
+$body
+}
+
+/* columns of a few rows of a matrix; lanes beyond its last row repeat that */
+static void load(double *restrict to, const double *restrict from, long row, long rows, int columns) {
+  for (int e = 0; e < LANES; e++) {
+    const double *source = from + (row + e < rows ? row + e : rows - 1) * columns;
+    for (int k = 0; k < columns; k++) to[k * LANES + e] = source[k];
+  }
+}
+
+static void store(double *restrict to, const double *restrict from, long row, long rows, int columns) {
+  for (int e = 0; e < LANES && row + e < rows; e++)
+    for (int k = 0; k < columns; k++) to[(row + e) * columns + k] = from[k * LANES + e];
+}
+
+/* y (n, NY) after some ticks from x (n, NX), with inputs u (n, NU) and numbers c (NC,) or (n, NC) */
+void run(long n, long ticks, const double *x, const double *u, const double *c, double *y) {
+  for (long row = 0; row < n; row += LANES) {
+    real X[NX + 1], U[NU + 1], H[NH + 1], Y[NY + 1];
+    load((double *)X, x, row, n, NX);
+    load((double *)U, u, row, n, NU);
+#ifdef OWN_NUMBERS
+    real C[NC + 1];
+    load((double *)C, c, row, n, NC);
+#else
+    const double *C = c;
+#endif
+    hold(U, C, H);
+    for (long tick = 0; tick < ticks; tick++) {
+      evaluate(X, U, C, H, Y);
+#if NX == NY
+      memcpy(X, Y, sizeof X);
+#endif
+    }
+    store(y, (double *)Y, row, n, NY);
+  }
+}
+""")
+
+
+def c_source(program: Program) -> str:
+    """The function ``run`` of a program, to be compiled with LANES and OWN_NUMBERS as wanted."""
+    kernel = _KERNEL.substitute(
+        nx=program.n_state,
+        nu=program.n_input,
+        nc=program.n_numbers,
+        nh=len(program.held.result),
+        ny=len(program.body.result),
+        held=_assignments(program.held, ["", "u", "", "c"], "h"),
+        body=_assignments(program.body, ["x", "u", "", "c", "h"], "y"),
+    )
+    return (resources.files("vehicle.engine") / "lanes.h").read_text(encoding="utf-8") + kernel
+
+
+def _assignments(tape: Tape, arguments: list[str], result: str) -> str:
+    values = [_value(k, node, arguments) for k, node in enumerate(tape.nodes)]
+    return "\n".join(f"  {line}" for line in _lines(tape, values, result))
+
+
+def _lines(tape: Tape, values: list[str], result: str) -> Iterable[str]:
+    for k, node in enumerate(tape.nodes):
+        if not isinstance(node, Entry | Constant):
+            operands = [values[a] for a in node.operands]
+            call = f"op_{node.name}({', '.join(operands)})"
+            yield f"const real v{k} = {_INFIX[node.name].format(*operands) if node.name in _INFIX else call};"
+    for i, k in enumerate(tape.result):
+        yield f"{result}[{i}] = {values[k]};"
+
+
+def _value(k: int, node: Node, arguments: list[str]) -> str:
+    if isinstance(node, Constant):
+        return f"ALL({_literal(node.value)})"
+    if isinstance(node, Entry):
+        name = arguments[node.argument]
+        return f"NUMBER({node.place})" if name == "c" else f"{name}[{node.place}]"
+    return f"v{k}"
+
+
+def _literal(value: float) -> str:
+    if math.isfinite(value):
+        return repr(value)
+    return "NAN" if math.isnan(value) else f"{'-' if value < 0.0 else ''}INFINITY"
