@@ -1,0 +1,176 @@
+"""Handling figures against closed forms, and against what they claim of the motion."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vehicle.description import GRAVITY, Axle, Vehicle
+from vehicle.handling import (
+    characteristic_speed,
+    critical_speed,
+    peak_rearward_amplification,
+    rearward_amplification,
+    static_rollover_threshold,
+    steady_off_tracking,
+    understeer_gradient,
+    yaw_damping,
+)
+from vehicle.linear import lateral_model
+from vehicle.loads import static_axle_loads
+
+
+@pytest.fixture
+def alone(tractor_semitrailer: Vehicle) -> Vehicle:
+    """The tractor alone, without drag and pneumatic trail: it has closed forms."""
+    return with_tyres(tractor_semitrailer.model_copy(update={"units": tractor_semitrailer.units[:1]}), {})
+
+
+def with_tyres(vehicle: Vehicle, changes: dict[int, float]) -> Vehicle:
+    """The vehicle without drag and trail, the stiffness of its numbered axles times a factor."""
+    units, number = [], 0
+    for unit in vehicle.units:
+        axles = []
+        for axle in unit.axles:
+            stiffness = changes.get(number, 1.0) * axle.tyre.cornering_stiffness
+            tyre = axle.tyre.model_copy(
+                update={"rolling_resistance": 0.0, "pneumatic_trail": 0.0, "cornering_stiffness": stiffness}
+            )
+            axles.append(axle.model_copy(update={"tyre": tyre}))
+            number += 1
+        units.append(unit.model_copy(update={"axles": tuple(axles)}))
+    return vehicle.model_copy(update={"units": tuple(units)})
+
+
+def closed_form(alone: Vehicle) -> tuple[float, float]:
+    """Wheelbase [m] and F_f / (C_f g) - F_r / (C_r g) [rad/(m/s2)] of a vehicle with two axles."""
+    (front, rear), loads = alone.units[0].axles, static_axle_loads(alone)[0]
+    return front.x - rear.x, (loads[0] / stiffness(front, loads[0]) - loads[1] / stiffness(rear, loads[1])) / GRAVITY
+
+
+def stiffness(axle: Axle, load: float) -> float:
+    """Cornering stiffness [N/rad] of an axle under a load [N]."""
+    tyre = axle.tyre
+    return load * tyre.cornering_stiffness * (1.0 - tyre.load_sensitivity * (load / 2 / tyre.nominal_load - 1.0))
+
+
+@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
+def test_understeer_gradient_is_that_of_loads_over_stiffnesses(alone: Vehicle, speed: float) -> None:
+    """K = (F_f / C_f - F_r / C_r) / g at any speed."""
+    # Differences of two gains keep nine digits; the magic formula's smoothing at zero slip takes 1e-7.
+    assert understeer_gradient(alone, speed) == pytest.approx(closed_form(alone)[1], rel=1e-6)
+
+
+def test_yaw_rate_gain_is_largest_at_the_characteristic_speed(alone: Vehicle) -> None:
+    """sqrt(L / K), where the gain is half of that without understeer."""
+    L, K = closed_form(alone)
+    found = characteristic_speed(alone, 20.0)
+    assert found == pytest.approx(math.sqrt(L / K), rel=1e-6)  # as the gradient
+    gains = [lateral_model(alone, v).steady_gain("yaw_rate_0") for v in (0.95 * found, found, 1.05 * found)]
+    assert gains[1] == max(gains)
+    assert gains[1] == pytest.approx(0.5 * found / L, rel=1e-6)  # as the gradient
+
+
+def test_critical_speed_of_an_oversteering_tractor(alone: Vehicle) -> None:
+    """sqrt(L / -K): above it the straight course diverges. It has no characteristic speed."""
+    loose = with_tyres(alone, {1: 0.4})
+    L, K = closed_form(loose)
+    assert K < 0.0
+    assert critical_speed(loose) == pytest.approx(math.sqrt(-L / K), rel=1e-5)  # as the gradient, and of the search
+    assert characteristic_speed(loose, 10.0) is None
+
+
+def test_understeering_combination_has_no_critical_speed(tractor_semitrailer: Vehicle) -> None:
+    """The laden combination is stable at any speed that it could reach."""
+    assert critical_speed(tractor_semitrailer) is None
+
+
+def test_tail_heavy_trailer_swings_beyond_a_speed(tractor_semitrailer: Vehicle) -> None:
+    """Load far behind its axles and soft tyres: a trailer's swing, not a divergence, sets the critical speed."""
+    tractor, trailer = tractor_semitrailer.units
+    trailer = trailer.model_copy(update={"cg_x": -8.5, "yaw_inertia": 8e5})
+    swinging = with_tyres(
+        tractor_semitrailer.model_copy(update={"units": (tractor, trailer)}), {2: 0.3, 3: 0.3, 4: 0.3}
+    )
+    speed = critical_speed(swinging)
+    assert speed is not None
+    assert yaw_damping(swinging, speed) == pytest.approx(0.0, abs=1e-6)  # the search's, on a damping of order 1
+    assert yaw_damping(swinging, 0.98 * speed) > 0.0 > yaw_damping(swinging, 1.02 * speed)
+    growing = lateral_model(swinging, speed).eigenvalues()[-1]
+    assert abs(growing.imag) > 0.1  # [rad/s] it swings: a divergence has none
+
+
+def test_damping_is_that_of_decaying_oscillations(tractor_semitrailer: Vehicle) -> None:
+    """zeta of the trailer's mode from the logarithmic decrement of its articulation, let go from an angle."""
+    model = lateral_model(tractor_semitrailer, 24.0)
+    values, vectors = np.linalg.eig(model.A)
+    slow = int(np.argmax(values.real * (values.imag > 0) - 1e3 * (values.imag <= 0)))
+    period = 2.0 * math.pi / values[slow].imag
+    amplitude = [np.abs(np.exp(values[slow] * t) * vectors[-1, slow]) for t in (0.0, period)]
+    decrement = math.log(amplitude[0] / amplitude[1])
+    expected = decrement / math.hypot(2.0 * math.pi, decrement)
+    assert yaw_damping(tractor_semitrailer, 24.0) == pytest.approx(expected, rel=1e-9)  # rounding
+
+
+def test_damping_is_one_where_nothing_swings(alone: Vehicle) -> None:
+    """At walking pace a tractor's motion decays without overshoot."""
+    assert yaw_damping(alone, 1.0) == 1.0
+
+
+def test_amplification_is_one_for_slow_steering(tractor_semitrailer: Vehicle) -> None:
+    """Steered slowly, every unit goes through the same curve; the peak is above all of the curve's points."""
+    assert rearward_amplification(tractor_semitrailer, 24.0, 1e-4) == pytest.approx(1.0, abs=1e-5)  # second order in f
+    peak = peak_rearward_amplification(tractor_semitrailer, 24.0)
+    curve = rearward_amplification(tractor_semitrailer, 24.0, np.linspace(0.05, 2.0, 500))
+    assert curve.shape == (500,)
+    assert curve.max() <= peak.gain
+    assert curve.max() == pytest.approx(peak.gain, rel=1e-4)  # a grid of 4 mHz on a peak 0.2 Hz wide
+    by_yaw_rate = peak_rearward_amplification(tractor_semitrailer, 24.0, "yaw_rate")
+    assert by_yaw_rate.gain > 1.0
+    assert by_yaw_rate.gain != pytest.approx(peak.gain, rel=1e-2)  # another quantity, another figure
+
+
+def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(tractor_semitrailer: Vehicle) -> None:
+    """Of each unit: half its axle loads times track against inertia at the centre of gravity and the leaning weight."""
+    tractor, trailer = tractor_semitrailer.units
+    per_a_y = [
+        unit.mass * (unit.cg_height + (unit.cg_height - unit.roll_axis_height) * GRAVITY * unit.roll_gradient)
+        for unit in (tractor, trailer)
+    ]  # roll moment over lateral acceleration [kg m]
+    carried = [per_a_y[0] + trailer.hitch_roll_share * per_a_y[1], (1.0 - trailer.hitch_roll_share) * per_a_y[1]]
+    loads = static_axle_loads(tractor_semitrailer)
+    by_hand = [
+        0.5 * sum(load) * unit.axles[0].track / moment
+        for load, unit, moment in zip(loads, (tractor, trailer), carried, strict=True)
+    ]
+    # Drag and its hitch force in straight running move 0.1 % of the load from axle to axle.
+    assert static_rollover_threshold(tractor_semitrailer) == pytest.approx(min(by_hand), rel=2e-3)
+
+
+def test_group_of_axles_runs_as_one_farther_back(tractor_semitrailer: Vehicle) -> None:
+    """Three equal axles at x turn about x_2 = sum(x^2) / sum(x), where their moments about the hitch cancel.
+
+    Side forces do not cancel there: sideways velocities (x - x_2) r leave the hitch C / V sum(x - x_2) r, of which the
+    tractor's rear axle takes (L - h) / L; it slips and the tractor turns about x_1 = C / C_r sum(x - x_2) (L - h) / L.
+    """
+    vehicle = with_tyres(tractor_semitrailer, {})
+    L, h = vehicle.units[0].axles[0].x, vehicle.units[0].hitch_x
+    x = np.array([axle.x for axle in vehicle.units[1].axles])
+    x_2 = np.sum(x**2) / np.sum(x)
+    rear, load = vehicle.units[0].axles[1], static_axle_loads(vehicle)[0][1]
+    one = stiffness(vehicle.units[1].axles[0], static_axle_loads(vehicle)[1][0])
+    x_1 = one / stiffness(rear, load) * np.sum(x - x_2) * (L - h) / L
+    for radius in (12.5, 30.0, 100.0):
+        expected = radius - math.sqrt(radius**2 - (L - x_1) ** 2 + (h - x_1) ** 2 - x_2**2)
+        # The magic formula's smoothing at zero slip takes 1e-7, as does the extrapolation to walking pace.
+        assert steady_off_tracking(vehicle, radius) == pytest.approx(expected, rel=1e-6)
+
+
+def test_circles_too_tight_are_refused(tractor_semitrailer: Vehicle) -> None:
+    """Where the trailer would have to stand across, there is no steady turn."""
+    with pytest.raises(ValueError, match=r"radius = 8.0 m is too tight for semitrailer"):
+        steady_off_tracking(tractor_semitrailer, 8.0)
+    with pytest.raises(ValueError, match=r"radius = -20.0 m"):
+        steady_off_tracking(tractor_semitrailer, -20.0)

@@ -1,0 +1,281 @@
+"""The linearised lateral motion: against matrices derived by hand, python-control and the moving vehicle itself."""
+
+from __future__ import annotations
+
+import math
+
+import control
+import numpy as np
+import pytest
+
+from vehicle.description import Vehicle, load_vehicle
+from vehicle.layout import Input, input_sizes, parts
+from vehicle.linear import LateralModel, lateral_model
+from vehicle.loads import static_axle_loads
+from vehicle.plant import Plant, VehicleCommand
+from vehicle.surface import Surface
+from vehicle.trim import straight_running
+from vehicle.tyres.data import LinearTyre
+
+STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
+
+
+def ideal(vehicle: Vehicle, trail: float = 0.0) -> Vehicle:
+    """The vehicle on tyres as textbooks have them: stiff in proportion to load, without rolling resistance."""
+    stiffness = iter(STIFFNESS)
+    units = []
+    for unit, loads in zip(vehicle.units, static_axle_loads(vehicle), strict=True):
+        axles = tuple(
+            axle.model_copy(update={"tyre": linear_tyre(next(stiffness), load, trail)})
+            for axle, load in zip(unit.axles, loads, strict=True)
+        )
+        units.append(unit.model_copy(update={"axles": axles}))
+    return vehicle.model_copy(update={"units": tuple(units)})
+
+
+def linear_tyre(stiffness: float, axle_load: float, trail: float) -> LinearTyre:
+    return LinearTyre(
+        model="linear",
+        cornering_stiffness=stiffness,
+        longitudinal_stiffness=15.0,
+        nominal_load=axle_load / 2,
+        load_sensitivity=0.0,
+        relaxation_length=0.5,
+        damping=0.01,
+        rolling_resistance=0.0,
+        pneumatic_trail=trail,
+    )
+
+
+def by_hand(vehicle: Vehicle, V: float, trail: float) -> tuple[np.ndarray, np.ndarray]:
+    """A and B in (v_y of To, r_1, r_2, gamma): Newton-Euler, the hitch's force Y on the trailer a fifth unknown.
+
+    Lateral accelerations of the centres of gravity: v' + V r_1 + x_1 r_1' and v' + V r_1 + h r_1' + x_2 r_2'. Axle
+    forces C (delta - alpha), with alpha = (v + x r_1) / V and (v + h r_1 + x r_2) / V + gamma, act ``trail`` behind.
+    """
+    (tractor, trailer), h = vehicle.units, vehicle.units[0].hitch_x
+    x_1, x_2 = tractor.cg_x, trailer.cg_x
+    n_steered = len(tractor.steered_axles + trailer.steered_axles)
+    M, K, B = np.zeros((5, 5)), np.zeros((5, 4)), np.zeros((5, n_steered))
+    M[0] = [tractor.mass, tractor.mass * x_1, 0, 0, 1]
+    M[1] = [0, tractor.yaw_inertia, 0, 0, h - x_1]
+    M[2] = [trailer.mass, trailer.mass * h, trailer.mass * x_2, 0, -1]
+    M[3] = [0, 0, trailer.yaw_inertia, 0, x_2]
+    M[4, 3] = 1.0
+    K[0, 1], K[2, 1], K[4, 1], K[4, 2] = -tractor.mass * V, -trailer.mass * V, 1.0, -1.0
+    axles = [(0, axle, load) for axle, load in zip(tractor.axles, static_axle_loads(vehicle)[0], strict=True)]
+    axles += [(2, axle, load) for axle, load in zip(trailer.axles, static_axle_loads(vehicle)[1], strict=True)]
+    actuator = 0
+    for (row, axle, load), stiffness in zip(axles, STIFFNESS, strict=True):
+        C = stiffness * load
+        alpha = np.array([1, axle.x, 0, 0] if row == 0 else [1, h, axle.x, V]) / V
+        lever = axle.x - trail - (x_1 if row == 0 else x_2)
+        K[row] -= C * alpha
+        K[row + 1] -= lever * C * alpha
+        if axle.steered:
+            B[[row, row + 1], actuator] = [C, lever * C]
+            actuator += 1
+    solved = np.linalg.solve(M, np.column_stack([K, B]))[:4]
+    return solved[:, :4], solved[:, 4:]
+
+
+@pytest.mark.parametrize("trail", [0.0, 0.05])
+@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
+@pytest.mark.parametrize("steered_trailer", [False, True])
+def test_matrices_are_those_of_the_single_track_model(
+    tractor_semitrailer: Vehicle, longer_semitrailer: Vehicle, steered_trailer: bool, speed: float, trail: float
+) -> None:
+    """With the assumptions of the textbooks the chain's linear motion is theirs, every entry of A and B."""
+    vehicle = ideal(longer_semitrailer if steered_trailer else tractor_semitrailer, trail)
+    model = lateral_model(vehicle, speed)
+    assert model.states == ("v_y", "yaw_rate_0", "yaw_rate_1", "articulation_1")
+    A, B = by_hand(vehicle, speed, trail)
+    # Rounding, relative to the largest entries: some are small differences of large ones.
+    np.testing.assert_allclose(model.A, A, rtol=1e-9, atol=1e-10 * np.abs(A).max())
+    np.testing.assert_allclose(model.B, B, rtol=1e-9, atol=1e-10 * np.abs(B).max())
+
+
+@pytest.mark.parametrize("speed", [5.0, 15.0, 25.0])
+def test_outputs_are_what_the_motion_says(longer_semitrailer: Vehicle, speed: float) -> None:
+    """Accelerations follow from A and B by kinematics; a position's second derivative is an acceleration, too."""
+    model = lateral_model(
+        ideal(longer_semitrailer),
+        speed,
+        outputs=("lateral_acceleration", "lateral_velocity", "axle_position", "follow_position"),
+        path=True,
+    )
+    tractor, trailer = longer_semitrailer.units
+    h, state, row = tractor.hitch_x, model.states.index, model.outputs.index
+    v, r_1, r_2 = state("v_y"), state("yaw_rate_0"), state("yaw_rate_1")
+    for matrix, given in ((model.A, model.C), (model.B, model.D)):
+        turning = np.eye(len(model.A))[r_1] * speed if matrix is model.A else 0.0
+        a_1 = matrix[v] + turning + tractor.cg_x * matrix[r_1]
+        a_2 = matrix[v] + turning + h * matrix[r_1] + trailer.cg_x * matrix[r_2]
+        np.testing.assert_allclose(given[row("lateral_acceleration_0")], a_1, atol=1e-9)  # rounding
+        np.testing.assert_allclose(given[row("lateral_acceleration_1")], a_2, atol=1e-9)
+    # At To's height the velocity across the trailer is the hitch's, turned by the articulation.
+    hitch = np.zeros(len(model.A))
+    hitch[[v, r_1, state("articulation_1")]] = 1.0, h, speed
+    np.testing.assert_allclose(model.C[row("lateral_velocity_1")], hitch, atol=1e-12)  # rounding
+    # d2/dt2 of an axle's place beside the path, from its row of C alone, is the acceleration of that point.
+    a_axle = model.C[row("axle_position_0")] @ model.A @ model.A
+    by_kinematics = model.A[v] + np.eye(len(model.A))[r_1] * speed + tractor.axles[0].x * model.A[r_1]
+    np.testing.assert_allclose(a_axle, by_kinematics, atol=1e-9)  # rounding
+    assert model.outputs[-1] == "follow_position_1"
+    follow = model.C[-1] @ np.array([{"y": 1.0, "psi": 2.0, "articulation_1": 3.0}.get(s, 0.0) for s in model.states])
+    assert follow == pytest.approx(1.0 + 2.0 * h + trailer.follow_x * (2.0 - 3.0), abs=1e-12)  # y + h psi + x psi_S
+
+
+ALL = ("yaw_rate", "lateral_velocity", "lateral_acceleration", "articulation", "load_transfer")
+
+
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "uk_longer_semitrailer"])
+def test_lags_leave_every_steady_gain_as_it_is(name: str) -> None:
+    """A lag left out or kept, an actuator left out or kept: what is left in the end is the same."""
+    vehicle = load_vehicle(name)
+    reduced = lateral_model(vehicle, 22.0, outputs=ALL)
+    for full in (
+        lateral_model(vehicle, 22.0, outputs=ALL, tyre_dynamics=True),
+        lateral_model(vehicle, 22.0, outputs=ALL, actuators=True),
+        lateral_model(vehicle, 22.0, outputs=ALL, tyre_dynamics=True, actuators=True),
+    ):
+        for output in full.outputs:
+            for to in full.inputs:
+                # Rounding of two solutions; gains are of order 1 to 100 (hitch forces of 1e4 N are among the states).
+                assert full.steady_gain(output, to) == pytest.approx(
+                    reduced.steady_gain(output, to), rel=1e-7, abs=1e-8
+                )
+
+
+def test_without_lags_is_the_limit_of_short_lags(tractor_semitrailer: Vehicle) -> None:
+    """As tyres relax within ever shorter a way and wheels get lighter, the slow modes tend to those without lags.
+
+    Drag would let roll take part: the wheels that it loads drag more.
+    """
+    vehicle = ideal(tractor_semitrailer)
+    expected = lateral_model(vehicle, 20.0).eigenvalues()
+    errors = []
+    for factor in (1e-2, 1e-3):
+        quick = quickened(vehicle, factor)
+        all_modes = lateral_model(quick, 20.0, tyre_dynamics=True).eigenvalues()
+        errors.append(max(np.abs(all_modes - mode).min() for mode in expected))
+    assert errors[1] == pytest.approx(0.1 * errors[0], rel=0.1)  # first order in the lags
+    assert errors[1] < 1e-3 * np.abs(expected).max()  # 1e-3 of a lag of 25 ms, on modes of some 1/s
+
+
+def quickened(vehicle: Vehicle, factor: float) -> Vehicle:
+    """The vehicle with relaxation lengths and wheel inertias times a factor, on undamped carcasses."""
+    units = []
+    for unit in vehicle.units:
+        axles = []
+        for axle in unit.axles:
+            length = factor * axle.tyre.relaxation_length
+            tyre = axle.tyre.model_copy(update={"relaxation_length": length, "damping": 0.0})
+            axles.append(axle.model_copy(update={"tyre": tyre, "wheel_inertia": factor * axle.wheel_inertia}))
+        units.append(unit.model_copy(update={"axles": tuple(axles)}))
+    return vehicle.model_copy(update={"units": tuple(units)})
+
+
+def test_frequency_response_is_that_of_python_control(longer_semitrailer: Vehicle) -> None:
+    """The direct solution of (j w - A) x = B u against the library's evaluation of the same named system."""
+    model = lateral_model(longer_semitrailer, 22.0, outputs=ALL, tyre_dynamics=True, actuators=True)
+    system = model.state_space()
+    assert tuple(system.state_labels) == model.states
+    assert tuple(system.input_labels) == model.inputs
+    assert tuple(system.output_labels) == model.outputs
+    frequencies = np.array([0.05, 0.3, 1.0, 3.0])  # [Hz]
+    theirs = system(2j * np.pi * frequencies)
+    scale = np.abs(theirs).max()
+    for i, output in enumerate(model.outputs):
+        for j, to in enumerate(model.inputs):
+            # Two solvers of one system, whose hitch force of 1e4 N per rad costs four digits of sixteen.
+            np.testing.assert_allclose(model.response(output, frequencies, to), theirs[i, j], atol=1e-10 * scale)
+
+
+def test_small_motions_of_the_plant_are_those_of_the_linear_model(longer_semitrailer: Vehicle) -> None:
+    """Steps of 0.5 mrad of all steering demands at 20 m/s, two seconds: the real vehicle and the linear one."""
+    speed, ticks, n = 20.0, 10, 200
+    plant = Plant(longer_semitrailer, Surface(friction=0.8))
+    state, u = straight_running(longer_semitrailer, speed, 0.8)
+    model = lateral_model(longer_semitrailer, speed, tyre_dynamics=True, actuators=True, outputs=("yaw_rate",))
+    steps = {"steer": 5e-4, "trailer_steer_0": -5e-4, "trailer_steer_1": 5e-4}  # [rad]
+    held = Input(*parts(u, input_sizes(longer_semitrailer))).acceleration[0]
+    command = VehicleCommand(steps["steer"], held, (steps["trailer_steer_0"], steps["trailer_steer_1"]))
+    got = []
+    for tick in range(0, n * ticks, ticks):
+        got.append(plant.observe(state, tick).velocities[:, 2])
+        state = plant.step(state, command, ticks)
+    times = np.arange(n) * ticks * 1e-3
+    demands = np.array([[steps[name]] for name in model.inputs]) * np.ones(n)
+    expected = control.forced_response(model.state_space(), times, demands).outputs
+    # 1.6e-4 are left at half and at twice these steps, so not of what is not linear: integration at 1 ms.
+    np.testing.assert_allclose(np.array(got).T, expected, atol=5e-4 * np.abs(expected).max())
+
+
+def test_friction_does_not_matter_to_freely_rolling_tyres(tractor_semitrailer: Vehicle) -> None:
+    """The initial stiffness of a tyre is the same on any ground; without drag no force uses up friction."""
+    vehicle = ideal(tractor_semitrailer)
+    dry, icy = (lateral_model(vehicle, 20.0, friction=friction) for friction in (0.8, 0.1))
+    np.testing.assert_allclose(icy.A, dry.A, atol=1e-9)  # rounding
+
+
+def test_axles_steered_in_a_group_move_by_their_ratios(longer_semitrailer: Vehicle) -> None:
+    """One actuator with ratios 1 and 0.5: its column of B is that of the first axle plus half that of the second."""
+    tractor, trailer = longer_semitrailer.units
+    fixed, first, second = trailer.axles
+    axles = (
+        fixed,
+        first.model_copy(update={"steer_group": "rear"}),
+        second.model_copy(update={"steer_group": "rear", "steer_ratio": 0.5}),
+    )
+    grouped = longer_semitrailer.model_copy(update={"units": (tractor, trailer.model_copy(update={"axles": axles}))})
+    single, group = lateral_model(longer_semitrailer, 20.0), lateral_model(grouped, 20.0)
+    assert group.inputs == ("steer", "trailer_steer_0")
+    np.testing.assert_allclose(group.B[:, 1], single.B[:, 1] + 0.5 * single.B[:, 2], atol=1e-9)  # rounding
+
+
+def test_a_linked_axle_of_the_tractor_turns_by_its_ratio_of_the_foremost_one() -> None:
+    """The driver's demand is the first axle's angle; the linkage turns the second by r times that."""
+    truck = load_vehicle("rigid_truck_8x4")
+    (unit,) = truck.units
+    ratio = unit.axles[1].steer_ratio
+    first, second = (lateral_model(with_steered(truck, axle), 20.0).B[:, 0] for axle in (0, 1))
+    np.testing.assert_allclose(lateral_model(truck, 20.0).B[:, 0], first + ratio * second, atol=1e-9)  # rounding
+
+
+def with_steered(vehicle: Vehicle, steered: int) -> Vehicle:
+    """A vehicle of one unit on which one numbered axle alone is steered, by an actuator of its own."""
+    (unit,) = vehicle.units
+    own = {"steer_group": None, "steer_ratio": 1.0}
+    axles = tuple(axle.model_copy(update={**own, "steered": k == steered}) for k, axle in enumerate(unit.axles))
+    return vehicle.model_copy(update={"units": (unit.model_copy(update={"axles": axles}),)})
+
+
+def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: Vehicle) -> None:
+    """How a vehicle steers at a speed does not depend on whether its engine could hold it there."""
+    drive = tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})  # [W], of some 50 kW that drag takes
+    weak = tractor_semitrailer.model_copy(update={"drive": drive})
+    np.testing.assert_array_equal(lateral_model(weak, 25.0).A, lateral_model(tractor_semitrailer, 25.0).A)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "complaint"),
+    [(("yaw_rat",), "unknown output 'yaw_rat'; did you mean 'yaw_rate'?"), (("follow_position",), "path=True")],
+)
+def test_outputs_that_can_not_be_told_are_refused(
+    tractor_semitrailer: Vehicle, outputs: tuple[str, ...], complaint: str
+) -> None:
+    """A misspelt output names the nearest one; a position needs a path to be beside of."""
+    with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
+        lateral_model(tractor_semitrailer, 20.0, outputs=outputs)
+
+
+def test_a_regulator_designed_on_the_model_holds_the_path(longer_semitrailer: Vehicle) -> None:
+    """The model is made for design: an LQR on all inputs moves both integrators of the path to the left."""
+    model: LateralModel = lateral_model(longer_semitrailer, 20.0, path=True, outputs=("follow_position",))
+    system = model.state_space()
+    gain, _, poles = control.lqr(system, model.C.T @ model.C + 1e-3 * np.eye(len(model.A)), 10.0 * np.eye(3))
+    assert gain.shape == (3, len(model.states))
+    assert np.count_nonzero(np.abs(model.eigenvalues()) < 1e-6) == 2  # y and psi, before: nothing brings them back
+    assert max(pole.real for pole in poles) < -1e-2
+    assert math.isfinite(float(np.abs(gain).max()))
