@@ -1,0 +1,221 @@
+"""`offtrack vehicle` as a user meets it, and the sheet it draws."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import typer
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+from PIL import Image
+from typer.testing import CliRunner, Result
+
+from scenarios.commands.vehicle import vehicle
+from scenarios.vehicle_sheet import draw_sheet
+from scenarios.vehicle_views import Sheet, plan_view, side_view
+from vehicle.description import load_vehicle, vehicle_names
+from vehicle.facts import facts, handling_at
+
+PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
+app = typer.Typer()
+app.command()(vehicle)
+
+
+@pytest.fixture
+def offtrack_vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working directory on a wide terminal."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "160")
+    return tmp_path
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+def mine(directory: Path, name: str, old: str, new: str) -> Path:
+    """A user's file: a shipped one with one thing changed."""
+    text = (PARAMETERS / f"{name}.toml").read_text(encoding="utf-8")
+    assert old in text
+    path = directory / "mine.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return path
+
+
+def test_without_a_name_all_vehicles_are_listed(offtrack_vehicle: Path) -> None:
+    """A line each, with what it is; as JSON name to summary."""
+    listed = run().stdout
+    for name in vehicle_names():
+        assert f"{name} " in listed
+        assert load_vehicle(name).summary in listed
+    assert json.loads(run("--json").stdout).keys() == set(vehicle_names())
+
+
+def test_a_vehicle_is_shown_and_drawn(offtrack_vehicle: Path) -> None:
+    """Loads as published, reach and handling, where the numbers come from, and where the sheet lies."""
+    done = run("openpbs_tractor_semitrailer_6x2")
+    assert done.exit_code == 0
+    for words in ("7.32", "14.47", "42.94 t", "understeer gradient", "critical speed", "yaw damping", "±42.0°"):
+        assert words in done.stdout
+    assert "load [t]" in done.stdout  # brackets are no markup
+    assert "numbers of the file state their source" in done.stdout
+    sheet = offtrack_vehicle / "runs" / "vehicle-openpbs_tractor_semitrailer_6x2-1"
+    assert {path.name for path in sheet.iterdir()} == {"sheet.svg", "sheet.png", "facts.json"}
+    assert str(sheet.relative_to(offtrack_vehicle)) in done.stdout
+
+
+def test_json_is_the_data_sheet_and_nothing_else(offtrack_vehicle: Path) -> None:
+    """The same numbers as beside the drawing, with units in their names."""
+    done = run("b_double", "--json", "--out", "sheet")
+    numbers = json.loads(done.stdout)
+    assert numbers == json.loads((offtrack_vehicle / "sheet" / "facts.json").read_text(encoding="utf-8"))
+    steer, drive, _ = (axle["load_kg"] for axle in numbers["units"][0]["axles"])
+    assert (steer, drive) == pytest.approx((5664.0, 7714.0), abs=1.0)  # [kg], lengths in the file are to micrometres
+    handling = handling_at(load_vehicle("b_double"))
+    assert numbers["handling"]["yaw_damping"] == handling.yaw_damping
+    assert numbers["handling"]["critical_speed_kmh"] is None
+    assert numbers["sources"]["stated"] > numbers["sources"]["assumed"] > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("mass = { value = 18000.0", "mass = { value = -18.0", ["units.0.mass = -18.0", "greater than 0", "[kg]"]),
+        (
+            "limit_deg = { value = 42.0",
+            "limit_deg = { value = 420",
+            ["units.0.steering.limit_deg = 420", "80", "[deg]"],
+        ),
+        (
+            "peak_slip = { value = [0.12, 0.15]",
+            "peak_slip = { value = [0.95, 0.15]",
+            ["sliding_slip = 0.9", "peak_slip"],
+        ),
+        ("\ntrack", "\ntrak", ["units.0.axles.0.trak", "did you mean 'track'"]),
+    ],
+)
+def test_a_mistake_in_a_file_is_one_line_and_nothing_is_drawn(
+    offtrack_vehicle: Path, old: str, new: str, says: list[str]
+) -> None:
+    """File, key, value, limit and unit on standard error, and exit code 2."""
+    path = mine(offtrack_vehicle, "rigid_truck", old, new)
+    done = run(str(path))
+    assert done.exit_code == 2
+    assert done.stdout == ""
+    line = done.stderr.removesuffix("\n")
+    assert "\n" not in line
+    for words in ("mine.toml", *says):
+        assert words in line
+    assert not (offtrack_vehicle / "runs").exists()
+
+
+def test_an_unknown_vehicle_and_a_full_directory_are_refused(offtrack_vehicle: Path) -> None:
+    """Both before anything is computed."""
+    done = run("b_dubble")
+    assert (done.exit_code, "did you mean 'b_double'?" in done.stderr) == (2, True)
+    (offtrack_vehicle / "full").mkdir()
+    (offtrack_vehicle / "full" / "kept.txt").write_text("kept", encoding="utf-8")
+    done = run("rigid_truck", "--out", "full")
+    assert (done.exit_code, "not empty" in done.stderr) == (2, True)
+
+
+def test_a_vehicle_that_does_not_stand_is_drawn_with_a_warning(offtrack_vehicle: Path) -> None:
+    """Its sheet is what shows the mistake: here a centre of gravity ahead of the front axle."""
+    path = mine(offtrack_vehicle, "rigid_truck", "cg_x = { value = 2.185", "cg_x = { value = 6.0")
+    done = run(str(path))
+    assert done.exit_code == 0
+    assert "Warning: units.0.axles.1 (truck): carries -9.3 kN" in done.stdout
+    assert "no handling figures" in done.stdout
+    assert (offtrack_vehicle / "runs" / "vehicle-mine-1" / "sheet.svg").exists()
+
+
+def side_of(name: str) -> Figure:
+    """The side view alone, on axes with equal scales."""
+    figure = Figure()
+    chosen = load_vehicle(name)
+    side_view(figure.add_subplot(aspect="equal"), Sheet(chosen, facts(chosen), 0.4))
+    return figure
+
+
+def test_wheels_stand_where_the_file_says_and_lifted_ones_hang() -> None:
+    """Stations of the axles behind the front and their radius above the ground, in metres of the drawing."""
+    (ax,) = side_of("eu_6x2_tractor_semitrailer").axes
+    tyres = [p for p in ax.patches if isinstance(p, Circle) and p.get_radius() == 0.5]
+    heights = {round(tyre.get_center()[0], 6): tyre.get_center()[1] for tyre in tyres}
+    assert sorted(heights) == [1.3, 5.0, 6.37, 10.84, 12.15, 13.46]
+    assert [heights[x] for x in (1.3, 5.0, 12.15, 13.46)] == [0.5] * 4
+    assert heights[6.37] > 0.5 < heights[10.84]
+
+
+def test_the_side_view_says_every_load_and_length() -> None:
+    """Axle loads, groups, kingpins and the chains of dimensions are lettered on it."""
+    (ax,) = side_of("b_double").axes
+    said = [text.get_text() for text in ax.texts]
+    assert {"5.66", "7.71", "6.48", "6.40", "15.43 t", "19.44 t", "19.19 t", "11.64 t", "10.43 t"} <= set(said)
+    assert {"3.25", "5.88", "8.30", "12.40", "25.73", "4.30"} <= set(said)
+    assert "semitrailer, 29.62 t" in said
+
+
+def wheel_angles(name: str) -> dict[tuple[float, bool], float]:
+    """Angle to the left [deg] of every filled wheel in the plan, by station and whether it is a left wheel."""
+    figure = Figure()
+    ax = figure.add_subplot()
+    chosen = load_vehicle(name)
+    plan_view(ax, Sheet(chosen, facts(chosen), 0.4))
+    found = {}
+    for patch in ax.patches:
+        if isinstance(patch, Polygon) and patch.get_fill():
+            corners = patch.get_xy()[:-1]
+            x, y = corners.mean(axis=0)
+            long_side = max(np.diff(patch.get_xy(), axis=0), key=lambda side: math.hypot(*side))
+            angle = (math.degrees(math.atan2(long_side[1], long_side[0])) + 90.0) % 180.0 - 90.0
+            found[round(float(x), 6), bool(y < 0.0)] = angle  # the left side is below the middle
+    return found
+
+
+def test_the_plan_shows_a_left_turn_with_ackermann_and_opposite_trailer_axles() -> None:
+    """Tractor wheels go left, the inner one further; trailer axles behind the turning point go right."""
+    angles = wheel_angles("uk_longer_semitrailer")
+    left, right = angles[1.4, True], angles[1.4, False]
+    assert left > 42.0 > right > 0.0
+    # the axes of both wheels of the tractor meet beside its rear axle, 3.80 m behind them
+    assert 3.8 / math.tan(math.radians(right)) - 3.8 / math.tan(math.radians(left)) == pytest.approx(2.04)
+    rear = [angle for (x, _), angle in angles.items() if x > 13.0]
+    assert len(rear) == 4
+    assert all(angle < 0.0 for angle in rear)
+    assert angles[5.2, True] == angles[5.2, False] == 0.0  # the drive axle
+
+
+@pytest.mark.parametrize("name", ["rigid_truck", "a_double", "wb67"])
+def test_the_sheet_is_to_scale_and_whole(name: str, tmp_path: Path) -> None:
+    """Both pictures are there, with the same proportions, and no lettering leaves the border."""
+    chosen = load_vehicle(name)
+    svg, png = draw_sheet(chosen, facts(chosen), handling_at(chosen), tmp_path, note="noted")
+    root = ElementTree.parse(svg).getroot()
+    wide, high = (float(root.get(side, "").removesuffix("pt")) for side in ("width", "height"))
+    with Image.open(png) as picture:
+        pixels = np.asarray(picture.convert("L"))
+    assert pixels.shape[1] / pixels.shape[0] == pytest.approx(wide / high, rel=2e-3)  # a pixel in 500
+    margin = pixels.copy()
+    inside = 13  # [px] the border lies at 0.14 in * 110 px/in = 15 px, two wide
+    margin[inside:-inside, inside:-inside] = 255
+    assert margin.min() == 255
+    said = ["".join(text.itertext()) for text in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert {name, chosen.summary, "noted", f"{chosen.length:.2f}"} <= set(said)
+
+
+def test_the_same_vehicle_gives_the_same_drawing(tmp_path: Path) -> None:
+    """Drawings can be compared and kept under version control."""
+    chosen = load_vehicle("rigid_truck")
+    texts = []
+    for k in range(2):
+        (tmp_path / str(k)).mkdir()
+        svg, _ = draw_sheet(chosen, facts(chosen), None, tmp_path / str(k))
+        texts.append(svg.read_text(encoding="utf-8"))
+    assert all(one == other for one, other in pairwise(texts))
