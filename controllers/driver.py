@@ -18,6 +18,7 @@ _CREEP = 0.3  # below this speed a direction of travel is not a measurement [m/s
 _SLIP_TIME = 0.1  # low-pass on the front axle's slip angle: longer than tyre dynamics, shorter than a turn-in [s]
 _SPEED_GAIN = 2.0  # acceleration demand per speed error [1/s]
 _SPEED_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above, and still with the lag of a driveline
+_CROSSOVER = 7.0  # of the lateral loop at most: the steering's lag and the tractor's yaw leave no phase beyond [rad/s]
 _MAX_ACCELERATION = 1.5  # comfortable for a standing load [m/s2]
 
 
@@ -71,12 +72,16 @@ class PreviewDriver:
     """
 
     def __init__(self, tractor: TractorGeometry, path: Path, speed: float, *, gain: float = 0.6) -> None:
-        """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m]."""
+        """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m].
+
+        At speed he turns back more gently: the lateral error decays at the rate gain times speed.
+        """
         if not speed > 0.0:
             raise ValueError(f"speed = {speed} m/s must be positive")
         if not gain > 0.0:
             raise ValueError(f"gain = {gain} rad/m must be positive")
-        self._tractor, self._path, self._speed, self._gain = tractor, path, speed, gain
+        self._tractor, self._path, self._speed = tractor, path, speed
+        self._gain = min(gain, _CROSSOVER / speed)
 
     def init(self) -> DriverMemory:
         """Memory at the start of the path, wheels straight."""

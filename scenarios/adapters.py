@@ -1,17 +1,31 @@
-"""From the words of scenario and vehicle files to those of the parts: geometry, course, surface, rig."""
+"""From the words of scenario and vehicle files to those of the parts: geometry, outlines, course, surface, rig."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from controllers.driver import TractorGeometry
 from controllers.trailer import TrailerGeometry
 from scenarios import courses
 from scenarios.courses import Course
-from scenarios.scenario import ConstantSlipOptions, RigOptions, RoundaboutOptions, Scenario
+from scenarios.ground_friction import ground_friction
+from scenarios.options.course import (
+    ConstantSlipOptions,
+    LaneChangeOptions,
+    RoundaboutOptions,
+    StraightOptions,
+    TurnOptions,
+)
+from scenarios.options.rig import RigOptions
+from scenarios.scenario import Scenario
+from scenarios.swept_path import UnitOutline
 from sensors.rig import StereoRig
 from vehicle.description import Unit, Vehicle
-from vehicle.surface import Surface
+from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
+
+_TYRE_WIDTH = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -50,8 +64,32 @@ def watched_unit(vehicle: Vehicle, scenario: Scenario) -> int:
 def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
     """The course as this vehicle's tractor has to drive it."""
     options, tractor = scenario.course, vehicle.units[0]
+    axle_x = tractor.steered_axles[0].x
     if isinstance(options, ConstantSlipOptions):
         return courses.straight(front_x=tractor.front_x, length=options.length)
+    if isinstance(options, StraightOptions):
+        guided = max(tractor.front_x, axle_x + courses.PREVIEW * scenario.speed)
+        return courses.straight(front_x=guided, length=options.length)
+    if isinstance(options, TurnOptions):
+        return courses.corner(
+            wheel_x=axle_x,
+            wheel_y=outer_wall(tractor),
+            direction=options.direction,
+            radius=options.radius,
+            turn=math.radians(options.turn_deg),
+            entry=options.entry,
+            exit=options.exit,
+        )
+    if isinstance(options, LaneChangeOptions):
+        return courses.lane_change(
+            axle_x=axle_x,
+            speed=scenario.speed,
+            direction=options.direction,
+            frequency=options.frequency_hz,
+            peak_acceleration=options.peak_acceleration,
+            entry=options.entry,
+            exit=options.exit,
+        )
     if isinstance(options, RoundaboutOptions):
         return courses.roundabout(
             front_x=tractor.front_x,
@@ -65,6 +103,26 @@ def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
     return courses.figure_of_eight(
         front_x=tractor.front_x, width=tractor.width, radius=options.radius, entry=options.entry, exit=options.exit
     )
+
+
+def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
+    """The bodies of a combination, tractor first."""
+    return tuple(
+        UnitOutline(
+            name=unit.name,
+            front_x=unit.front_x,
+            rear_x=unit.rear_x,
+            width=unit.width,
+            axles=tuple(axle.x for axle in unit.axles),
+            tracks=tuple(axle.track for axle in unit.axles),
+        )
+        for unit in vehicle.units
+    )
+
+
+def outer_wall(tractor: Unit) -> float:
+    """How far out from the middle the outer walls of the tractor's first steered tyres stand [m]."""
+    return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
 
 
 def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
@@ -86,14 +144,26 @@ def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
     )
 
 
-def surface_of(scenario: Scenario, course: Course) -> Surface:
-    """The ground of the course."""
-    options = scenario.surface
+def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:
+    """The ground of the course; the generator decides its roughness and potholes.
+
+    Raises:
+        ValueError: one line, if the friction image is none.
+    """
+    options, roughness = scenario.surface, None
+    if options.roughness != "none" or options.potholes > 0.0:
+        profile_rng, holes_rng = rng.spawn(2)  # the one of them does not depend on whether there is the other
+        line, half_width = course.centreline, course.road_half_width
+        roughness = Roughness(
+            profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
+            potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
+        )
     return Surface(
-        friction=options.friction,
+        friction=ground_friction(options, course.centreline),
         cross_fall=options.cross_fall,
         grade=options.grade,
         centre=course.surface_centre,
+        roughness=roughness,
     )
 
 

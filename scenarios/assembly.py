@@ -12,8 +12,10 @@ from controllers.trailer import TrailerGeometry, TrailerSteering
 from scenarios.adapters import course_of, rig_on, surface_of, tractor_geometry, trailer_geometry, watched_unit
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, TRAILER_STEERING, resolve
 from scenarios.courses import Course
+from scenarios.options.course import ConstantSlipOptions
+from scenarios.options.rig import RigOptions
 from scenarios.randomness import stream
-from scenarios.scenario import ConstantSlipOptions, Parameter, RigOptions, Scenario
+from scenarios.scenario import Parameter, Scenario
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
 from sensors.render import StereoRenderer
@@ -107,7 +109,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     unit = watched_unit(vehicle, scenario)
     trailer = trailer_geometry(vehicle, unit)
     course = course_of(scenario, vehicle)
-    surface = surface_of(scenario, course)
+    surface = surface_of(scenario, course, stream(seed, "surface"))
     steering = _constructed("trailer_steering", scenario.trailer_steering, TRAILER_STEERING, trailer, scenario.steering)
     motive, driver = _moved(scenario, vehicle, unit, course, surface)
     schedule = _schedule(scenario.rig)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from scenarios.commands import listing, run
+from scenarios.commands import assess, listing, run, validate, vehicle
 
 app = typer.Typer(
     name="offtrack",
@@ -27,6 +27,9 @@ def _offtrack() -> None:
 
 app.command()(listing.scenarios)
 app.command(epilog=run.EXAMPLES)(run.run)
+app.command(epilog=vehicle.EXAMPLES)(vehicle.vehicle)
+app.command(epilog=assess.EXAMPLES)(assess.assess)
+app.command()(validate.validate)
 
 
 def main() -> None:

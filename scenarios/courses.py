@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
@@ -19,6 +20,7 @@ from vehicle.frames import FloatArray, Pose2
 Direction = Literal["left", "right"]
 _SIDE: Final[dict[Direction, float]] = {"left": 1.0, "right": -1.0}
 
+_QUARTER_TURN = 0.5 * math.pi  # [rad]
 _ENTRY = 30.0  # 14 m of buffer, and some seconds in which the loop closes before the turn [m]
 _EXIT = 35.0  # a follow point 19 m behind the tractor's front is 16 m out of the turn [m]
 _RADIUS = 12.5  # outer circle of the EU roundabout, Directive 97/27/EC [m]
@@ -26,6 +28,9 @@ _RAMP = 4.0  # of curvature into a circle: 16 deg/s of steer at 15 km/h, half of
 _ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus is 7.2 m wide (12.5 m to 5.3 m), and a margin [m]
 _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
 _SPACING = 0.5  # of the centreline's points [m]
+PREVIEW: Final = 0.2  # how far ahead of the front axle a driver guides at speed [s]: it damps his steering well
+_WAVE_PIECES = 32  # of a sine of curvature: straight lines between its values are off by 0.5 % of its peak
+_GENTLE = 0.2  # a lane change of 1 in 5: its path is up to 0.4 rad off the road's direction and 3 % longer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,6 +106,64 @@ def figure_of_eight(
         line(exit),
     )
     return _course((front_x, 0.0), segments)
+
+
+def corner(
+    *,
+    wheel_x: float,
+    wheel_y: float,
+    direction: Direction = "left",
+    radius: float = _RADIUS,
+    turn: float = _QUARTER_TURN,
+    entry: float = _ENTRY,
+    exit: float = _EXIT,
+) -> Course:
+    """The outer wall of the outer steered tyre runs straight onto an arc, round it by ``turn`` [rad], and straight off.
+
+    This is the low-speed turn of performance-based standards; ``wheel_x`` is the steered axle's place and ``wheel_y``
+    how far out that wall stands [m].
+
+    Raises:
+        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the arc is too tight.
+    """
+    if direction not in _SIDE:
+        raise ValueError(f"direction = {direction!r} must be 'left' or 'right'")
+    side = _SIDE[direction]
+    _check(wheel_x, wheel_y, radius, entry=entry, exit=exit, turn=turn)
+    segments = (line(entry), arc(radius * turn, side / radius), line(exit))
+    return _course((wheel_x, -side * wheel_y), segments)
+
+
+def lane_change(
+    *,
+    axle_x: float,
+    speed: float,
+    direction: Direction = "left",
+    frequency: float = 0.4,
+    peak_acceleration: float = 1.4715,
+    entry: float = 60.0,
+    exit: float = 150.0,
+) -> Course:
+    """The single lane change of ISO 14791: one period of sinusoidal lateral acceleration [Hz, m/s2] at ``speed`` [m/s].
+
+    The offset that comes of it is the acceleration over 2 pi times the frequency squared, 1.464 m with the defaults. At
+    speed nobody steers by his front axle, which is at ``axle_x`` [m]: the guided point lies some travel ahead of it.
+
+    Raises:
+        ValueError: if ``direction`` is neither left nor right, a number is not positive, or the change is too sharp.
+    """
+    if direction not in _SIDE:
+        raise ValueError(f"direction = {direction!r} must be 'left' or 'right'")
+    _check_positive(axle_x=axle_x, speed=speed, frequency=frequency, peak_acceleration=peak_acceleration)
+    _check_positive(entry=entry, exit=exit)
+    length = speed / frequency
+    offset = peak_acceleration / (2.0 * math.pi * frequency**2)
+    if offset > _GENTLE * length:
+        raise ValueError(f"lane change of {offset:.2f} m over {length:.2f} m: must be at most {_GENTLE:g} m a metre")
+    peak = _SIDE[direction] * peak_acceleration / speed**2
+    wave = [peak * math.sin(math.tau * k / _WAVE_PIECES) for k in range(_WAVE_PIECES + 1)]
+    change = (Segment(length / _WAVE_PIECES, *ends) for ends in pairwise(wave))
+    return _course((axle_x + PREVIEW * speed, 0.0), (line(entry), *change, line(exit)))
 
 
 def straight(*, front_x: float, length: float) -> Course:

@@ -5,66 +5,22 @@ Lettering stays text, so that the page's own typeface applies and numbers can be
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from scenarios.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
 from scenarios.metrics import LOST
 from scenarios.results import RunResult, error_of_estimate
 from scenarios.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
 
-TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart for colour-blind readers too
 _ROAD, _SWEPT, _LOST = "#eef0f2", "#cfe0f1", "#f6d5d2"
 _AXLES = ("#1f5fa8", "#2a9d8f", "#8e5ea2", "#c2571a")
-_WIDTH = 9.6  # [in] of every figure; the page scales it
 _SLENDER = 0.15  # height over width of a course below which it is not drawn to scale
-_STYLE: Any = {  # matplotlib's types for it change with its version
-    "svg.fonttype": "none",
-    "font.size": 9.5,
-    "axes.edgecolor": "#b8c0c8",
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e6e9ec",
-    "grid.linewidth": 0.8,
-    "xtick.color": "#5b6673",
-    "ytick.color": "#5b6673",
-    "lines.linewidth": 1.5,
-    "lines.solid_joinstyle": "round",
-    "legend.frameon": False,
-    "legend.labelcolor": INK,
-    "legend.fontsize": 9.0,
-}
-
-
-class _Drawing:
-    """One figure while it is being drawn; its SVG once the block is left."""
-
-    svg = ""
-
-
-@contextmanager
-def _drawing(name: str, height: float) -> Iterator[tuple[_Drawing, Axes]]:
-    """Axes on a figure ``height`` inches high; ``name`` keeps the identifiers of several figures on a page apart."""
-    drawing = _Drawing()
-    with matplotlib.rc_context(_STYLE | {"svg.hashsalt": name}):
-        figure = Figure(figsize=(_WIDTH, height), layout="constrained")
-        yield drawing, figure.subplots()
-        text = io.StringIO()
-        figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
-        drawing.svg = text.getvalue()[text.getvalue().index("<svg") :]
 
 
 def plan_view(result: RunResult) -> str:
@@ -75,8 +31,8 @@ def plan_view(result: RunResult) -> str:
     low, high = everything.min(axis=0) - 2.0, everything.max(axis=0) + 2.0
     shape = float((high[1] - low[1]) / (high[0] - low[0]))
     slender = shape < _SLENDER  # to scale, a straight road would be a thread in which nothing can be told apart
-    height = 2.9 if slender else min(_WIDTH * shape + 0.9, 8.2)
-    with _drawing("plan", height) as (drawing, ax):
+    height = 2.9 if slender else min(WIDTH * shape + 0.9, 8.2)
+    with drawn("plan", height) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
         rows = _rows_every(poses[0], 0.15)
         for corners in swept:
@@ -122,7 +78,7 @@ def _rows_every(pose: FloatArray, spacing: float) -> NDArray[np.intp]:
 
 def off_tracking(result: RunResult) -> str:
     """True and estimated off-tracking over time."""
-    with _drawing("off_tracking", 2.9) as (drawing, ax):
+    with drawn("off_tracking", 2.9) as (drawing, ax):
         there = _usable(result)
         ax.plot(result.log["time"], result.signal("off_tracking_true"), color=TRUE, label="true", zorder=4)
         if there.any():
@@ -135,7 +91,7 @@ def off_tracking(result: RunResult) -> str:
 
 def estimate_error(result: RunResult) -> str:
     """Error of the estimate over time, inside the band of twice the standard deviation it states."""
-    with _drawing("error", 2.7) as (drawing, ax):
+    with drawn("error", 2.7) as (drawing, ax):
         there = _usable(result)
         time, error = _at(result, 1e3 * error_of_estimate(result), there)
         band = 2e3 * result.signal("off_tracking_std")[there]
@@ -150,7 +106,7 @@ def estimate_error(result: RunResult) -> str:
 def steer(result: RunResult) -> str:
     """Steer angles of the trailer's axles, as they are and as commanded, with the limit of the actuators."""
     time = result.log["time"]
-    with _drawing("steer", 2.9) as (drawing, ax):
+    with drawn("steer", 2.9) as (drawing, ax):
         for k, name in enumerate(result.steer_signals()):
             colour = _AXLES[k % len(_AXLES)]
             ax.plot(
@@ -171,7 +127,7 @@ def steer(result: RunResult) -> str:
 
 def matches(result: RunResult) -> str:
     """Features matched and kept by the odometry, frame by frame."""
-    with _drawing("matches", 2.3) as (drawing, ax):
+    with drawn("matches", 2.3) as (drawing, ax):
         there = np.isfinite(result.signal("matches"))
         _shade_lost(ax, result, result.signal("odometry_health"), "odometry lost")
         ax.plot(*_at(result, result.signal("matches"), there), color=GREY, label="matches")

@@ -23,6 +23,7 @@ from controllers.trailer import SteerCommand
 from estimators.estimates import OffTracking
 from estimators.viso_ot import VisoOtEstimate
 from scenarios.assembly import LOG_PERIOD, Assembly
+from scenarios.outcomes import Referee
 from scenarios.recording import RecordingWriter
 from scenarios.run_log import Estimate, Row
 from sensors.messages import BodyPose, StereoFrame
@@ -55,6 +56,8 @@ class Session:
         self._recorder = recorder
         self._images = hashlib.sha256()
         self._state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
+        self._referee = Referee(parts.vehicle, parts.course.centreline, parts.course.road_half_width)
+        self._lifted = self._referee.init()
         self._station = 0.0  # of the guided point along the course [m]
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
         self._frames: list[tuple[int, Future[bytes]]] = []
@@ -162,11 +165,13 @@ class Session:
         self.tick += LOG_PERIOD
 
     def _judge(self, truth: Truth) -> None:
-        """Where on the course the tractor is, and whether that ends the run."""
+        """Where on the course the tractor is, and whether that or what befell the combination ends the run."""
         course = self.parts.course
         point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
         self._station = course.path.project(point.x, point.y, self._station)
         allowed = _GRACE + _PATIENCE * course.length / self.parts.scenario.speed
+        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        self.outcome = self.outcome or mishap
         if self.outcome is None and self._station >= course.length - 1e-6:
             self.outcome = "completed"
         elif self.outcome is None and self.tick * TICK > allowed:

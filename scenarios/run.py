@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
+from scenarios.adapters import outlines
 from scenarios.assembly import Assembly, assemble
 from scenarios.loop import Session
 from scenarios.recording import RecordingWriter
-from scenarios.results import CameraFrame, RunResult, Timing, UnitOutline
+from scenarios.results import CameraFrame, RunResult, Timing
 from scenarios.run_log import run_log
 from scenarios.scenario import Scenario
 from vehicle.clock import TICK
-from vehicle.description import Vehicle
 
 Progress = Callable[[float, float], None]  # share done, simulated seconds so far
 
@@ -82,7 +82,7 @@ def _result(session: Session) -> RunResult:
         seed=parts.seed,
         outcome=session.outcome or "unfinished",
         log=log,
-        units=_outlines(parts.vehicle),
+        units=outlines(parts.vehicle),
         follow_distance=parts.trailer.follow_distance,
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
@@ -116,18 +116,4 @@ def _camera_frames(session: Session) -> tuple[CameraFrame, ...]:
             inliers=motions[tick].inliers if tick in motions else 0,
         )
         for tick, jpeg in session.frames
-    )
-
-
-def _outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
-    return tuple(
-        UnitOutline(
-            name=unit.name,
-            front_x=unit.front_x,
-            rear_x=unit.rear_x,
-            width=unit.width,
-            axles=tuple(axle.x for axle in unit.axles),
-            tracks=tuple(axle.track for axle in unit.axles),
-        )
-        for unit in vehicle.units
     )

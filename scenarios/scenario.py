@@ -6,96 +6,32 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Any, get_args
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from scenarios.options.base import Options, quantity
+from scenarios.options.course import COURSES, Course
+from scenarios.options.rig import RigOptions, WorldOptions
+from scenarios.options.surface import PATCHES, SurfaceOptions
 from vehicle.parameter_file import nearest, read_toml
 
 Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
 Parameter = bool | int | float | str
 
 
-def _quantity(default: float, unit: str, *, ge: float, le: float) -> Any:
-    return Field(default, ge=ge, le=le, json_schema_extra={"unit": unit})
-
-
-class _Options(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class RoundaboutOptions(_Options):
-    """The tractor's outer front corner on a circle, tangent entry and exit."""
-
-    kind: Literal["roundabout"]
-    direction: Literal["left", "right"] = "left"
-    radius: float = _quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circle
-    turn_deg: float = _quantity(360.0, "deg", ge=30.0, le=1800.0)
-    entry: float = _quantity(30.0, "m", ge=20.0, le=500.0)  # straight before the circle
-    exit: float = _quantity(35.0, "m", ge=5.0, le=500.0)  # straight behind it
-
-
-class FigureOfEightOptions(_Options):
-    """A full left circle, then a full right circle."""
-
-    kind: Literal["figure-of-eight"]
-    radius: float = _quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circles
-    entry: float = _quantity(30.0, "m", ge=20.0, le=500.0)
-    exit: float = _quantity(35.0, "m", ge=5.0, le=500.0)
-
-
-class ConstantSlipOptions(_Options):
-    """The trailer dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
-
-    kind: Literal["constant-slip"]
-    slip_angle_deg: float = _quantity(14.0, "deg", ge=-60.0, le=60.0)  # from where the trailer points, + left
-    length: float = _quantity(100.0, "m", ge=20.0, le=1000.0)
-
-
-COURSES = (RoundaboutOptions, FigureOfEightOptions, ConstantSlipOptions)
-Course = Annotated[RoundaboutOptions | FigureOfEightOptions | ConstantSlipOptions, Field(discriminator="kind")]
-
-
-class SurfaceOptions(_Options):
-    """The ground; see vehicle.surface."""
-
-    friction: float = _quantity(0.8, "-", ge=0.05, le=1.5)
-    cross_fall: float = _quantity(0.0, "-", ge=-0.2, le=0.2)  # a slope: 0.025 is 2.5 %
-    grade: float = _quantity(0.0, "-", ge=-0.2, le=0.2)
-
-
-class RigOptions(_Options):
-    """The stereo cameras on the trailer's roof (de Saxe & Cebon 2018, section 3.1)."""
-
-    facing: Literal["rear", "left", "right"] = "rear"
-    width: int = _quantity(1344, "px", ge=320, le=4096)
-    height: int = _quantity(391, "px", ge=200, le=4096)
-    hfov_deg: float = _quantity(100.0, "deg", ge=30.0, le=140.0)
-    camera_height: float = _quantity(3.0, "m", ge=0.5, le=6.0)  # above the ground
-    baseline: float = _quantity(0.5, "m", ge=0.1, le=5.0)
-    rate_hz: float = _quantity(10.0, "Hz", ge=1.0, le=50.0)
-    latency: float = _quantity(0.1, "s", ge=0.0, le=1.0)  # exposure to finished estimate
-    noise: float = _quantity(2.0, "grey levels", ge=0.0, le=50.0)  # standard deviation of the image noise
-
-
-class WorldOptions(_Options):
-    """What stands beside the road."""
-
-    scenery_density: float = _quantity(1.0, "-", ge=0.0, le=2.0)  # 1 is the reference, 0 bare ground
-
-
-class Scenario(_Options):
+class Scenario(Options):
     """One closed-loop run."""
 
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$")
     description: str = ""
     course: Course
     vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
-    speed_kmh: float = _quantity(10.0, "km/h", ge=1.0, le=120.0)
+    speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
-    steering: dict[str, Parameter] = {}  # its parameters; those not given keep their defaults
+    steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
     off_tracking: str = "viso_ot"  # truth, viso_ot or package.module:Name
     odometry: str = "circular"  # a known odometry or package.module:Name
     surface: SurfaceOptions = SurfaceOptions()
@@ -109,7 +45,7 @@ class Scenario(_Options):
 
     def to_toml(self) -> str:
         """The resolved scenario as TOML: it runs again identically."""
-        return tomli_w.dumps(self.model_dump())
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -175,24 +111,27 @@ def _validated(table: Table, source: str) -> Scenario:
 
 def _complaint(first: ErrorDetails) -> str:
     """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
-    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in COURSES]
-    key = ".".join(str(part) for part in first["loc"] if part not in kinds)
+    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in (*COURSES, *PATCHES)]
+    parts = [str(part) for part in first["loc"] if part not in kinds]
+    key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
     units = dict(_known_keys(Scenario))
     if first["type"] == "union_tag_invalid":
         return f"{key}.kind = '{first['ctx']['tag']}'{nearest(first['ctx']['tag'], kinds)}"
+    if first["type"] == "union_tag_not_found":
+        return f"{key}.kind is missing"
     if first["type"] == "extra_forbidden":
-        return f"unknown key '{key}'{nearest(key, units)}"
+        return f"unknown key '{key}'{nearest(known, units)}"
     if first["type"] == "missing":
         return f"{key} is missing"
     limit = first["msg"].replace("Input should be", "must be")
-    unit = f" [{units[key]}]" if units.get(key, "-") != "-" else ""
+    unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
     return f"{key} = {first['input']!r} {limit}{unit}"
 
 
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Dotted name and unit of every key a scenario may have."""
     for name, info in model.model_fields.items():
-        tables = COURSES if name == "course" else (info.annotation,)
+        tables = {"course": COURSES, "patches": PATCHES}.get(name, (info.annotation,))
         for table in tables:
             if isinstance(table, type) and issubclass(table, BaseModel):
                 yield from _known_keys(table, f"{prefix}{name}.")

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.courses import Course, figure_of_eight, roundabout, straight
+from scenarios.courses import Course, corner, figure_of_eight, lane_change, roundabout, straight
 
 TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {
@@ -20,6 +20,8 @@ ALL = {
     "quarter": roundabout(**TRACTOR, turn=math.pi / 2, radius=15.0),
     "eight": figure_of_eight(**TRACTOR),
     "straight": straight(front_x=5.2, length=50.0),
+    "corner": corner(wheel_x=3.8, wheel_y=1.2),
+    "lane change": lane_change(axle_x=3.8, speed=88.0 / 3.6),
 }
 courses = pytest.mark.parametrize("course", ALL.values(), ids=ALL.keys())
 
@@ -120,6 +122,32 @@ def test_the_road_of_a_roundabout_has_the_radius_of_a_rolling_rear_axle() -> Non
     assert radius[late] == pytest.approx(math.sqrt(12.5**2 - 5.2**2) - 1.275, abs=1e-3)  # midpoint rule over 0.5 m
 
 
+def test_the_corner_leads_the_outer_wheel_round_a_quarter_of_its_arc() -> None:
+    """The wheel 3.8 m ahead and 1.2 m to the right, on 12.5 m about a centre as far to the left of the straight."""
+    course = ALL["corner"]
+    assert course.reference == (3.8, -1.2)
+    end = course.path.knots[-1]
+    assert end.psi == pytest.approx(math.pi / 2)
+    assert course.path.length == pytest.approx(30.0 + 12.5 * math.pi / 2 + 35.0)
+    assert (end.x, end.y) == pytest.approx((3.8 + 30.0 + 12.5, -1.2 + 12.5 + 35.0))
+    mirrored = corner(wheel_x=3.8, wheel_y=1.2, direction="right")
+    assert mirrored.centreline == pytest.approx(course.centreline * [1.0, -1.0], abs=1e-9)
+
+
+@pytest.mark.parametrize("direction", ["left", "right"])
+def test_the_lane_change_has_the_offset_and_the_acceleration_of_the_standard(direction: Any) -> None:
+    """1.4637 m; 0.15 g at 88 km/h, the 32 pieces of the wave hit its peaks. The path's slope shortens it by 0.1 %."""
+    speed = 88.0 / 3.6
+    path = lane_change(axle_x=3.8, speed=speed, direction=direction).path
+    side = 1.0 if direction == "left" else -1.0
+    assert side * path.knots[-1].y == pytest.approx(1.4637, rel=5e-3)  # 0.3 % for the wave's straight pieces
+    assert path.knots[-1].psi == pytest.approx(0.0, abs=1e-12)
+    curvature = [side * path.curvature(float(s)) for s in np.linspace(0.0, path.length, 5000)]
+    assert max(curvature) * speed**2 == pytest.approx(1.4715, rel=1e-3)
+    assert min(curvature) * speed**2 == pytest.approx(-1.4715, rel=1e-3)
+    assert curvature.index(max(curvature)) < curvature.index(min(curvature))
+
+
 @settings(max_examples=25)
 @given(st.floats(11.0, 50.0), st.floats(0.5, 7.0))
 def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float) -> None:
@@ -138,6 +166,10 @@ def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float
         (lambda: roundabout(**TRACTOR, entry=0.0), "entry = 0.0"),
         (lambda: figure_of_eight(**TRACTOR, exit=-1.0), "exit = -1.0"),
         (lambda: straight(front_x=5.2, length=0.0), "length = 0.0"),
+        (lambda: corner(wheel_x=3.8, wheel_y=1.2, radius=3.0), "radius = 3.0 m"),
+        (lambda: corner(wheel_x=3.8, wheel_y=1.2, turn=0.0), "turn = 0.0"),
+        (lambda: lane_change(axle_x=3.8, speed=0.0), "speed = 0.0"),
+        (lambda: lane_change(axle_x=3.8, speed=2.0), "lane change of 1.46 m over 5.00 m"),
     ],
 )
 def test_an_impossible_course_is_refused(build: Callable[[], Course], message: str) -> None:

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.estimates import OffTracking
 from scenarios.assembly import assemble
 from scenarios.loop import Session
 from scenarios.results import RunResult, summary
 from scenarios.run import run
-from scenarios.scenario import Scenario, load_scenario
-from sensors.messages import SteerAngles
+from scenarios.scenario import load_scenario
+from sensors.messages import EgoState, SteerAngles
+from vehicle.clock import TICK
 
 SHORT = ("off_tracking=truth", "course.turn_deg=60", "course.exit=5")
 SEEN = ("course.length=20", "rig.width=480", "rig.height=200", "world.scenery_density=0.3")
@@ -135,7 +137,66 @@ def plain() -> RunResult:
     return short()
 
 
-def test_a_vehicle_that_leaves_the_course_times_out() -> None:
-    """A truck that can not climb is an outcome, not an endless run: 20 % grade at friction 0.05."""
-    scenario: Scenario = load_scenario("roundabout", (*SHORT, "surface.friction=0.05", "surface.grade=0.2"))
-    assert run(scenario, 1).outcome in ("timed out", "diverged")
+class Anchored:
+    """A driver who stops and never starts again."""
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def step(self, memory: None, tick: int, ego: EgoState) -> tuple[None, DriverCommand]:
+        return None, DriverCommand(steer=0.0, acceleration=-1.0)
+
+
+def test_a_vehicle_that_gets_stuck_times_out() -> None:
+    """That is an outcome, not an endless run: half as much time again as the course takes, and 10 s."""
+    parts = assemble(load_scenario("roundabout", SHORT), seed=1)
+    stuck: Any = Anchored()
+    session = Session(replace(parts, driver=stuck))
+    while session.outcome is None:
+        session.advance()
+    session.close()
+    assert session.outcome == "timed out"
+    assert session.tick * TICK == pytest.approx(10.0 + 1.5 * parts.course.length / parts.scenario.speed, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "settings"),
+    [
+        ("jackknifed", ["vehicle=wb67"]),  # its trailer can not follow round a 12.5 m circle
+        ("rolled over", ["vehicle=eu_tractor_semitrailer", "speed_kmh=45", "course.radius=20", "surface.friction=1.2"]),
+        ("left the road", ["vehicle=eu_tractor_semitrailer", "speed_kmh=35", "surface.friction=0.2"]),
+        ("left the road", ["surface.friction=0.05", "surface.grade=0.2"]),  # it slides down backwards
+    ],
+)
+def test_what_befalls_a_combination_is_the_outcome_of_its_run(outcome: str, settings: list[str]) -> None:
+    """Centripetal acceleration is 0.8 g in the roll-over, tips at 0.5 g, and 0.2 g of friction hold 0.8 g nowhere."""
+    scenario = load_scenario("roundabout", ("off_tracking=truth", "trailer_steering=none", *settings))
+    result = run(scenario, 1)
+    assert summary(result)["outcome"] == outcome
+
+
+def test_a_long_trailer_that_cuts_in_has_not_left_the_road() -> None:
+    """Its wheels run 5 m inside the tractor's path, beyond the road's edge; the tractor is on it."""
+    result = run(load_scenario("roundabout", ("off_tracking=truth", "trailer_steering=none")), 1)
+    assert np.nanmax(np.abs(result.log["off_tracking_true"])) > result.road_half_width
+    assert result.outcome == "completed"
+
+
+@pytest.mark.parametrize("name", ["turn-90", "lane-change"])
+def test_the_standard_courses_are_driven_to_their_end(name: str) -> None:
+    """In the closed loop the tractor stays within 0.3 m of its path at any speed, and its steering comes to rest.
+
+    A driver as keen at 88 km/h as at walking pace would go on steering by 1 to 2 degrees on the straight.
+    """
+    parts = assemble(load_scenario(name, ("off_tracking=truth",)), seed=1)
+    result = run(parts.scenario, 1)
+    assert result.outcome == "completed"
+    x, y, psi = (result.log[f"{quantity}_tractor"] for quantity in ("x", "y", "psi"))
+    x_ref, y_ref = parts.course.reference
+    guided = np.column_stack(
+        [x + x_ref * np.cos(psi) - y_ref * np.sin(psi), y + x_ref * np.sin(psi) + y_ref * np.cos(psi)]
+    )
+    path = parts.course.path.points(0.05)
+    off = [np.hypot(*(path - point).T).min() for point in guided[::20]]
+    assert max(off) < 0.3
+    assert np.abs(result.log["steer_tractor"][-100:]).max() < np.radians(0.3)

@@ -1,0 +1,131 @@
+"""All standard manoeuvres of one combination, driven at the same time on several cores, and what they amount to."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from typing import Any, Final
+
+from scenarios.standards.lane_change import lane_change
+from scenarios.standards.levels import Judgement, judged
+from scenarios.standards.manoeuvre import Figures, Manoeuvre
+from scenarios.standards.pulse import pulse
+from scenarios.standards.roundabout import roundabout
+from scenarios.standards.straight import straight
+from scenarios.standards.theory import linear_figures
+from scenarios.standards.tilt import tilt
+from scenarios.standards.turn import turn
+from vehicle.description import Vehicle
+
+Progress = Callable[[int, int, str], None]  # done, of how many, the one that was just finished
+
+MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # as they are reported
+_LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
+_DRIVEN: Final = {
+    "turn": turn,
+    "roundabout": roundabout,
+    "lane_change": lane_change,
+    "straight": straight,
+    "pulse": pulse,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessment:
+    """A combination in all standard manoeuvres."""
+
+    vehicle: Vehicle
+    trailer_steering: str
+    manoeuvres: tuple[Manoeuvre, ...]
+    linear: Figures  # what linear theory says, where it does
+
+    @property
+    def figures(self) -> Figures:
+        """Everything measured, by name."""
+        return {name: value for manoeuvre in self.manoeuvres for name, value in manoeuvre.figures.items()}
+
+    @property
+    def judgements(self) -> tuple[Judgement, ...]:
+        """Every criterion of the standards that applies, held against what was measured."""
+        applying = {
+            name: value
+            for manoeuvre in self.manoeuvres
+            for name, value in manoeuvre.figures.items()
+            if math.isfinite(value) or manoeuvre.outcome != "completed"
+        }
+        return judged(applying)
+
+    def summary(self) -> dict[str, Any]:
+        """The assessment ready for JSON; null stands for what could not be measured."""
+        return {
+            "vehicle": self.vehicle.name,
+            "trailer_steering": self.trailer_steering,
+            "manoeuvres": {
+                manoeuvre.key: {"outcome": manoeuvre.outcome, **_finite(manoeuvre.figures)}
+                for manoeuvre in self.manoeuvres
+            },
+            "linear_theory": _finite(self.linear),
+            "levels": [_judgement(judgement) for judgement in self.judgements],
+        }
+
+
+def assess(
+    vehicle: Vehicle, *, trailer_steering: str = "none", progress: Progress | None = None, processes: int | None = None
+) -> Assessment:
+    """The combination driven through every standard manoeuvre.
+
+    Args:
+        vehicle: the combination, laden as its file says.
+        trailer_steering: law for the last unit's steered axles, fed with the exact off-tracking; "none" holds them.
+        progress: told when a manoeuvre is finished.
+        processes: to drive them in; as many as there are cores, if not given.
+
+    Raises:
+        ValueError: one line, if the vehicle has nothing that such a law could steer, or can not be driven.
+    """
+    done: dict[str, Manoeuvre] = {}
+    for manoeuvre in _driven(vehicle, trailer_steering, processes or os.cpu_count() or 1):
+        done[manoeuvre.key] = manoeuvre
+        if progress:
+            progress(len(done), len(MANOEUVRES), manoeuvre.title)
+    return Assessment(
+        vehicle=vehicle,
+        trailer_steering=trailer_steering,
+        manoeuvres=tuple(done[key] for key in MANOEUVRES),
+        linear=linear_figures(vehicle),
+    )
+
+
+def _driven(vehicle: Vehicle, trailer_steering: str, processes: int) -> Iterator[Manoeuvre]:
+    """Every manoeuvre, as it is finished."""
+    tasks = [(key, vehicle, trailer_steering) for key in _LONGEST_FIRST]
+    if processes == 1:
+        yield from (_one(*task) for task in tasks)
+        return
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield from (future.result() for future in as_completed([pool.submit(_one, *task) for task in tasks]))
+
+
+def _one(key: str, vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+    return tilt(vehicle) if key == "tilt" else _DRIVEN[key](vehicle, trailer_steering)
+
+
+def _finite(figures: Figures) -> dict[str, float | None]:
+    return {name: round(value, 6) if math.isfinite(value) else None for name, value in figures.items()}
+
+
+def _judgement(judgement: Judgement) -> dict[str, Any]:
+    criterion = judgement.criterion
+    return {
+        "quantity": criterion.quantity,
+        "standard": criterion.standard,
+        "measured": round(judgement.measured, 6) if math.isfinite(judgement.measured) else None,
+        "must_be": "at most" if criterion.at_most else "at least",
+        "bounds": {level or "required": round(bound, 6) for level, bound in judgement.bounds if math.isfinite(bound)},
+        "reached": judgement.reached,
+        "source": criterion.source,
+    }

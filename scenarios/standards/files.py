@@ -1,0 +1,24 @@
+"""What an assessment leaves behind: a report, its numbers, and the log of every manoeuvre."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from scenarios.log import write_log
+from scenarios.results import appearing_at_once
+from scenarios.standards.assessment import Assessment
+from scenarios.standards.page import assessment_page
+
+
+def write_assessment(assessment: Assessment, directory: Path) -> None:
+    """Writes ``report.html``, ``assessment.json`` and ``<manoeuvre>.parquet``; the directory appears complete.
+
+    Raises:
+        ValueError: if the directory can not take them.
+    """
+    with appearing_at_once(directory) as folder:
+        (folder / "report.html").write_text(assessment_page(assessment), encoding="utf-8")
+        (folder / "assessment.json").write_text(json.dumps(assessment.summary(), indent=2) + "\n", encoding="utf-8")
+        for manoeuvre in assessment.manoeuvres:
+            write_log(manoeuvre.log, folder / f"{manoeuvre.key}.parquet")

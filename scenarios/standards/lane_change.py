@@ -1,0 +1,146 @@
+"""The single lane change of ISO 14791 at 88 km/h: rearward amplification and transient off-tracking.
+
+The standard prescribes the motion of the front axle: one period of sinusoidal lateral acceleration, 0.4 Hz and 0.15 g,
+which carries it 1.464 m to the side. A steering robot drives it: a small pulse shows how the front axle's lateral
+acceleration answers to steer, H(f); the inverse of H gives the steer for the prescribed acceleration; and what remains
+of the error, as the combination is not quite linear, is taken away the same way in a few passes (iterative learning
+control). So no driver's behaviour enters the figures.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
+from scenarios.standards.motion import amplification, lateral_acceleration, overshoot, point_path
+from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
+from scenarios.standards.proving_ground import PERIOD, Drive, drive
+from vehicle.clock import TICK
+from vehicle.description import GRAVITY, Vehicle
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+SPEED: Final = 88.0 / 3.6  # [m/s]
+FREQUENCY: Final = 0.4  # [Hz]
+PEAK: Final = 0.15 * GRAVITY  # [m/s2]
+OFFSET: Final = PEAK / (2.0 * math.pi * FREQUENCY**2)  # to which it leads [m]
+
+NAMES: Final = (
+    "rearward_amplification",
+    "rearward_amplification_yaw",
+    "transient_off_tracking_m",
+    "front_peak_acceleration_m_s2",
+    "front_path_error_m",
+    "lane_change_load_transfer",
+)
+
+_FRICTION: Final = 0.8  # a dry road [-]
+_START: Final = 2.0  # of the lane change [s]
+_LENGTH: Final = 16.0  # of a pass: 11 s after the change, in which all oscillation dies out [s]
+_PULSE: Final = math.radians(0.5)  # of steer, for 0.2 s: well inside the linear range
+_PASSES: Final = 3  # after which the error no longer falls
+_TOLERANCE: Final = 0.15  # off the path, a tenth of the offset: beyond it, it was another manoeuvre [m]
+_PASS, _STOP = 2.5, 4.0  # what the robot steers by: harmonics of a 0.4 Hz period fade out in between [Hz]
+
+
+def lane_change(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+    """The lane change to the left, as driven in the robot's last pass.
+
+    A combination that the robot can not hold on the path, as an unstable one, has the outcome "off the path".
+    """
+    trailer = TrailerPilot(vehicle, trailer_steering)
+    driven = _learnt(vehicle, trailer)
+    front = point_path(driven.log, vehicle.units[0].name, _front(vehicle))
+    prescribed = prescribed_path(front[:, 0] - _front(vehicle))
+    off_path = driven.outcome == "completed" and float(np.max(np.abs(front[:, 1] - prescribed))) > _TOLERANCE
+    outcome = "off the path" if off_path else driven.outcome
+    return Manoeuvre(
+        key="lane_change",
+        title="Single lane change of ISO 14791",
+        how=f"88 km/h, one period of 0.4 Hz and 0.15 g at the front axle, {OFFSET:.3f} m to the left, friction 0.8; "
+        "a steering robot learns the steer in three passes.",
+        outcome=outcome,
+        figures=measured(NAMES, outcome, lambda: _figures(vehicle, driven)),
+        log=driven.log,
+        course=np.column_stack([front[:, 0], prescribed]),
+    )
+
+
+def prescribed_acceleration(time: FloatArray) -> FloatArray:
+    """Lateral acceleration of the front axle [m/s2] at times from the start of a pass [s]."""
+    phase = 2.0 * math.pi * FREQUENCY * (time - _START)
+    wave: FloatArray = np.where((phase > 0.0) & (phase < 2.0 * math.pi), PEAK * np.sin(phase), 0.0)
+    return wave
+
+
+def prescribed_path(travelled: FloatArray) -> FloatArray:
+    """Lateral place of the front axle [m] after so much travel from the start of a pass [m]."""
+    phase = np.clip(2.0 * math.pi * FREQUENCY * (travelled / SPEED - _START), 0.0, 2.0 * math.pi)
+    lateral: FloatArray = OFFSET * (phase - np.sin(phase)) / (2.0 * math.pi)
+    return lateral
+
+
+def _learnt(vehicle: Vehicle, trailer: TrailerPilot) -> Drive:
+    """The last pass of the robot, or the first in which the combination came to grief."""
+    count = round(_LENGTH / (PERIOD * TICK))
+    pulse = half_sine(_PULSE, 0.2, _START, count)
+    driven = _pass(vehicle, trailer, pulse)
+    if driven.outcome != "completed":
+        return driven
+    inverse = _inverse_response(pulse, lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))[:count])
+    steer, error = np.zeros(count), prescribed_acceleration(driven.log["time"][:count])
+    for _ in range(1 + _PASSES):
+        steer = steer + np.fft.irfft(inverse * np.fft.rfft(error), count)
+        driven = _pass(vehicle, trailer, steer)
+        if driven.outcome != "completed":
+            break
+        done = lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))
+        error = (prescribed_acceleration(driven.log["time"]) - done)[:count]
+    return driven
+
+
+def _pass(vehicle: Vehicle, trailer: TrailerPilot, steer: FloatArray) -> Drive:
+    pilot = SteerProgramme(steer, SPEED, trailer)
+    last = len(steer) * PERIOD  # [ticks]
+    return drive(
+        vehicle,
+        Surface(friction=_FRICTION),
+        pilot,
+        speed=SPEED,
+        done=lambda truth: truth.tick >= last,
+        patience=2.0 * _LENGTH,
+    )
+
+
+def _inverse_response(steer: FloatArray, acceleration: FloatArray) -> NDArray[np.complex128]:
+    """Steer per front-axle acceleration at the frequencies of ``rfft``, faded out where the robot does not steer."""
+    f = np.fft.rfftfreq(len(steer), PERIOD * TICK)
+    fade = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - _PASS) / (_STOP - _PASS), 0.0, 1.0))
+    response = np.fft.rfft(steer)[f < _STOP] / np.fft.rfft(acceleration)[f < _STOP]
+    inverse = np.zeros(len(f), dtype=np.complex128)
+    inverse[f < _STOP] = fade[f < _STOP] * response
+    return inverse
+
+
+def _front(vehicle: Vehicle) -> float:
+    return vehicle.units[0].steered_axles[0].x
+
+
+def _figures(vehicle: Vehicle, driven: Drive) -> Figures:
+    log, first, last = driven.log, vehicle.units[0], vehicle.units[-1]
+    front = lateral_acceleration(log, first.name, _front(vehicle))
+    rear = lateral_acceleration(log, last.name, last.cg_x)
+    steered = point_path(log, first.name, _front(vehicle))
+    followed = point_path(log, last.name, last.axles[-1].x)
+    return {
+        "rearward_amplification": amplification(rear, front),
+        "rearward_amplification_yaw": amplification(log[f"yaw_rate_{last.name}"], log[f"yaw_rate_{first.name}"]),
+        "transient_off_tracking_m": overshoot(followed, steered),
+        "front_peak_acceleration_m_s2": float(np.max(np.abs(front))),
+        "front_path_error_m": float(np.max(np.abs(steered[:, 1] - prescribed_path(steered[:, 0] - _front(vehicle))))),
+        "lane_change_load_transfer": max(float(np.max(np.abs(log[f"load_transfer_{u.name}"]))) for u in vehicle.units),
+    }

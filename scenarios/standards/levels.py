@@ -1,0 +1,125 @@
+"""What the standards ask for, each number with where it comes from, and which level a combination reaches.
+
+Most of these numbers are from memory, not from the standards' text: the tables that show them say so.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+from scenarios.standards.manoeuvre import Figures
+
+_PBS: Final = "PBS (Australia)"
+_MEMORY: Final = "from memory"
+_DIRECTIVE: Final = "97/27/EC"
+_SWEDISH: Final = "HCT (Sweden), typical"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Criterion:
+    """Bounds that a standard sets to a quantity, the strictest first."""
+
+    quantity: str
+    standard: str
+    bounds: tuple[tuple[str, float], ...]  # level and its bound; one bound without levels has the level ""
+    at_most: bool = True  # the quantity may be as large as the bound, else as small
+    times: str | None = None  # the bounds are multiples of this other quantity
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """A criterion held against what was measured."""
+
+    criterion: Criterion
+    measured: float  # NaN: not measured
+    bounds: tuple[tuple[str, float], ...]  # as they apply to this combination
+
+    @property
+    def reached(self) -> str:
+        """The strictest level reached; "met" or "missed" where there are no levels, "none" where none is reached."""
+        if not math.isfinite(self.measured) or any(math.isnan(bound) for _, bound in self.bounds):
+            return "not measured"
+        sign = 1.0 if self.criterion.at_most else -1.0
+        for level, bound in self.bounds:
+            if sign * self.measured <= sign * bound:
+                return level or "met"
+        return "none" if self.bounds[0][0] else "missed"
+
+
+def judged(figures: Figures) -> tuple[Judgement, ...]:
+    """Every criterion for whose quantity there is a figure, NaN or not."""
+    return tuple(
+        Judgement(criterion=c, measured=figures[c.quantity], bounds=_bounds(c, figures))
+        for c in CRITERIA
+        if c.quantity in figures
+    )
+
+
+def _bounds(criterion: Criterion, figures: Figures) -> tuple[tuple[str, float], ...]:
+    factor = 1.0 if criterion.times is None else figures.get(criterion.times, math.nan)
+    return tuple((level, factor * bound) for level, bound in criterion.bounds)
+
+
+def _levels(*bounds: float) -> tuple[tuple[str, float], ...]:
+    return tuple((f"level {k}", bound) for k, bound in enumerate(bounds, start=1))
+
+
+def _single(bound: float) -> tuple[tuple[str, float], ...]:
+    return (("", bound),)
+
+
+CRITERIA: Final = (
+    Criterion(quantity="swept_path_m", standard=_PBS, bounds=_levels(7.4, 8.7, 10.6, 13.7), source=_MEMORY),
+    Criterion(quantity="swept_path_m", standard=_SWEDISH, bounds=_single(8.5), source="OpenPBS documentation"),
+    Criterion(quantity="frontal_swing_m", standard=_PBS, bounds=_single(0.7), source=_MEMORY),
+    Criterion(quantity="frontal_swing_mod_m", standard=_PBS, bounds=_single(0.4), source=_MEMORY),
+    Criterion(quantity="frontal_swing_dom_m", standard=_PBS, bounds=_single(0.2), source=_MEMORY),
+    Criterion(quantity="tail_swing_entry_m", standard=_PBS, bounds=_levels(0.30, 0.35, 0.35, 0.50), source=_MEMORY),
+    Criterion(
+        quantity="tail_swing_exit_m",
+        standard=_PBS,
+        bounds=_levels(0.30, 0.35, 0.35, 0.50),
+        source="from memory, for the entry; held against the exit too as steered trailers swing there",
+    ),
+    Criterion(quantity="steer_friction_demand", standard=_PBS, bounds=_single(0.80), source=_MEMORY),
+    Criterion(
+        quantity="roundabout_inner_radius_m",
+        standard=_DIRECTIVE,
+        bounds=_single(5.30),
+        at_most=False,
+        source="extracts of 97/27/EC 7.6.1, read",
+    ),
+    Criterion(
+        quantity="roundabout_tail_swing_m",
+        standard=_DIRECTIVE,
+        bounds=_single(0.80),
+        source="from memory, for rigid vehicles on entry",
+    ),
+    Criterion(
+        quantity="rearward_amplification",
+        standard=_PBS,
+        bounds=_single(5.7),
+        times="rollover_threshold_g",
+        source="from memory: 5.7 times the static rollover threshold in g",
+    ),
+    Criterion(quantity="transient_off_tracking_m", standard=_PBS, bounds=_levels(0.6, 0.8, 1.0, 1.2), source=_MEMORY),
+    Criterion(quantity="tracking_width_m", standard=_PBS, bounds=_levels(2.9, 3.0, 3.1, 3.3), source=_MEMORY),
+    Criterion(quantity="yaw_damping", standard=_PBS, bounds=_single(0.15), at_most=False, source=_MEMORY),
+    Criterion(
+        quantity="rollover_threshold_g",
+        standard=_PBS,
+        bounds=(("dangerous goods", 0.40), ("general", 0.35)),
+        at_most=False,
+        source=_MEMORY,
+    ),
+    Criterion(
+        quantity="rollover_acceleration_m_s2",
+        standard=_SWEDISH,
+        bounds=_single(3.5),
+        at_most=False,
+        source="OpenPBS documentation",
+    ),
+)

@@ -1,0 +1,61 @@
+"""Yaw damping: how a combination settles after a pulse of steer at 80 km/h."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
+from scenarios.standards.motion import articulation, damping
+from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
+from scenarios.standards.proving_ground import PERIOD, Drive, drive
+from vehicle.clock import TICK
+from vehicle.description import Vehicle
+from vehicle.surface import Surface
+
+SPEED: Final = 80.0 / 3.6  # [m/s]
+NAMES: Final = ("yaw_damping", "pulse_load_transfer")
+
+_FRICTION: Final = 0.8  # a dry road [-]
+_STEER: Final = math.radians(2.0)  # peak of the pulse: about 0.1 g, where tyres still answer linearly
+_DURATION: Final = 0.3  # of it: short against the 2 to 4 s of a trailer's swing [s]
+_START: Final = 0.5  # [s]
+_LENGTH: Final = 12.0  # of the test [s]
+
+
+def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+    """A pulse of steer to the left, then straight ahead with the steering held."""
+    count = round(_LENGTH / (PERIOD * TICK))
+    angles = half_sine(_STEER, _DURATION, _START, count)
+    pilot = SteerProgramme(angles, SPEED, TrailerPilot(vehicle, trailer_steering))
+    driven = drive(
+        vehicle,
+        Surface(friction=_FRICTION),
+        pilot,
+        speed=SPEED,
+        done=lambda truth: truth.tick >= count * PERIOD,
+        patience=2.0 * _LENGTH,
+    )
+    return Manoeuvre(
+        key="pulse",
+        title="Yaw damping after a pulse of steer",
+        how="80 km/h, half a sine of 2° and 0.3 s at the road wheels, steering held straight afterwards, friction 0.8.",
+        outcome=driven.outcome,
+        figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven)),
+        log=driven.log,
+    )
+
+
+def _figures(vehicle: Vehicle, driven: Drive) -> Figures:
+    """The least damped of all yaw rates and articulation angles counts."""
+    log, names = driven.log, [unit.name for unit in vehicle.units]
+    free = log["time"] > _START + _DURATION
+    motions = [log[f"yaw_rate_{name}"] for name in names]
+    motions += [articulation(log, *pair) for pair in pairwise(names)]
+    return {
+        "yaw_damping": min(damping(motion[free]) for motion in motions),
+        "pulse_load_transfer": max(float(np.max(np.abs(log[f"load_transfer_{name}"]))) for name in names),
+    }

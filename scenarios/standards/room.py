@@ -1,0 +1,98 @@
+"""The room a combination takes along a path: how far its bodies reach to either side, and its corners swing out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from controllers.path import Path
+from scenarios.swept_path import UnitOutline, placed
+from vehicle.frames import FloatArray
+
+_SPACING = 0.1  # of the stations along the path [m]
+_EDGE = 0.2  # between points along a body's edge [m]: inside a 12.5 m arc they hide 0.4 mm of it
+_BEYOND = 40.0  # of straight before and behind the path [m]: longer than any combination
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reach:
+    """How far bodies reach to the left and to the right of a path, at stations along it; NaN where none came."""
+
+    left: FloatArray  # (m,) [m], + left
+    right: FloatArray  # (m,) [m], + left too
+
+    @property
+    def width(self) -> float:
+        """Largest width, square to the path [m]."""
+        return float(np.nanmax(self.left - self.right))
+
+    def outside(self, path: Path) -> FloatArray:
+        """How far they reach to the outside of the path's turn, (m,) [m]."""
+        return -self.right if turns_left(path) else self.left
+
+
+def turns_left(path: Path) -> bool:
+    """Whether the path leads to the left in all."""
+    return path.knots[-1].psi >= path.start.psi
+
+
+def reach(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray], path: Path) -> Reach:
+    """What all bodies sweep; ``poses`` (n, 3) of each unit over time."""
+    swept = [placed(_edge(outline), _thinned(pose)) for outline, pose in zip(outlines, poses, strict=True)]
+    return _reach(np.concatenate([points.reshape(-1, 2) for points in swept]), path)
+
+
+def front_reach(outline: UnitOutline, poses: FloatArray, path: Path) -> FloatArray:
+    """How far the outer front corner of one unit reaches outside at each station, (m,) [m]; NaN where it was not."""
+    side = -1.0 if turns_left(path) else 1.0
+    corner = placed(np.array([[outline.front_x, side * 0.5 * outline.width]]), poses)[:, 0]
+    return _reach(corner, path).outside(path)
+
+
+def tail_swing(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> tuple[float, float]:
+    """How far a rear corner swings out beyond the straights at entry and at exit of a turn [m].
+
+    Beyond the outer side of a body in line with the tractor where it stood first, and where it stands in the end.
+    For turns of half a circle at most: their far sides lie inside of both straights.
+    """
+    side = -1.0 if poses[0][-1, 2] >= poses[0][0, 2] else 1.0
+    swings = []
+    for x, y, psi in (poses[0][0], poses[0][-1]):
+        outwards = side * np.array([-math.sin(psi), math.cos(psi)])
+        beyond = [
+            (placed(np.array([[o.rear_x, side * 0.5 * o.width]]), p)[:, 0] - [x, y]) @ outwards - 0.5 * o.width
+            for o, p in zip(outlines, poses, strict=True)
+        ]
+        swings.append(max(0.0, float(np.max(beyond))))
+    return swings[0], swings[1]
+
+
+def _edge(outline: UnitOutline) -> FloatArray:
+    """Points round a body, shape (m, 2) in its frame."""
+    ends = zip(outline.corners, np.roll(outline.corners, -1, axis=0), strict=True)
+    sides = [np.linspace(a, b, math.ceil(np.hypot(*(b - a)) / _EDGE), endpoint=False) for a, b in ends]
+    return np.concatenate(sides)
+
+
+def _thinned(poses: FloatArray) -> FloatArray:
+    """Poses about a station's spacing apart."""
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    rows = np.searchsorted(travelled, np.arange(0.0, travelled[-1], _SPACING))
+    thinned: FloatArray = poses[np.unique(np.append(rows, len(poses) - 1))]
+    return thinned
+
+
+def _reach(points: FloatArray, path: Path) -> Reach:
+    """Extremes of where points (k, 2) lie beside the path, station by station."""
+    stations = np.arange(-_BEYOND, path.length + _BEYOND, _SPACING)
+    x, y, psi = np.array([path.pose(float(s)) for s in stations]).T
+    _, nearest = KDTree(np.column_stack([x, y])).query(points)
+    lateral = (points[:, 1] - y[nearest]) * np.cos(psi[nearest]) - (points[:, 0] - x[nearest]) * np.sin(psi[nearest])
+    left, right = np.full(len(stations), -math.inf), np.full(len(stations), math.inf)
+    np.maximum.at(left, nearest, lateral)
+    np.minimum.at(right, nearest, lateral)
+    return Reach(np.where(np.isfinite(left), left, math.nan), np.where(np.isfinite(right), right, math.nan))

@@ -1,0 +1,75 @@
+"""Tracking on a straight road that falls to the side and is rough: the width it takes at speed."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from scenarios.adapters import outlines
+from scenarios.courses import PREVIEW
+from scenarios.courses import straight as straight_course
+from scenarios.log import Log
+from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
+from scenarios.standards.motion import point_path, poses
+from scenarios.standards.pilots import PathPilot, TrailerPilot
+from scenarios.standards.proving_ground import drive
+from scenarios.swept_path import placed
+from vehicle.description import Vehicle
+from vehicle.surface import Roughness, RoughProfile, Surface
+
+SPEED: Final = 90.0 / 3.6  # [m/s]
+CROSS_FALL: Final = 0.03  # to the right [-]
+ROUGHNESS: Final = "B"  # ISO 8608
+NAMES: Final = ("tracking_width_m", "tracking_offset_m", "tracking_path_error_m")
+
+_FRICTION: Final = 0.8  # a dry road [-]
+_LENGTH: Final = 1000.0  # [m]
+_SETTLED: Final = 200.0  # of road on which the combination finds its crab angle: 8 s, several of its swings [m]
+_SEED: Final = 1  # of the road's profile: every combination drives the same one
+_STATION: Final = 0.5  # between the cross-sections [m], what the combination travels in a row of the log
+
+
+def straight(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+    """A kilometre of straight road at 90 km/h with a driver who keeps his line."""
+    axle_x = vehicle.units[0].steered_axles[0].x
+    course = straight_course(front_x=axle_x + PREVIEW * SPEED, length=_LENGTH)
+    surface = Surface(
+        friction=_FRICTION,
+        cross_fall=CROSS_FALL,
+        roughness=Roughness(profile=RoughProfile(np.random.default_rng(_SEED), ROUGHNESS)),
+    )
+    driven = drive(
+        vehicle,
+        surface,
+        PathPilot(vehicle, course, SPEED, TrailerPilot(vehicle, trailer_steering)),
+        speed=SPEED,
+        done=lambda truth: bool(truth.poses[0, 0] >= _LENGTH),
+        patience=2.0 * _LENGTH / SPEED,
+    )
+    return Manoeuvre(
+        key="straight",
+        title="Tracking on a straight road",
+        how="90 km/h over 1000 m of road that falls by 3 % to the right and is rough as class B of ISO 8608, "
+        "friction 0.8.",
+        outcome=driven.outcome,
+        figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven.log)),
+        log=driven.log,
+    )
+
+
+def _figures(vehicle: Vehicle, log: Log) -> Figures:
+    x = np.arange(_SETTLED, _LENGTH - vehicle.length, _STATION)
+    corners = [
+        placed(body.corners, poses(log, body.name)).transpose(1, 0, 2)  # (4, n, 2)
+        for body in outlines(vehicle)
+    ]
+    lateral = np.array([np.interp(x, *corner.T) for corner in np.concatenate(corners)])
+    first, last = vehicle.units[0], vehicle.units[-1]
+    front = point_path(log, first.name, first.steered_axles[0].x)
+    rear = point_path(log, last.name, last.axles[-1].x)
+    return {
+        "tracking_width_m": float(np.max(np.ptp(lateral, axis=0))),
+        "tracking_offset_m": float(np.max(np.abs(np.interp(x, *rear.T) - np.interp(x, *front.T)))),
+        "tracking_path_error_m": float(np.max(np.abs(np.interp(x, *front.T)))),
+    }

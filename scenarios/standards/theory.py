@@ -1,0 +1,61 @@
+"""What the linearised combination would do in the same manoeuvres, to be read beside what was measured."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scenarios.standards import lane_change, pulse
+from scenarios.standards.manoeuvre import Figures
+from vehicle.description import GRAVITY, Vehicle
+from vehicle.frames import FloatArray
+from vehicle.handling import static_rollover_threshold, yaw_damping
+from vehicle.lateral_outputs import OutputKind
+from vehicle.linear import ComplexArray, lateral_model
+
+_LENGTH = 41.0  # of the periodic lane change [s]: 37 s for all motion to die out
+_STEP = 0.01  # [s]
+
+
+def linear_figures(vehicle: Vehicle) -> Figures:
+    """The figures that linear theory knows, under the names of those measured; none for what does not apply."""
+    return {
+        "yaw_damping": yaw_damping(vehicle, pulse.SPEED),
+        "rollover_threshold_g": static_rollover_threshold(vehicle) / GRAVITY,
+        **(_lane_change(vehicle) if len(vehicle.units) > 1 else {}),
+    }
+
+
+def _lane_change(vehicle: Vehicle) -> Figures:
+    """The lane change with the front axle exactly on its path, tyres and roll without delay.
+
+    All motions follow from the front axle's by ratios of frequency responses, steer cancels out. The last axle is
+    farthest out when the front axle is back on a straight line, so that it does not matter that it comes there later.
+    """
+    count = round(_LENGTH / _STEP)
+    time: FloatArray = _STEP * np.arange(count, dtype=np.float64)
+    f = np.fft.rfftfreq(count, _STEP)[1:]  # one period of a sine has no mean, and the responses have none at 0 Hz
+    s = 2j * math.pi * f
+    kinds: tuple[OutputKind, ...] = ("lateral_acceleration", "yaw_rate", "axle_position")
+    model = lateral_model(vehicle, lane_change.SPEED, outputs=kinds, path=True)
+    response = {name: model.response(name, f) for name in model.outputs}
+    last, axle = len(vehicle.units) - 1, sum(len(unit.axles) for unit in vehicle.units) - 1
+    front = response["axle_position_0"] * s**2
+    prescribed = np.fft.rfft(lane_change.prescribed_acceleration(time))[1:]
+
+    def motion(ratio: ComplexArray) -> FloatArray:
+        found: FloatArray = np.fft.irfft(np.concatenate([[0.0], prescribed * ratio]), count)
+        return found
+
+    yaw = [motion(response[f"yaw_rate_{unit}"] / front) for unit in (0, last)]
+    beside = motion((response[f"axle_position_{axle}"] - response["axle_position_0"]) / front)
+    return {
+        "rearward_amplification": _peak(motion(response[f"lateral_acceleration_{last}"] / front)) / lane_change.PEAK,
+        "rearward_amplification_yaw": _peak(yaw[1]) / _peak(yaw[0]),
+        "transient_off_tracking_m": float(np.max(beside) - beside[0]),  # nothing is off its path before the change
+    }
+
+
+def _peak(values: FloatArray) -> float:
+    return float(np.max(np.abs(values)))

@@ -1,0 +1,101 @@
+"""How runs go wrong: jackknifed, rolled over, left the road."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scenarios.outcomes import Outcome, Referee
+from vehicle.clock import TICK
+from vehicle.description import load_vehicle
+from vehicle.frames import FloatArray
+from vehicle.truth import Truth
+
+VEHICLE = load_vehicle("eu_tractor_semitrailer")
+ROAD = np.column_stack([np.arange(-20.0, 20.0, 0.5), np.zeros(80)])
+
+
+def truth(
+    tick: int = 0,
+    *,
+    tractor: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    trailer_yaw: float = 0.0,
+    transfer: tuple[float, float] = (0.0, 0.0),
+) -> Truth:
+    wheels = np.zeros(VEHICLE.n_wheels)
+    poses: FloatArray = np.array([tractor, (tractor[0], tractor[1], trailer_yaw)])
+    return Truth(
+        tick=tick,
+        poses=poses,
+        velocities=np.zeros((2, 3)),
+        bodies=np.tile(np.eye(4), (2, 1, 1)),
+        steer=np.zeros(1),
+        wheel_loads=wheels,
+        wheel_slip_angles=wheels,
+        friction_used=wheels,
+        load_transfer=np.array(transfer),
+    )
+
+
+def judged(seen: Truth) -> Outcome | None:
+    referee = Referee(VEHICLE, ROAD, 4.5)
+    return referee.step(referee.init(), seen)[1]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("degrees", "outcome"), [(89.0, None), (91.0, "jackknifed")])
+def test_a_combination_folded_past_the_right_angle_has_jackknifed(
+    side: float, degrees: float, outcome: Outcome | None
+) -> None:
+    """At 90 degrees the pull of the hitch has no part left along the trailer, to either side."""
+    assert judged(truth(trailer_yaw=side * math.radians(degrees))) == outcome
+
+
+@pytest.mark.parametrize("transfer", [(1.0, 0.2), (0.3, -1.0)])
+def test_a_unit_on_one_sides_wheels_for_half_a_second_has_rolled_over(transfer: tuple[float, float]) -> None:
+    """Half a second is the time constant with which a laden body falls over its outer wheels."""
+    referee = Referee(VEHICLE)
+    memory = referee.init()
+    outcomes = []
+    for tick in range(0, 600, 10):
+        memory, outcome = referee.step(memory, truth(tick, transfer=transfer))
+        outcomes.append(outcome)
+    assert outcomes.index("rolled over") * 10 * TICK == pytest.approx(0.5)
+
+
+def test_a_wheel_that_comes_back_in_time_is_no_roll_over() -> None:
+    """0.4 s in the air, down for one row, 0.4 s in the air: the count begins anew."""
+    referee = Referee(VEHICLE)
+    memory = referee.init()
+    for tick in range(0, 810, 10):
+        down = tick == 400
+        memory, outcome = referee.step(memory, truth(tick, transfer=(0.0, 0.5 if down else 1.0)))
+        assert outcome is None
+
+
+@pytest.mark.parametrize(
+    ("y", "yaw", "outcome"),
+    [
+        (3.4, 0.0, None),  # wheels stand 1.02 m out: 4.42 m
+        (3.6, 0.0, "left the road"),
+        (-3.6, 0.0, "left the road"),
+        (2.0, 0.8, "left the road"),  # the front wheels are 3.8 sin(0.8) + 1.02 cos(0.8) = 3.4 m further out
+        (2.0, 0.2, None),
+    ],
+)
+def test_the_road_is_left_with_the_first_wheel_of_the_tractor(y: float, yaw: float, outcome: Outcome | None) -> None:
+    """The road is 4.5 m wide to either side of its centre line."""
+    assert judged(truth(tractor=(0.0, y, yaw), trailer_yaw=yaw)) == outcome
+
+
+def test_trailers_are_not_judged_by_the_road() -> None:
+    """A trailer at 80 degrees to the road reaches 9 m beside it."""
+    assert judged(truth(trailer_yaw=math.radians(80.0))) is None
+
+
+def test_without_a_road_there_is_none_to_leave() -> None:
+    """On the proving ground a combination may go where it likes."""
+    referee = Referee(VEHICLE)
+    assert referee.step(referee.init(), truth(tractor=(0.0, 1e3, 0.0)))[1] is None

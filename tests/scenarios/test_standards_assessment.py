@@ -1,0 +1,177 @@
+"""The standard manoeuvres of whole vehicles against reference figures, and what an assessment makes of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from scenarios.commands.assess import assess as assess_command
+from scenarios.standards.assessment import MANOEUVRES, Assessment, assess
+from scenarios.standards.levels import CRITERIA, judged
+from scenarios.standards.manoeuvre import Manoeuvre
+from scenarios.standards.page import assessment_page
+from scenarios.standards.quantities import BY_NAME
+from scenarios.standards.roundabout import roundabout
+from scenarios.standards.turn import turn
+from vehicle.description import load_vehicle
+
+PAGE_LINK = re.compile(r'(?:src|href)="(?!data:|#)')
+
+
+@pytest.fixture(scope="module")
+def assessed() -> Assessment:
+    return assess(load_vehicle("eu_tractor_semitrailer"), processes=1)
+
+
+def by_key(assessment: Assessment) -> dict[str, Manoeuvre]:
+    return {manoeuvre.key: manoeuvre for manoeuvre in assessment.manoeuvres}
+
+
+def test_every_manoeuvre_is_driven_and_measured(assessed: Assessment) -> None:
+    """A dry road and a well-behaved vehicle: nothing befalls it, and everything can be measured."""
+    assert tuple(by_key(assessed)) == MANOEUVRES
+    for manoeuvre in assessed.manoeuvres:
+        assert manoeuvre.outcome == "completed"
+        assert all(math.isfinite(value) for value in manoeuvre.figures.values())
+        assert set(manoeuvre.figures) <= set(BY_NAME)
+
+
+def test_the_low_speed_turn_has_its_reference_figures(assessed: Assessment) -> None:
+    """Kinematic reference without slip: swept path 5.86 m, tail swing 0.27 m, frontal swing 0.513 m.
+
+    With the tyre's wall at 1.25 m there and 1.21 m here, a tridem that slips, and figures to two digits: 3 cm.
+    """
+    figures = by_key(assessed)["turn"].figures
+    assert figures["swept_path_m"] == pytest.approx(5.86, abs=0.03)
+    assert figures["tail_swing_entry_m"] == pytest.approx(0.27, abs=0.01)
+    assert figures["frontal_swing_m"] == pytest.approx(0.513, abs=0.03)
+    assert figures["tail_swing_exit_m"] == 0.0
+    assert figures["turn_path_error_m"] < 0.05  # the standard's tolerance
+
+
+def test_the_roundabout_is_a_little_tighter_than_without_slip(assessed: Assessment) -> None:
+    """Without slip: inner radius 5.330 m, width 7.170 m, tail swing 0.241 m, articulation 44.88 degrees.
+
+    The tridem's axles 1.31 m apart scrub, so the trailer turns as one with its axle 2/3 1.31^2 / 7.70 = 0.15 m further
+    back, and cuts in by some 0.1 m more.
+    """
+    figures = by_key(assessed)["roundabout"].figures
+    assert 5.330 - 0.15 < figures["roundabout_inner_radius_m"] < 5.330
+    assert figures["roundabout_outer_radius_m"] == pytest.approx(12.5, abs=0.01)
+    assert figures["roundabout_width_m"] == pytest.approx(7.170, abs=0.15)
+    assert figures["roundabout_tail_swing_m"] == pytest.approx(0.241, abs=0.01)
+    assert math.radians(44.88) < figures["roundabout_articulation_rad"] < math.radians(48.0)
+
+
+def test_measured_handling_agrees_with_linear_theory(assessed: Assessment) -> None:
+    """Small motions: damping and threshold within 3 %; the lane change within 7 %, with load-sensitive tyres."""
+    for name in ("yaw_damping", "rollover_threshold_g"):
+        assert assessed.figures[name] == pytest.approx(assessed.linear[name], rel=0.03)
+    for name in ("rearward_amplification", "rearward_amplification_yaw", "transient_off_tracking_m"):
+        assert assessed.figures[name] == pytest.approx(assessed.linear[name], rel=0.07)
+
+
+def test_cross_fall_makes_the_combination_crab(assessed: Assessment) -> None:
+    """3 % of its weight over a stiffness of 4.6 a rad is 0.37 degrees of slip: 0.09 m at the last axle, + roughness."""
+    figures = by_key(assessed)["straight"].figures
+    assert 0.05 < figures["tracking_offset_m"] < 0.15
+    assert 2.55 + 0.05 < figures["tracking_width_m"] < 2.55 + 0.25
+
+
+def test_a_steered_trailer_needs_less_room() -> None:
+    """The path-following law takes the cut-in of a 14 m trailer away, in the turn and on the roundabout."""
+    vehicle = load_vehicle("uk_longer_semitrailer")
+    unsteered, steered = (turn(vehicle, law).figures["swept_path_m"] for law in ("none", "path_preview"))
+    assert steered < unsteered - 0.5
+
+
+def test_a_vehicle_too_long_for_the_roundabout_jackknifes_there() -> None:
+    """That is a finding: no figure is made up, and no level is reached."""
+    done = roundabout(load_vehicle("wb67"), "none")
+    assert done.outcome == "jackknifed"
+    assert all(math.isnan(value) for value in done.figures.values())
+    (inner, swing) = judged(done.figures)
+    assert inner.reached == swing.reached == "not measured"
+
+
+def test_levels_are_reached_from_the_strictest_on() -> None:
+    """At the limit a level is still reached; past the last one, none is."""
+    reached = [judged({"swept_path_m": value})[0].reached for value in (7.4, 7.41, 13.7, 13.8)]
+    assert reached == ["level 1", "level 2", "level 4", "none"]
+    assert [judged({"yaw_damping": value})[0].reached for value in (0.15, 0.14)] == ["met", "missed"]
+
+
+def test_amplification_is_held_against_the_vehicles_own_threshold() -> None:
+    """At most 5.7 times the static rollover threshold in g: 2.0 at 0.351 g."""
+    for value, expected in ((1.99, "met"), (2.01, "missed")):
+        found = judged({"rearward_amplification": value, "rollover_threshold_g": 2.0 / 5.7})
+        assert next(j for j in found if j.criterion.quantity == "rearward_amplification").reached == expected
+    assert judged({"rearward_amplification": 1.0})[0].reached == "not measured"
+
+
+def test_every_limit_says_where_it_comes_from() -> None:
+    """Numbers from memory must not look like numbers that were looked up."""
+    for criterion in CRITERIA:
+        assert criterion.quantity in BY_NAME
+        assert "memory" in criterion.source or "read" in criterion.source or "documentation" in criterion.source
+    assert all("memory" in criterion.source for criterion in CRITERIA if criterion.standard.startswith("PBS"))
+
+
+def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assessment) -> None:
+    """Every manoeuvre with a picture, every figure with its meaning, every limit with its provenance."""
+    page = assessment_page(assessed)
+    assert not PAGE_LINK.search(page)
+    assert page.count("<svg") == 7
+    for manoeuvre in assessed.manoeuvres:
+        assert manoeuvre.title in page
+        for name in manoeuvre.figures:
+            assert BY_NAME[name].meaning.split("'")[0] in page
+    assert page.count("from memory") > 10
+
+
+def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A rigid truck: what does not apply to it is null, and a missed level is no failure."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    app = typer.Typer()
+    app.command()(assess_command)
+    done = CliRunner().invoke(app, ["rigid_truck", "--out", str(tmp_path / "out"), "--json"])
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert told == json.loads((tmp_path / "out" / "assessment.json").read_text(encoding="utf-8"))
+    assert told["manoeuvres"]["turn"]["frontal_swing_mod_m"] is None
+    assert "frontal_swing_mod_m" not in [level["quantity"] for level in told["levels"]]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "report.html",
+        "assessment.json",
+        *(f"{key}.parquet" for key in MANOEUVRES),
+    }
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["eu_tractor_semitrailr"], "eu_tractor_semitrailer"),
+        (["none.toml"], "none.toml"),
+        (["eu_tractor_semitrailer", "--trailer-steering", "path_preview"], "no steered axle"),
+        (["uk_longer_semitrailer", "--trailer-steering", "path_preveiw"], "path_preview"),
+        (["eu_tractor_semitrailer", "--out", "."], "not empty"),
+    ],
+)
+def test_bad_input_ends_in_one_line_and_code_2(
+    arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What can be expected to go wrong is refused before anything moves."""
+    (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    app = typer.Typer()
+    app.command()(assess_command)
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
