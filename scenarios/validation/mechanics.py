@@ -1,0 +1,129 @@
+"""The model's mechanics beside first principles: conservation, independent derivations, the friction circle."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from scenarios.validation.check import Check, Section
+from scenarios.validation.conservation import conservation, gravity_work
+from scenarios.validation.derivations import Motion, lagrange, modelled, newton_euler
+from vehicle.compiled import compiled_output
+from vehicle.description import Vehicle, load_vehicle
+from vehicle.frames import FloatArray
+from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
+
+_STATES: Final = 200  # random ones, of each chain
+_RANGES: Final = State(  # to draw random states from, to either side: wilder than any drive
+    x=50.0,
+    y=50.0,
+    psi=3.0,
+    v_x=25.0,
+    v_y=5.0,
+    yaw_rate=1.0,
+    heave=0.1,
+    pitch=0.1,
+    roll=0.2,
+    heave_spring=0.5,
+    pitch_spring=0.5,
+    roll_spring=0.5,
+    hitch_x=5e4,
+    hitch_y=5e4,
+    omega=60.0,
+    deflection_x=0.3,
+    deflection_y=0.3,
+    brake_windup=1.0,
+    steer=0.6,
+    acceleration=5.0,
+)
+
+
+def mechanics(quick: bool) -> Section:
+    """Energy, momenta, gravity's work, two more derivations of the same equations, and the friction circle."""
+    chains = [_chain(n) for n in (1, 2, 3)]
+    return Section(
+        title="Mechanics",
+        text="Chains of rigid units tumble freely for 20 s and slide down a slope. Their accelerations in random "
+        "states are compared with two independent derivations, and the forces of their tyres with their friction.",
+        checks=(
+            *(check for chain in chains[1:] for check in conservation(chain)),
+            gravity_work(chains[1]),
+            *(check for chain in chains for check in _derivations(chain)),
+            _friction_circle(chains[2], 2_000 if quick else 20_000),
+        ),
+    )
+
+
+def _chain(n: int) -> Vehicle:
+    """The first n of tractor, semi-trailer with a hitch over its axles, and semi-trailer: a B-double."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    tractor, trailer = vehicle.units
+    lead = trailer.model_copy(update={"hitch_x": -7.4, "hitch_height": 1.15})
+    return vehicle.model_copy(update={"units": (tractor, lead, trailer)[:n] if n > 2 else (tractor, trailer)[:n]})
+
+
+def _derivations(vehicle: Vehicle) -> tuple[Check, ...]:
+    """Largest difference of the model's accelerations from each derivation's, over the largest acceleration."""
+    n, rng = len(vehicle.units), np.random.default_rng(1)
+    of_lagrange, of_newton = np.array([_differences(vehicle, rng) for _ in range(_STATES)]).max(axis=0).tolist()
+    told = (
+        ("Lagrange", of_lagrange, "Lagrange's equations, derived by hand"),
+        ("Newton and Euler", of_newton, "each body on its own, with the hitch forces as unknowns"),
+    )
+    return tuple(
+        Check(
+            name=f"N = {n}, {_STATES} random states: accelerations against {name}, relative",
+            value=difference,
+            target=0.0,
+            tolerance=1e-9,
+            unit="",
+            source=source,
+        )
+        for name, difference, source in told
+    )
+
+
+def _differences(vehicle: Vehicle, rng: np.random.Generator) -> tuple[float, float]:
+    n = len(vehicle.units)
+    now = Motion(rng.uniform(-np.pi, np.pi, n), rng.uniform(-10.0, 10.0, 2), rng.uniform(-1.0, 1.0, n))
+    forces, moments = rng.uniform(-1e5, 1e5, (n, 2)), rng.uniform(-1e5, 1e5, n)
+    got = np.concatenate(modelled(vehicle, now, forces, moments))
+    first, second = (
+        float(np.abs(got - np.concatenate(other)).max() / np.abs(got).max())
+        for other in (lagrange(vehicle, now, forces, moments), newton_euler(vehicle, now, forces, moments)[0])
+    )
+    return first, second
+
+
+def _friction_circle(vehicle: Vehicle, count: int) -> Check:
+    """How far the horizontal force of any wheel goes beyond friction times load, in random states."""
+    rng = np.random.default_rng(1)
+    outputs = np.array(compiled_output(vehicle).map(count)(_states(vehicle, rng, count), _inputs(vehicle, rng, count)))
+    used = Output(*parts(outputs, output_sizes(vehicle))).friction_used
+    return Check(
+        name=f"{vehicle.n_wheels} wheels in {count} random states: horizontal force beyond friction times load",
+        value=max(0.0, float(used.max()) - 1.0),
+        target=0.0,
+        tolerance=1e-12,
+        unit="",
+        source="Coulomb's law; tolerance: rounding",
+    )
+
+
+def _states(vehicle: Vehicle, rng: np.random.Generator, count: int) -> FloatArray:
+    sizes = state_sizes(vehicle)
+    return np.concatenate([a * rng.uniform(-1.0, 1.0, (n, count)) for a, n in zip(_RANGES, sizes, strict=True)])
+
+
+def _inputs(vehicle: Vehicle, rng: np.random.Generator, count: int) -> FloatArray:
+    sizes = input_sizes(vehicle)
+    drawn = Input(
+        steer=rng.uniform(-0.6, 0.6, (sizes.steer, count)),
+        acceleration=rng.uniform(-6.0, 2.0, (1, count)),
+        friction=rng.uniform(0.05, 1.2, (sizes.friction, count)),
+        gravity_x=rng.uniform(-1.0, 1.0, (sizes.gravity_x, count)),
+        gravity_y=rng.uniform(-1.0, 1.0, (sizes.gravity_y, count)),
+        road=rng.uniform(-0.05, 0.05, (sizes.road, count)),
+    )
+    return np.concatenate(drawn)

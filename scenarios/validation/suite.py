@@ -1,0 +1,26 @@
+"""All sections of the validation, in the order in which they are read."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from scenarios.validation.check import Task
+from scenarios.validation.design_vehicles import design_vehicles
+from scenarios.validation.integration import integration
+from scenarios.validation.linear_theory import linear_theory
+from scenarios.validation.mechanics import mechanics
+from scenarios.validation.no_slip_limit import no_slip_limit
+from scenarios.validation.roundabout import roundabout
+from scenarios.validation.steady_turns import steady_turns
+from scenarios.validation.tractrix import tractrix
+
+TASKS: Final = (
+    Task(title="Design vehicles", work=design_vehicles),
+    Task(title="Tractrix", work=tractrix),
+    Task(title="Steady turns", work=steady_turns),
+    Task(title="Roundabout", work=roundabout),
+    Task(title="Kinematic limit", work=no_slip_limit),
+    Task(title="Linear theory", work=linear_theory),
+    Task(title="Mechanics", work=mechanics),
+    Task(title="Integrator", work=integration),
+)

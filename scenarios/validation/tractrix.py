@@ -1,0 +1,82 @@
+"""A trailer whose hitch runs from a tangent onto a circle, beside the closed form."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from scenarios.validation.check import Check, Plot, Section, Series
+from scenarios.validation.driving import CREEP, poses_of, round_circle
+from scenarios.validation.references import tractrix_articulation
+from scenarios.validation.vehicles import gripping, tractor_and_trailer
+from vehicle.description import load_vehicle
+from vehicle.frames import FloatArray
+
+_CASES: Final = (  # radius, hitch to axle [m], articulation after 90 and after 180 degrees [deg]
+    (12.5, 8.0, 34.785, 39.055),
+    (10.0, 8.0, 41.105, 49.744),
+    (12.5, 12.0, 46.330, 60.283),
+)
+
+
+def tractrix(quick: bool) -> Section:
+    """Trailers whose hitch runs from a tangent onto a circle."""
+    cases = _CASES[:1] if quick else _CASES
+    checks: list[Check] = []
+    series: list[Series] = []
+    for case in cases:
+        radius, length, at_90, at_180 = case
+        turned, articulation = _driven(radius, length)
+        exact = np.array([tractrix_articulation(radius, length, phi) for phi in turned])
+        checks += [
+            _angle(f"R = {radius:g} m, L = {length:g} m: articulation after 90°", turned, articulation, 90.0, at_90),
+            _angle(f"R = {radius:g} m, L = {length:g} m: articulation after 180°", turned, articulation, 180.0, at_180),
+            Check(
+                name=f"R = {radius:g} m, L = {length:g} m: largest distance from the closed form",
+                value=math.degrees(float(np.abs(articulation - exact).max())),
+                target=0.0,
+                tolerance=1e-3,
+                unit="°",
+                source="tractrix onto a circle, closed form by the half-angle tangent",
+            ),
+        ]
+        series += [
+            Series(f"R = {radius:g} m, L = {length:g} m", np.degrees(turned), np.degrees(articulation), "model"),
+            Series("closed form" if case is cases[-1] else "", np.degrees(turned), np.degrees(exact), "reference"),
+        ]
+    return Section(
+        title="Tractrix",
+        text="The hitch of a tractor on stiff tyres leaves a tangent for a circle; the trailer's articulation follows "
+        "the closed form of a trailer whose axle does not slide sideways.",
+        checks=tuple(checks),
+        plots=(
+            Plot(
+                title="Articulation over the turn of the hitch",
+                x_label="turn of the hitch's path [°]",
+                y_label="articulation [°]",
+                series=tuple(series),
+            ),
+        ),
+    )
+
+
+def _angle(name: str, turned: FloatArray, articulation: FloatArray, at: float, published: float) -> Check:
+    return Check(
+        name=name,
+        value=float(np.interp(at, np.degrees(turned), np.degrees(articulation))),
+        target=published,
+        tolerance=1.5e-3,  # 1e-3 of the model, and the rounding of the published figure
+        unit="°",
+        source="calculated beforehand from the closed form, to three decimals",
+    )
+
+
+def _driven(radius: float, length: float) -> tuple[FloatArray, FloatArray]:
+    """Turn of the hitch's path and articulation to it [rad], over half a circle."""
+    vehicle = gripping(tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=length, hitch_x=0.0))
+    seen = round_circle(vehicle, radius, CREEP, math.pi * radius + 0.1)
+    hitch = np.array([now.velocities[1] for now in seen])
+    articulation = np.arctan2(hitch[:, 1], hitch[:, 0])
+    return poses_of(seen)[:, 1, 2] + articulation, articulation

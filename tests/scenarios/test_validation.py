@@ -1,0 +1,252 @@
+"""The validation: its references are right, its verdicts honest, its page and command complete."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+from controllers.path import Path as Course
+from controllers.path import arc, line
+from scenarios.commands.validate import validate
+from scenarios.swept_path import placed
+from scenarios.validation import no_slip_limit, references, suite
+from scenarios.validation.check import Check, Plot, Section, Series, Task, number, tally
+from scenarios.validation.linear_theory import linear_theory
+from scenarios.validation.mechanics import mechanics
+from scenarios.validation.model import OtherStepPlant
+from scenarios.validation.no_slip import RollingChain, poses_along
+from scenarios.validation.page import validation_page
+from scenarios.validation.vehicles import on_single_axles
+from vehicle.clock import TICK
+from vehicle.description import load_vehicle
+from vehicle.frames import Pose2
+from vehicle.loads import static_axle_loads
+from vehicle.plant import Plant, VehicleCommand
+from vehicle.surface import Surface
+
+FOOT = 0.3048
+
+# --- references ---
+
+
+@pytest.mark.parametrize(
+    ("radius", "length", "at_90", "at_180"),
+    [(12.5, 8.0, 34.785, 39.055), (10.0, 8.0, 41.105, 49.744), (12.5, 12.0, 46.330, 60.283)],
+)
+def test_the_tractrix_has_the_angles_known_for_it(radius: float, length: float, at_90: float, at_180: float) -> None:
+    """Calculated beforehand, to three decimals of a degree."""
+    for turned, known in ((0.5 * math.pi, at_90), (math.pi, at_180)):
+        found = math.degrees(references.tractrix_articulation(radius, length, turned))
+        assert found == pytest.approx(known, abs=6e-4)  # rounding of the known
+
+
+@given(st.floats(1.05, 5.0), st.floats(0.1, 6.0))
+def test_the_tractrix_solves_its_equation(ratio: float, turned: float) -> None:
+    """gamma' = 1 - (R / L) sin(gamma) from 0, integrated numerically."""
+    end = solve_ivp(lambda _, g: 1.0 - ratio * np.sin(g), (0.0, turned), [0.0], rtol=1e-10, atol=1e-12).y[0, -1]
+    assert references.tractrix_articulation(ratio, 1.0, turned) == pytest.approx(end, abs=1e-8)  # of the integration
+
+
+def test_steady_forms_have_the_values_known_for_them() -> None:
+    """Off-tracking of follow point and axle, the path-following law's own geometry, the ring's longest wheelbase."""
+    assert references.follow_point_off_tracking(15.0, 9.0, 14.0) == pytest.approx(2.142135, abs=1e-6)
+    known = {12.5: 3.3830, 15.0: 2.6765, 20.0: 1.9205, 30.0: 1.2447, 50.0: 0.7367, 100.0: 0.3663}
+    for radius, off_tracking in known.items():
+        found = references.front_axle_off_tracking(radius, 3.8, 0.7744762, 7.7)
+        assert found == pytest.approx(off_tracking, abs=5e-5)  # rounding of the known
+    for width, length in ((2.55, 8.135), (2.50, 8.155), (2.60, 8.115)):
+        assert references.longest_wheelbase_on_the_roundabout(width) == pytest.approx(length, abs=5e-4)
+
+
+@given(st.floats(9.0, 50.0), st.floats(0.0, 1.0))
+def test_path_following_axles_point_along_the_trailers_turn(radius: float, share: float) -> None:
+    """Hitch and follow point on one circle: every axle stands square to the radius through it."""
+    follow = 14.0
+    centre = np.array([-0.5 * follow, math.sqrt(radius**2 - 0.25 * follow**2)])  # of the turn, in the trailer's frame
+    axle = np.array([-share * follow, 0.0])
+    delta = references.path_following_steer(radius, share * follow, follow)
+    assert (centre - axle) @ np.array([math.cos(delta), math.sin(delta)]) == pytest.approx(0.0, abs=1e-9 * radius)
+
+
+@pytest.mark.parametrize(
+    ("wheelbase", "length", "radius", "known"),
+    [(19.5, 41.0, 41.0, 7.42), (19.5, 45.5, 41.0, 1.96), (12.5, 25.5, 36.4, 19.63), (14.6, 35.4, 41.0, 16.23)],
+)
+def test_rolling_without_slip_has_the_inside_radii_known_for_it(
+    wheelbase: float, length: float, radius: float, known: float
+) -> None:
+    """WB-62, WB-67, WB-40 and WB-50 in 180 degrees, calculated independently, in feet."""
+    turn = Course(Pose2(wheelbase, 0.0, 0.0), (line(10.0), arc(math.pi * radius, 1.0 / radius)))
+    poses = poses_along(RollingChain((0.0,), (length,)), turn, (wheelbase, 0.0), extra=80.0)
+    inner = placed(np.array([[-length, 4.25]]), poses[:, 1])[:, 0]
+    found = float(np.hypot(*(inner - [wheelbase + 10.0, radius]).T).min())
+    assert found == pytest.approx(known, abs=6e-3)  # rounding of the known
+
+
+def test_rolling_without_slip_goes_on_over_several_hitches() -> None:
+    """Units of a train on a long circle settle on radii from right triangles; a hitch off the axle widens the next."""
+    radius = 20.0  # of the tractor's rear axle, guided in front of it
+    front = 4.0
+    guided = math.hypot(radius, front)
+    circle = Course(Pose2(front, 0.0, 0.0), (arc(2.0 * math.pi * guided, 1.0 / guided),) * 4)
+    chain = RollingChain((0.6, -9.0), (7.0, 4.0))
+    now = poses_along(chain, circle, (front, 0.0))[-1]
+    first = math.sqrt(radius**2 + 0.6**2 - 7.0**2)
+    second = math.sqrt(first**2 + 2.0**2 - 4.0**2)  # the hitch is 2 m behind the axle
+    centre = now[0, :2] + radius * np.array([-math.sin(now[0, 2]), math.cos(now[0, 2])])
+    for pose, length, expected in zip(now[1:], chain.lengths, (first, second), strict=True):
+        axle = pose[:2] - length * np.array([math.cos(pose[2]), math.sin(pose[2])])
+        assert np.hypot(*(axle - centre)) == pytest.approx(expected, abs=1e-3)  # it starts with a kink at the front
+
+
+# --- checks ---
+
+
+def check(value: float | None, *, target: float = 1.0, tolerance: float = 0.1, remark: str = "") -> Check:
+    return Check(
+        name="radius of <the> turn", value=value, target=target, tolerance=tolerance, unit="m", source="a & b",
+        remark=remark,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict"),
+    [(1.0, "passed"), (1.09, "passed"), (0.91, "passed"), (1.11, "failed"), (0.89, "failed"), (math.nan, "failed"),
+     (math.inf, "failed"), (None, "skipped")],
+)  # fmt: skip
+def test_a_value_passes_within_its_tolerance(value: float | None, verdict: str) -> None:
+    """To both sides; what is no number fails, what could not be had is skipped."""
+    assert check(value).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("value", "tolerance", "text"),
+    [(7.4113, 0.1, "7.41"), (2.142136, 1e-3, "2.1421"), (0.0, 1e-9, "0"), (3.2e-14, 1e-9, "3.2e-14"),
+     (-2e-4, 1.0, "-0.0002"), (4e-13, 1e-12, "4e-13"),
+     (math.nan, 1.0, "nan"), (149.6, 10.0, "150"), (1234.5, 1000.0, "1234")],
+)  # fmt: skip
+def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, tolerance: float, text: str) -> None:
+    """The tolerance's first digit and one more; two digits of what is small beside it."""
+    assert number(value, tolerance) == text
+
+
+# --- sections that cost little ---
+
+
+@pytest.mark.parametrize("section", [linear_theory, mechanics])
+def test_theory_holds(section: Task) -> None:
+    """Linear oracle, conservation, derivations, friction circle."""
+    done = section(True)
+    assert [one.name for one in done.checks if one.verdict != "passed"] == []
+    assert all(one.source for one in done.checks)
+
+
+def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The checks that need it are skipped, with what to install; none of them passes or fails."""
+    monkeypatch.setattr(no_slip_limit, "installed", lambda: False)
+    for one in no_slip_limit._slalom_checks():
+        assert one.verdict == "skipped"
+        assert "pip install commonroad-vehicle-models" in one.remark
+
+
+# --- the vehicles and the plant it uses ---
+
+
+def test_an_axle_in_the_middle_of_a_group_carries_its_load() -> None:
+    """The tridem as one axle: the same loads on steer axle, drive axle and group, the same place of the group."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    single = on_single_axles(vehicle)
+    before, after = (static_axle_loads(each) for each in (vehicle, single))
+    assert after[0] == pytest.approx(before[0], rel=1e-9)
+    assert after[1] == pytest.approx([sum(before[1])], rel=1e-9)
+    group, axle = vehicle.units[1].axles, single.units[1].axles[0]
+    assert axle.tyre.nominal_load / group[0].tyre.nominal_load == pytest.approx(3.0)  # tyres as heavily loaded
+    assert axle.x == pytest.approx(np.mean([one.x for one in group]))
+
+
+def test_other_steps_are_the_plants_own_where_they_are_as_long() -> None:
+    """At 1 ms it is the same step, so that what another step changes is the step's."""
+    vehicle = load_vehicle("uk_longer_semitrailer")
+    command = VehicleCommand(0.1, -1.0, (0.05, 0.1))
+    plants = Plant(vehicle, Surface(friction=0.6)), OtherStepPlant(vehicle, 0.6, TICK)
+    ends = [plant.step(plant.initial_state(Pose2(1.0, 2.0, 0.3), 8.0), command, 200) for plant in plants]
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-9, atol=1e-9)  # two compilers' rounding, 200 steps
+
+
+# --- page and command ---
+
+
+def sections(*values: float | None) -> list[Section]:
+    plot = Plot(
+        title="a < b", x_label="x [m]", y_label="y [m]", to_scale=True,
+        series=(Series("model", np.arange(3.0), np.arange(3.0) ** 2, "model"),),
+    )  # fmt: skip
+    checks = tuple(check(value, remark="not installed" if value is None else "") for value in values)
+    return [Section(title="Turns", text="Slowly round.", checks=checks, plots=(plot,))]
+
+
+def test_the_page_says_everything_and_needs_nothing() -> None:
+    """Values, targets, tolerances, sources and verdicts; no script, no other file; text is escaped."""
+    page = validation_page(sections(1.05, 1.2, None), {"python": "3.x"})
+    for text in ("1.05 m", "1.20 m", "1.00 m", "± 0.1", "a &amp; b", "radius of &lt;the&gt; turn (not installed)",
+                 "1 passed, 1 failed, 1 skipped", "a &lt; b", "Slowly round.", "<svg", "3.x"):  # fmt: skip
+        assert text in page, text
+    for foreign in ("<script", "href=", "src="):
+        assert foreign not in page.replace('xlink:href="#', ""), foreign
+
+
+def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str):
+    monkeypatch.setattr(suite, "TASKS", (Task(title="Turns", work=lambda quick: sections(*values)[0]),))
+    app = typer.Typer()
+    app.command()(validate)
+    return CliRunner().invoke(app, list(arguments))
+
+
+def test_the_command_writes_a_page_and_ends_well(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Everything in its tolerance, or skipped: exit code 0."""
+    done = run(monkeypatch, (1.05, None), "--out", str(tmp_path / "new" / "one"))
+    assert done.exit_code == 0, done.output
+    assert "passed" in done.output
+    assert "skipped" in done.output
+    assert (tmp_path / "new" / "one" / "validation.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert json.loads((tmp_path / "new" / "one" / "validation.json").read_text(encoding="utf-8"))["passed"] == 1
+
+
+@pytest.mark.parametrize("value", [1.2, math.nan])
+def test_the_command_fails_when_a_number_is_out(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, value: float) -> None:
+    """Exit code 1, and the page is there all the same: it shows which."""
+    done = run(monkeypatch, (1.05, value), "--out", str(tmp_path / "one"))
+    assert done.exit_code == 1
+    assert "failed" in done.output
+    assert (tmp_path / "one" / "validation.html").exists()
+
+
+def test_json_is_all_that_is_printed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Every check with its verdict."""
+    done = run(monkeypatch, (1.05, 1.2, None), "--json", "--out", str(tmp_path / "one"))
+    told = json.loads(done.stdout)
+    assert (told["passed"], told["failed"], told["skipped"]) == (1, 1, 1)
+    assert [one["value"] for one in told["checks"]] == [1.05, 1.2, None]
+    assert {"section", "name", "target", "tolerance", "unit", "source", "verdict"} <= set(told["checks"][0])
+
+
+def test_a_directory_in_use_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Exit code 2 before anything is worked out."""
+    (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
+    done = run(monkeypatch, (1.05,), "--out", str(tmp_path))
+    assert done.exit_code == 2
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "kept.txt"]
+
+
+def test_tallies_count_all_sections() -> None:
+    """One count per verdict."""
+    assert tally([*sections(1.0, 2.0), *sections(None)]) == {"passed": 1, "failed": 1, "skipped": 1}
