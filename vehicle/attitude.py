@@ -8,7 +8,7 @@ import casadi as ca
 
 from vehicle.description import Vehicle
 from vehicle.layout import State
-from vehicle.places import places, supports
+from vehicle.places import places
 from vehicle.tyres import Num
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
@@ -38,7 +38,7 @@ def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: Ground[ca.SX]) -> ca.S
     found = []
     for i, unit in enumerate(vehicle.units):
         x, y, psi = (flat[3 * i + k] for k in range(3))
-        front, rear = supports(vehicle, i)
+        front, rear = vehicle.supports(i)
         rise = (ground.height[2 * i] - ground.height[2 * i + 1]) / (front - rear)
         across = _mean(ground.slope_y, i) * ca.cos(psi) - _mean(ground.slope_x, i) * ca.sin(psi)
         nose_down = -ca.atan(rise)

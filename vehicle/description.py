@@ -32,6 +32,7 @@ from vehicle.quantities import (
 from vehicle.tyres.data import TYRES, Tyre
 
 GRAVITY: Final = 9.81  # [m/s2]
+_DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
 
 
 class Axle(Frozen):
@@ -62,12 +63,12 @@ class Steering(Frozen):
     @property
     def limit(self) -> float:
         """Largest road-wheel angle to either side [rad]."""
-        return math.radians(self.limit_deg)
+        return _DEGREE * self.limit_deg
 
     @property
     def rate_limit(self) -> float:
         """Largest rate of the road-wheel angle [rad/s]."""
-        return math.radians(self.rate_limit_deg)
+        return _DEGREE * self.rate_limit_deg
 
 
 class Drive(Frozen):
@@ -116,11 +117,10 @@ class Unit(Frozen):
     lifted_axles: tuple[Axle, ...] = ()
 
     @property
-    def supports(self) -> tuple[float, float]:
-        """Where along x the ground carries the unit, front and rear [m]: hitch and axles if towed, else its axles."""
-        if all(axle.x < 0.0 for axle in self.axles):
-            return 0.0, sum(axle.x for axle in self.axles) / len(self.axles)
-        return self.axles[0].x, self.axles[-1].x
+    def rear_hitch(self) -> tuple[float, float]:
+        """Place along x and height [m] of the hitch for the next unit; zeros, which nothing looks at, without one."""
+        x, height = self.hitch_x, self.hitch_height
+        return 0.0 if x is None else x, 0.0 if height is None else height
 
     @property
     def hitch_lag(self) -> float:
@@ -187,9 +187,16 @@ class Vehicle(Frozen):
         origin = 0.0
         rears = [self.units[0].rear_x]
         for ahead, unit in zip(self.units, self.units[1:], strict=False):
-            origin += ahead.hitch_x or 0.0
+            origin += ahead.rear_hitch[0]
             rears.append(origin + unit.rear_x)
         return self.units[0].front_x - min(rears)
+
+    def supports(self, unit: int) -> tuple[float, float]:
+        """Where along its x the ground carries a unit, front and rear [m]: hitch and axles if towed, else its axles."""
+        axles = self.units[unit].axles
+        if unit == 0:
+            return axles[0].x, axles[-1].x
+        return 0.0, sum(axle.x for axle in axles) / len(axles)
 
     @property
     def n_wheels(self) -> int:

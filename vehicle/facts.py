@@ -124,7 +124,7 @@ def origins(vehicle: Vehicle) -> tuple[float, ...]:
     """Where the units' origins lie in the tractor's frame when the combination is straight [m]."""
     found = [0.0]
     for ahead in vehicle.units[:-1]:
-        found.append(found[-1] + (ahead.hitch_x or 0.0))
+        found.append(found[-1] + ahead.rear_hitch[0])
     return tuple(found)
 
 

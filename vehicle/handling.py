@@ -109,7 +109,7 @@ def steady_off_tracking(vehicle: Vehicle, radius: float) -> float:
             raise ValueError(f"radius = {radius} m is too tight for {unit.name} to follow in a steady turn")
         inside = math.sqrt(square)
         ahead = 0.0
-        square += ((unit.hitch_x or 0.0) - axle) ** 2
+        square += (unit.rear_hitch[0] - axle) ** 2
     return radius - inside
 
 

@@ -66,9 +66,9 @@ def axle_loads(
         moment = unit.cg_x * weight - (unit.cg_height * unit.mass) * a_x[i]
         if unit.hitch_x is not None and i + 1 < len(vehicle.units):
             pull = along(e[i], from_unit(e[i + 1], hitch_forces[i + 1]))
-            moment = moment + unit.hitch_x * below - (unit.hitch_height or 0.0) * pull.x
+            moment = moment + unit.hitch_x * below - unit.rear_hitch[1] * pull.x
         if i > 0:
-            moment = moment + (vehicle.units[i - 1].hitch_height or 0.0) * hitch_forces[i].x
+            moment = moment + vehicle.units[i - 1].rear_hitch[1] * hitch_forces[i].x
         weight = weight + below
         shares = axle_shares(unit, towed=i > 0)
         loads[i] = [share.of_weight * weight + share.of_moment * moment for share in shares]

@@ -41,7 +41,7 @@ Levers = list[tuple[int, float]]  # (unit, length along its x axis [m])
 
 def levers_to(vehicle: Vehicle, unit: int, x: float) -> Levers:
     """Levers from the first unit's origin to the point x [m] on a unit's axis."""
-    hitches = [(k, ahead.hitch_x or 0.0) for k, ahead in enumerate(vehicle.units[:unit])]
+    hitches = [(k, ahead.rear_hitch[0]) for k, ahead in enumerate(vehicle.units[:unit])]
     return [*hitches, (unit, x)]
 
 

@@ -51,7 +51,7 @@ def places(vehicle: Vehicle, s: State[ca.SX]) -> Places[ca.SX]:
 
     centres = [at(i, unit.cg_x) for i, unit in enumerate(vehicle.units)]
     on_road = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
-    carried = [at(i, x) for i in units for x in supports(vehicle, i)]
+    carried = [at(i, x) for i in units for x in vehicle.supports(i)]
     return Places(
         poses=ca.vertcat(*(value for i in units for value in (*origins[i], psi[i]))),
         velocities=ca.vertcat(*(value for i in units for value in (*speeds[i], yaw_rate[i]))),
@@ -64,18 +64,10 @@ def places(vehicle: Vehicle, s: State[ca.SX]) -> Places[ca.SX]:
     )
 
 
-def supports(vehicle: Vehicle, unit: int) -> tuple[Num, Num]:
-    """As ``Unit.supports`` [m], for numbers that may be symbols: whether a unit is towed is told by its number."""
-    axles = vehicle.units[unit].axles
-    if unit == 0:
-        return axles[0].x, axles[-1].x
-    return 0.0, sum(axle.x for axle in axles) / len(axles)
-
-
 def _origins(vehicle: Vehicle, first: Vector, in_W: Sequence[Vector]) -> list[Vector]:
     """Origin of each unit's frame in W [m]: hitch upon hitch."""
     found = [first]
     for ahead, e in zip(vehicle.units[:-1], in_W[:-1], strict=True):
-        hitch = ahead.hitch_x if ahead.hitch_x is not None else 0.0
+        hitch, _ = ahead.rear_hitch
         found.append(Vector(found[-1].x + hitch * e.x, found[-1].y + hitch * e.y))
     return found

@@ -65,8 +65,8 @@ class ConstantSlipPlant:
             velocities=velocities,
             bodies=np.array(
                 [
-                    self._surface.pose_on(x, y, psi, unit.supports)
-                    for (x, y, psi), unit in zip(poses.tolist(), self._vehicle.units, strict=True)
+                    self._surface.pose_on(x, y, psi, self._vehicle.supports(i))
+                    for i, (x, y, psi) in enumerate(poses.tolist())
                 ]
             ),
             steer=np.zeros(self._n_steered),
@@ -81,5 +81,5 @@ class ConstantSlipPlant:
         found = [X_WT]
         for k, ahead in enumerate(self._vehicle.units[:-1]):
             turn = float(self._slip[k] - self._slip[k + 1])
-            found.append(found[-1] @ Pose2(ahead.hitch_x or 0.0, 0.0, turn))
+            found.append(found[-1] @ Pose2(ahead.rear_hitch[0], 0.0, turn))
         return np.array(found)

@@ -102,7 +102,7 @@ def _road_under(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Inp
 def _hitch_rise(vehicle: Vehicle, i: int, body: Attitude) -> Num:
     """How far the front hitch of unit i rises [m] with the body of the unit ahead."""
     ahead = vehicle.units[i - 1]
-    return body.heave - ((ahead.hitch_x or 0.0) - ahead.cg_x) * body.pitch
+    return body.heave - (ahead.rear_hitch[0] - ahead.cg_x) * body.pitch
 
 
 def _asked(unit: Unit, hitch: Num, heights: Sequence[Num], roll: Num, *, towed: bool) -> Attitude:

@@ -295,7 +295,7 @@ def test_a_body_is_carried_by_the_ground_and_moved_by_its_springs(longer_semitra
         R = rotation_zyx(0.0, s.pitch[i], s.roll[i])
         pivot = np.array([unit.cg_x, 0.0, unit.roll_axis_height])
         on_springs = transform(R, pivot + np.array([0.0, 0.0, s.heave[i]]) - R @ pivot)
-        expected = cone.pose_on(*now.poses[i], unit.supports) @ on_springs
+        expected = cone.pose_on(*now.poses[i], longer_semitrailer.supports(i)) @ on_springs
         np.testing.assert_allclose(now.bodies[i], expected, atol=1e-12)  # the same to rounding, on some 10 m
 
 
