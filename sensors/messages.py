@@ -11,11 +11,12 @@ from vehicle.frames import FloatArray
 
 GreyImage = NDArray[np.uint8]  # (height, width), [v, u]
 ColourImage = NDArray[np.uint8]  # (height, width, 3), RGB
+NearnessImage = NDArray[np.float32]  # (height, width) inverse depth along the optical axis [1/m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StereoFrame:
-    """A rectified stereo pair, grey; row v of both images sees the same epipolar line."""
+    """A stereo pair, grey. Once rectified, row v of both images sees the same epipolar line."""
 
     tick: int
     left: GreyImage
@@ -29,6 +30,18 @@ class BodyPose:
 
     tick: int
     X_WB: FloatArray  # (4, 4)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GnssIns:
+    """What a GNSS-aided inertial unit U says of itself; W are the axes of its local map."""
+
+    tick: int
+    p_WU: FloatArray  # (3,) [m]
+    v_WU: FloatArray  # (3,) along the axes of W [m/s]
+    heading: float  # of its x axis, + to the left of W's x [rad]
+    pitch: float  # + nose down [rad]
+    roll: float  # + left side up [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,10 +12,17 @@ from typing import Final, Literal
 
 import numpy as np
 
+from sensors.lens import UNDISTORTED, CameraModel, Distortion, RawStereoRig
 from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 
-Facing = Literal["rear", "left", "right"]
-_YAW: Final[dict[Facing, float]] = {"rear": math.pi, "left": math.pi / 2, "right": -math.pi / 2}
+Facing = Literal["rear", "left", "right", "down"]
+# Yaw and pitch of the way the cameras look; the top of what those see that look down lies ahead.
+_ATTITUDE: Final[dict[Facing, tuple[float, float]]] = {
+    "rear": (math.pi, 0.0),
+    "left": (math.pi / 2, 0.0),
+    "right": (-math.pi / 2, 0.0),
+    "down": (0.0, math.pi / 2),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,7 +53,7 @@ class StereoCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoRig:
-    """A stereo pair on the trailer's roof, looking level to the rear or to a side."""
+    """A stereo pair on the trailer, looking level to the rear or to a side, or straight down at the ground."""
 
     facing: Facing
     width: int  # [px]
@@ -59,7 +66,7 @@ class StereoRig:
 
     def calibration(self) -> StereoCalibration:
         """The exact calibration of this rig; the pair is centred on (x, y, z)."""
-        R_SC = rotation_zyx(_YAW[self.facing], 0.0, 0.0) @ R_BODY_CAMERA
+        R_SC = rotation_zyx(*_ATTITUDE[self.facing], 0.0) @ R_BODY_CAMERA
         p_SC = np.array([self.x, self.y, self.z]) - R_SC @ np.array([0.5 * self.baseline, 0.0, 0.0])
         return StereoCalibration(
             width=self.width,
@@ -70,3 +77,18 @@ class StereoRig:
             baseline=self.baseline,
             X_SC=transform(R_SC, p_SC),
         )
+
+    def raw(self, distortion: Distortion = UNDISTORTED, R_ClCr: FloatArray | None = None) -> RawStereoRig:
+        """This rig as it may really be: behind lenses that distort, the right camera turned where it stands."""
+        ideal = self.calibration()
+        camera = CameraModel(
+            width=ideal.width,
+            height=ideal.height,
+            fx=ideal.focal_length,
+            fy=ideal.focal_length,
+            cx=ideal.cx,
+            cy=ideal.cy,
+            distortion=distortion,
+        )
+        R = np.eye(3) if R_ClCr is None else R_ClCr
+        return RawStereoRig(left=camera, right=camera, X_ClCr=transform(R, ideal.X_ClCr[:3, 3]), X_SC=ideal.X_SC)

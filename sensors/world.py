@@ -14,13 +14,13 @@ from sensors.condition import Condition, condition_of
 from sensors.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
 from sensors.scenery import Plot, Stand, kerbs, planted
 from sensors.shapes import Mesh
+from sensors.sunlight import Sunlight, daylight
 from sensors.textures import TextureArray
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
 _DETAIL_SIZE = 2048  # [px]
 _DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
-_SUN_ELEVATION = 0.75  # [rad]
 _MAP_MARGIN = 60.0  # shadows are seen, and the lie of the land does not repeat, this far around the course [m]
 _MAX_DENSITY = 2.0
 _TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
@@ -49,7 +49,7 @@ class World:
     stands: tuple[Stand, ...]
     textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
     panorama: TextureArray  # see sensors.sky
-    sun: FloatArray  # (3,) unit vector towards the sun
+    light: Sunlight
 
 
 def build_world(
@@ -60,6 +60,9 @@ def build_world(
     surface: Surface,
     scenery_density: float,
     clearance: float,
+    sun_azimuth: float | None = None,
+    sun_elevation: float | None = None,
+    overcast: bool = False,
 ) -> World:
     """The world around a road.
 
@@ -70,6 +73,9 @@ def build_world(
         surface: what the ground follows up to 100 m beyond the centreline's bounding box.
         scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
         clearance: distance from the centreline within which nothing but kerb stones stands [m].
+        sun_azimuth: from north by east [rad]; None: left to chance.
+        sun_elevation: above the horizon [rad]; None: 43 deg.
+        overcast: clouds hide the sun.
 
     Raises:
         ValueError: naming the argument that is out of its range.
@@ -78,8 +84,8 @@ def build_world(
     low, high = centreline.min(axis=0), centreline.max(axis=0)
     terrain = Terrain(rng, surface, low, high)
     line = Centreline(centreline)
-    azimuth = rng.uniform(0.0, 2.0 * np.pi)
-    sun = np.array([np.cos(azimuth), np.sin(azimuth), np.tan(_SUN_ELEVATION)]) * np.cos(_SUN_ELEVATION)
+    chance = rng.uniform(0.0, 2.0 * np.pi)
+    light = daylight(chance, azimuth=sun_azimuth, elevation=sun_elevation, overcast=overcast)
     stands: list[Stand] = []
     if scenery_density > 0.0:
         plot = Plot(rng, line, terrain, clearance, scenery_density)
@@ -89,12 +95,12 @@ def build_world(
         ground=ground_mesh(rng, terrain, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
-        road=replace(road, light=_shadows(road, stands, sun)),
+        road=replace(road, light=_shadows(road, stands, light.direction)),
         condition=condition_of(surface, road),
         stands=tuple(stand for stand in stands if len(stand.poses)),
         textures={name: make(rng) for name, make in _TEXTURES.items()},
-        panorama=sky.panorama(rng),
-        sun=sun,
+        panorama=sky.panorama(rng, light),
+        light=light,
     )
 
 

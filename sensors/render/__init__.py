@@ -10,7 +10,7 @@ import ctypes
 import os
 from typing import TYPE_CHECKING
 
-from sensors.messages import ColourImage
+from sensors.messages import ColourImage, NearnessImage
 from sensors.rig import StereoCalibration
 from sensors.world import World
 from vehicle.frames import FloatArray
@@ -66,9 +66,18 @@ class StereoRenderer:
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         """Left and right image, RGB, of cameras carried by a body at X_WB (4, 4)."""
+        return self.render_from(*self._cameras(X_WB))
+
+    def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
+        """Left and right image, RGB, of two such cameras wherever they are (4, 4)."""
         pair = self._live()
-        pair.draw(*self._cameras(X_WB))
+        pair.draw(X_WCl, X_WCr)
         left, right = pair.read_colour()
+        return left, right
+
+    def nearness(self) -> tuple[NearnessImage, NearnessImage]:
+        """Inverse depth of what was rendered last, left and right (height, width) [1/m], next to nothing in the sky."""
+        left, right = self._live().read_nearness()
         return left, right
 
     def render_depth(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:

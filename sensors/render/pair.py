@@ -36,7 +36,6 @@ from sensors.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
 _NEAR, _FAR = 0.3, 2500.0  # [m]
-_SUN_COLOUR, _SKY_COLOUR = (0.92, 0.87, 0.76), (0.40, 0.45, 0.52)
 _STRIP = (-0.7, 1.02)  # edge distances that matter begin here, and span this: steps of 4 mm [m]
 _TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel and only cost time [m]
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
@@ -134,17 +133,29 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         GL.glReadPixels(0, 0, *shape, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=self._colour)
         return self._colour.copy()
 
+    def read_nearness(self) -> NDArray[np.float32]:
+        """Inverse depth of both views (2, height, width) along the optical axis [1/m]."""
+        return np.float32(1.0 / _NEAR) - np.float32((_FAR - _NEAR) / (_FAR * _NEAR)) * self._stored_depth()
+
     def read_depth(self) -> FloatArray:
         """Depth of both views (2, height, width) along the optical axis [m]; infinite where nothing is."""
+        stored = self._stored_depth().astype(np.float64)
+        return np.where(stored < 1.0, _FAR * _NEAR / (_FAR - stored * (_FAR - _NEAR)), np.inf)
+
+    def _stored_depth(self) -> NDArray[np.float32]:
         depth = np.empty((2, self._height, self._width), dtype=np.float32)
         GL.glReadPixels(0, 0, self._width, 2 * self._height, GL.GL_DEPTH_COMPONENT, GL.GL_FLOAT, array=depth)
-        stored = depth.astype(np.float64)
-        return np.where(stored < 1.0, _FAR * _NEAR / (_FAR - stored * (_FAR - _NEAR)), np.inf)
+        return depth
 
     def _set_constants(self, world: World) -> None:
         """Uniforms that never change."""
-        light: Uniforms = {"sun": world.sun, "sun_colour": _SUN_COLOUR, "sky_colour": _SKY_COLOUR}
-        haze: Uniforms = {"haze": sky.HAZE, "haze_range": _HAZE_RANGE}
+        light: Uniforms = {
+            "sun": world.light.direction,
+            "sun_colour": world.light.sun_colour,
+            "sky_colour": world.light.sky_colour,
+        }
+        haze_colour = np.array(sky.HAZE) * world.light.sky_tint
+        haze: Uniforms = {"haze": haze_colour, "haze_range": _HAZE_RANGE}
         road = world.road
         size = road.cell * np.array(road.light.shape[::-1])
         layers: Uniforms = {

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sensors.rig import StereoCalibration, StereoRig
 from sensors.world import World, build_world
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
+from vehicle.truth import Truth
 
 ROAD_HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
 SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))
@@ -25,7 +27,7 @@ def roundabout() -> FloatArray:
     return np.concatenate([[[-60.0, 0.0]], circle, [[60.0, 0.0]]])
 
 
-def built(seed: int, *, scenery_density: float = 1.0) -> World:
+def built(seed: int, *, scenery_density: float = 1.0, sun_elevation: float | None = None) -> World:
     """The world of these tests."""
     return build_world(
         rng=np.random.default_rng(seed),
@@ -34,7 +36,29 @@ def built(seed: int, *, scenery_density: float = 1.0) -> World:
         surface=SURFACE,
         scenery_density=scenery_density,
         clearance=CLEARANCE,
+        sun_elevation=sun_elevation,
     )
+
+
+@pytest.fixture(scope="session")
+def truth_of() -> Callable[..., Truth]:
+    """The truth of one unit at a tick, with what cameras look at and nothing else."""
+
+    def truth(tick: int, X_WB: FloatArray, *, load_transfer: float = 0.0) -> Truth:
+        nothing = np.empty(0)
+        return Truth(
+            tick=tick,
+            poses=np.zeros((1, 3)),
+            velocities=np.zeros((1, 3)),
+            bodies=X_WB[None],
+            steer=nothing,
+            wheel_loads=nothing,
+            wheel_slip_angles=nothing,
+            friction_used=nothing,
+            load_transfer=np.array([load_transfer]),
+        )
+
+    return truth
 
 
 @pytest.fixture(scope="session")
@@ -50,6 +74,12 @@ def calibration() -> StereoCalibration:
 def world() -> World:
     """Roundabout on a cone, with scenery."""
     return built(1)
+
+
+@pytest.fixture
+def built_in() -> Callable[..., World]:
+    """Makes the same world under another sun."""
+    return partial(built, 1)
 
 
 @pytest.fixture(scope="session")

@@ -95,7 +95,7 @@ def test_a_crossing_centreline_is_near_to_both_arms() -> None:
 def test_shadows_fall_away_from_the_sun(world: World) -> None:
     """Around each tree the ground on the sun's side is lit and on the other side is dark."""
     (tree, *_) = (stand for stand in world.stands if stand.thing.name == "broadleaf")
-    towards = world.sun[:2] / np.linalg.norm(world.sun[:2])
+    towards = world.light.direction[:2] / np.linalg.norm(world.light.direction[:2])
 
     def light_at(points: FloatArray) -> FloatArray:
         index = np.round((points - world.road.origin) / world.road.cell).astype(int)

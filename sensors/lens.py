@@ -1,0 +1,247 @@
+"""A real camera: a pinhole behind a lens that distorts, and the pair of them that a raw stereo image comes from.
+
+The model is that of Brown and Conrady as OpenCV has it, with its order of the coefficients (k1, k2, p1, p2, k3).
+Pixel centres are whole numbers, that of the first pixel is (0, 0). Rays are given by their x and y at depth 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from vehicle.frames import FloatArray
+from vehicle.parameter_file import checked, read_toml, without_sources
+
+Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
+UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
+_WIDEST = 4.0  # rays farther off the axis than atan(4) = 76 deg are not for this model: fisheye lenses have others
+_LARGEST_SIDE = 20_000  # of an image [px]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraModel:
+    """Intrinsics of one camera: where in its image a ray arrives.
+
+    Raises:
+        ValueError: for sizes and focal lengths that can not be, and for a distortion that folds the image over.
+    """
+
+    width: int  # [px]
+    height: int  # [px]
+    fx: float  # [px]
+    fy: float  # [px]
+    cx: float  # principal point, column [px]
+    cy: float  # principal point, row [px]
+    distortion: Distortion = UNDISTORTED
+
+    def __post_init__(self) -> None:
+        if not (0 < self.width <= _LARGEST_SIDE and 0 < self.height <= _LARGEST_SIDE):
+            raise ValueError(f"image of {self.width}x{self.height} px: sides must be 1 to {_LARGEST_SIDE} px")
+        for name, value in (("fx", self.fx), ("fy", self.fy)):
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} = {value} px must be positive")
+        if len(self.distortion) != 5 or not np.isfinite([*self.distortion, self.cx, self.cy]).all():
+            raise ValueError(
+                f"distortion = {self.distortion} must be five numbers k1, k2, p1, p2, k3, and cx = {self.cx} px and "
+                f"cy = {self.cy} px numbers, too"
+            )
+        self._check_fold()
+
+    @property
+    def matrix(self) -> FloatArray:
+        """K (3, 3), from rays (x, y, 1) to pixels (u, v, 1) if there were no distortion."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    def project(self, points: FloatArray) -> FloatArray:
+        """Pixels (n, 2) of points (n, 3) in this camera's frame [m], which have to lie before it."""
+        return self.pixels(points[:, :2] / points[:, 2:])
+
+    def pixels(self, rays: FloatArray) -> FloatArray:
+        """Pixels (..., 2) at which rays (..., 2) arrive."""
+        return _distorted(rays, self.distortion) * [self.fx, self.fy] + [self.cx, self.cy]
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """Rays (..., 2) that arrive at pixels (..., 2): the inverse of ``pixels`` for all of the image."""
+        seen: FloatArray = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        return seen if self.distortion == UNDISTORTED else _undistorted(seen, self.distortion)
+
+    def undistort_points(self, pixels: FloatArray) -> FloatArray:
+        """Where pixels (..., 2) would lie in the image of a pinhole of the same K."""
+        ideal: FloatArray = self.rays(pixels) * [self.fx, self.fy] + [self.cx, self.cy]
+        return ideal
+
+    def _check_fold(self) -> None:
+        """Refuses a lens whose image turns back before its corner: there a pixel would see two directions."""
+        k1, k2, _, _, k3 = self.distortion
+        u, v = (-self.cx, self.width - 1 - self.cx), (-self.cy, self.height - 1 - self.cy)
+        corner = max(math.hypot(x / self.fx, y / self.fy) for x in u for y in v)
+        r = np.linspace(0.0, _WIDEST, 2000)
+        seen = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+        turn = int(np.argmax(np.diff(seen) <= 0.0)) or len(r) - 1
+        if seen[turn] < corner:
+            raise ValueError(
+                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over or ends {seen[turn]:.3f} focal "
+                f"lengths from its middle, before its corner at {corner:.3f}"
+            )
+
+
+def mount_rotation(roll: float, yaw: float, pitch: float) -> FloatArray:
+    """R (3, 3) of a camera turned by roll about its optical axis (z), yaw about y (down) and pitch about x [rad].
+
+    It is the turned camera's attitude in the straight one, and also the R of eqs (8) and (9) of de Saxe & Cebon 2018:
+    with it their K R K^-1 takes the turned camera's image to what the straight one would have seen.
+    """
+    cr, sr, cy, sy, cp, sp = (f(a) for a in (roll, yaw, pitch) for f in (math.cos, math.sin))
+    R_z = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
+    R_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    R_x = np.array([[1.0, 0.0, 0.0], [0.0, cp, -sp], [0.0, sp, cp]])
+    R: FloatArray = R_z @ R_y @ R_x
+    return R
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RawStereoRig:
+    """What a stereo pair is (or is calibrated to be) before any rectification: two cameras, each with its own pose.
+
+    Raises:
+        ValueError: if a pose is no rigid motion or the right camera does not lie to the right of the left one.
+    """
+
+    left: CameraModel
+    right: CameraModel
+    X_ClCr: FloatArray  # (4, 4) pose of the right camera in the left one
+    X_SC: FloatArray  # (4, 4) pose of the left camera in the trailer body (origin: hitch on the ground)
+
+    def __post_init__(self) -> None:
+        for name, X in (("X_ClCr", self.X_ClCr), ("X_SC", self.X_SC)):
+            _check_rigid(name, X)
+        x, y, z = self.X_ClCr[:3, 3]
+        if x <= max(abs(y), abs(z)):
+            raise ValueError(
+                f"X_ClCr: the right camera lies at {x:g}, {y:g}, {z:g} m in the left one; its x must be positive and "
+                "the largest (are left and right swapped?)"
+            )
+
+    @property
+    def baseline(self) -> float:
+        """Distance of the two optical centres [m]."""
+        return float(np.linalg.norm(self.X_ClCr[:3, 3]))
+
+    def to_toml(self) -> str:
+        """The text of a file that ``load_raw_rig`` reads back to the last bit."""
+        return (
+            "# A raw stereo pair; lengths in metres and pixels, the first pixel's centre is 0, 0.\n"
+            "# Cameras: x right, y down, z ahead. distortion: k1, k2, p1, p2, k3 of OpenCV's model.\n\n"
+            "# pose of the right camera in the left one\n"
+            f"X_ClCr = {_matrix_text(self.X_ClCr)}\n"
+            "# pose of the left camera in the trailer (x ahead, y left, z up; origin: hitch on the ground)\n"
+            f"X_SC = {_matrix_text(self.X_SC)}\n"
+            f"\n[left]\n{_camera_text(self.left)}\n[right]\n{_camera_text(self.right)}"
+        )
+
+
+def load_raw_rig(path: Path) -> RawStereoRig:
+    """The raw stereo pair of a TOML file; what else is in it is not looked at.
+
+    Raises:
+        ValueError: one line naming the file and what is wrong in it.
+    """
+    table = checked(_RigTable, without_sources(read_toml(path)), str(path))
+    try:
+        return RawStereoRig(
+            left=CameraModel(**table.left.model_dump()),
+            right=CameraModel(**table.right.model_dump()),
+            X_ClCr=np.array(table.X_ClCr, dtype=float),
+            X_SC=np.array(table.X_SC, dtype=float),
+        )
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+_Row = tuple[float, float, float, float]
+
+
+class _CameraTable(BaseModel):
+    model_config = ConfigDict(frozen=True)
+    width: int = Field(json_schema_extra={"unit": "px"})
+    height: int = Field(json_schema_extra={"unit": "px"})
+    fx: float = Field(json_schema_extra={"unit": "px"})
+    fy: float = Field(json_schema_extra={"unit": "px"})
+    cx: float = Field(json_schema_extra={"unit": "px"})
+    cy: float = Field(json_schema_extra={"unit": "px"})
+    distortion: Distortion = Field(json_schema_extra={"unit": "-"})
+
+
+class _RigTable(BaseModel):
+    model_config = ConfigDict(frozen=True)
+    left: _CameraTable
+    right: _CameraTable
+    X_ClCr: Annotated[tuple[_Row, _Row, _Row, _Row], Field(json_schema_extra={"unit": "m"})]
+    X_SC: Annotated[tuple[_Row, _Row, _Row, _Row], Field(json_schema_extra={"unit": "m"})]
+
+
+def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
+    """Rays (..., 2) as the lens bends them."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = rays[..., 0], rays[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
+def _undistorted(seen: FloatArray, distortion: Distortion) -> FloatArray:
+    """Rays (..., 2) from bent ones by Newton's method: it converges in the image of any lens that does not fold."""
+    k1, k2, p1, p2, k3 = distortion
+    rays = seen.copy()
+    for _ in range(20):
+        x, y = rays[..., 0], rays[..., 1]
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))  # of the radial factor over r2, twice
+        a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+        b = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+        d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+        rest = _distorted(rays, distortion) - seen
+        det = a * d - b * b
+        step = np.stack([d * rest[..., 0] - b * rest[..., 1], a * rest[..., 1] - b * rest[..., 0]], axis=-1)
+        step /= det[..., None]
+        rays = rays - step
+        if np.abs(step).max(initial=0.0) < 1e-13:
+            break
+    return rays
+
+
+def _check_rigid(name: str, X: FloatArray) -> None:
+    if X.shape != (4, 4) or not np.isfinite(X).all():
+        raise ValueError(f"{name} of shape {X.shape} must be a pose: four rows of four finite numbers")
+    R = X[:3, :3]
+    error = max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max())
+    if error > 1e-6 or np.linalg.det(R) < 0.0:
+        raise ValueError(
+            f"{name} is no rigid pose: its rotation is {error:.1g} off an orthonormal one, or mirrors, or its last row "
+            "is not 0 0 0 1"
+        )
+
+
+def _matrix_text(X: FloatArray) -> str:
+    rows = ",\n".join(f"  [{', '.join(repr(float(value)) for value in row)}]" for row in X)
+    return f"[\n{rows},\n]"
+
+
+def _camera_text(camera: CameraModel) -> str:
+    numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
+    lines = [f"width = {camera.width}", f"height = {camera.height}"]
+    lines += [f"{name} = {value!r}" for name, value in numbers.items()]
+    lines.append(f"distortion = [{', '.join(repr(float(k)) for k in camera.distortion)}]")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,133 @@
+"""The lens model against OpenCV's, its inverse, its limits, and the file of a raw rig."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, reject, settings
+from hypothesis import strategies as st
+
+from sensors.lens import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
+from vehicle.frames import FloatArray, transform
+
+BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)
+PINCUSHION = (0.1, 0.02, -0.001, 0.002, 0.001)
+
+
+def camera(distortion: Distortion) -> CameraModel:
+    return CameraModel(width=1344, height=391, fx=563.0, fy=560.0, cx=668.0, cy=197.0, distortion=distortion)
+
+
+def pose(R: FloatArray, x: float, y: float = 0.0, z: float = 0.0) -> FloatArray:
+    return transform(R, np.array([x, y, z]))
+
+
+def rig(X_ClCr: FloatArray) -> RawStereoRig:
+    return RawStereoRig(left=camera(BARREL), right=camera(PINCUSHION), X_ClCr=X_ClCr, X_SC=pose(np.eye(3), -13.6))
+
+
+@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION])
+def test_projection_is_opencvs(distortion: Distortion) -> None:
+    """The same five coefficients in the same order mean the same lens; agreement up to rounding."""
+    points = np.random.default_rng(0).uniform([-1.2, -0.35, 1.0], [1.2, 0.35, 1.0], (500, 3)) * [[7.0]]
+    model = camera(distortion)
+    expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), model.matrix, np.array(distortion))[0][:, 0]
+    np.testing.assert_allclose(model.project(points), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", [BARREL, PINCUSHION, (0.0,) * 5])
+def test_rays_invert_pixels_in_all_of_the_image(distortion: Distortion) -> None:
+    """Corners are the hardest; Newton's method ends within rounding of 1000 px."""
+    v, u = np.mgrid[0:391:10, 0:1344:9].astype(float)
+    pixels = np.stack([u, v], axis=-1)
+    model = camera(distortion)
+    np.testing.assert_allclose(model.pixels(model.rays(pixels)), pixels, atol=1e-9)
+    ideal = model.rays(pixels) @ model.matrix[:2, :2].T + model.matrix[:2, 2]
+    np.testing.assert_allclose(model.undistort_points(pixels), ideal, atol=1e-9)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.floats(-0.6, 0.3), st.floats(-0.2, 0.2), st.floats(-0.05, 0.05))
+def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: float) -> None:
+    """What folds the image over is refused, so that nothing past the constructor has to look out for it."""
+    try:
+        model = camera((k1, k2, 0.0, 0.0, k3))
+    except ValueError:
+        reject()
+    corners = np.array([[0.0, 0.0], [1343.0, 0.0], [0.0, 390.0], [1343.0, 390.0]])
+    # [px] A lens that all but folds over at its corner magnifies rounding there, and is tried in steps of 0.002.
+    np.testing.assert_allclose(model.pixels(model.rays(corners)), corners, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "complaint"),
+    [
+        ({"fx": 0.0}, "fx = 0.0 px must be positive"),
+        ({"width": 0}, "image of 0x391 px"),
+        ({"distortion": (-0.4, 0.0, 0.0, 0.0, 0.0)}, "folds over"),
+        ({"distortion": (math.nan, 0.0, 0.0, 0.0, 0.0)}, "five numbers"),
+    ],
+)
+def test_cameras_that_can_not_be_are_refused(wrong: dict[str, float], complaint: str) -> None:
+    """One line that names what and the limit."""
+    good = {"width": 1344, "height": 391, "fx": 563.0, "fy": 560.0, "cx": 668.0, "cy": 197.0}
+    with pytest.raises(ValueError, match=complaint):
+        CameraModel(**{**good, **wrong})
+
+
+def test_mount_rotation_is_the_papers() -> None:
+    """Eq. (9) of de Saxe & Cebon 2018, each factor from OpenCV's rotation vectors; yaw turns the view to the right."""
+    roll, yaw, pitch = 0.1, -0.2, 0.3
+    factors = [cv2.Rodrigues(np.array(w))[0] for w in ((0.0, 0.0, roll), (0.0, yaw, 0.0), (pitch, 0.0, 0.0))]
+    np.testing.assert_allclose(mount_rotation(roll, yaw, pitch), factors[0] @ factors[1] @ factors[2], atol=1e-15)
+    assert (mount_rotation(0.0, 0.1, 0.0) @ [0.0, 0.0, 1.0])[0] > 0.0
+
+
+def test_a_rig_comes_back_from_its_file_to_the_last_bit(tmp_path: Path) -> None:
+    """A calibration must not change by being written down."""
+    written = rig(pose(mount_rotation(-0.0026, 0.0017, 1e-5), 0.5003, 1.0 / 3.0 * 1e-3))
+    file = tmp_path / "rig.toml"
+    file.write_text(written.to_toml(), encoding="utf-8")
+    read = load_raw_rig(file)
+    assert (read.left, read.right) == (written.left, written.right)
+    assert np.array_equal(read.X_ClCr, written.X_ClCr)
+    assert np.array_equal(read.X_SC, written.X_SC)
+    assert read.baseline == pytest.approx(0.5003, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("was", "instead", "complaint"),
+    [
+        ("fx = 563.0\n", "", r"rig.toml: key 'left.fx' \[px\] is missing"),
+        ("distortion = [-0.2, ", "distortion = [", r"rig.toml: .*left.distortion"),
+        ("[left]", "[lift]", "rig.toml: key 'left' is missing"),
+        ("width = 1344", "width = 0", "rig.toml: image of 0x391 px"),
+        ("[left]", "left", "rig.toml: not a TOML file"),
+    ],
+)
+def test_a_broken_rig_file_is_one_clear_line(tmp_path: Path, was: str, instead: str, complaint: str) -> None:
+    """It names the file and what is wrong in it."""
+    file = tmp_path / "rig.toml"
+    file.write_text(rig(pose(np.eye(3), 0.5)).to_toml().replace(was, instead), encoding="utf-8")
+    with pytest.raises(ValueError, match=complaint) as refused:
+        load_raw_rig(file)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("X_ClCr", "complaint"),
+    [
+        (pose(np.eye(3), -0.5), "are left and right swapped"),
+        (pose(1.01 * np.eye(3), 0.5), "no rigid pose"),
+        (pose(np.diag([1.0, 1.0, -1.0]), 0.5), "no rigid pose"),
+        (np.eye(3), "four rows"),
+    ],
+)
+def test_poses_that_can_not_be_are_refused(X_ClCr: FloatArray, complaint: str) -> None:
+    """Swapped cameras would give negative depths, far from where the mistake was made."""
+    with pytest.raises(ValueError, match=complaint):
+        rig(X_ClCr)
