@@ -21,11 +21,24 @@ class Health(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Anchor:
+    """An older frame A that the current frame C was measured from, whatever lies between them."""
+
+    tick: int  # capture of A
+    X_AC: FloatArray  # (4, 4)
+    covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_AC, along the axes of A
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
     """Motion of the left camera from the previous frame P to the current frame C.
 
     A ``LOST`` motion carries the identity and an infinite covariance. After one the next may start at the same
     ``previous_tick`` again: the frame that showed nothing is passed over.
+
+    Errors of motions without anchor are independent, and add up along the way. Where P and C were both measured from
+    the same anchor, the motions between them add up to one error, not many: then ``anchor`` has it, and the
+    ``covariance`` is that of this single motion.
     """
 
     tick: int  # capture of the current frame
@@ -36,6 +49,7 @@ class Motion:
     inliers: int
     health: Health
     tracks: NDArray[np.float32]  # (inliers, 4) u, v in the previous and u, v in the current left image [px]
+    anchor: Anchor | None = None  # None: C was measured from P
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -31,11 +31,12 @@ def detect_corners(image: GreyImage, *, per_bucket: int) -> Points:
     inside[_BORDER:-_BORDER, _BORDER:-_BORDER] = True
     v, u = np.nonzero(summit & inside)
     points = np.stack([2 * u + 0.5, 2 * v + 0.5], axis=1)  # centre of 2 x 2 pixels
-    return points[_strongest(points // _BUCKET, strength[v, u], per_bucket)].astype(np.float32)
+    return points[strongest_in_buckets(points, strength[v, u], per_bucket)].astype(np.float32)
 
 
-def _strongest(bucket: NDArray[np.float64], strength: NDArray[np.float32], count: int) -> NDArray[np.intp]:
-    """Indices of the ``count`` strongest in each bucket; ``bucket`` (n, 2) holds column and row."""
+def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+    """Indices of the ``count`` strongest of the points (n, 2) in each bucket of 50 x 50 px."""
+    bucket = points // _BUCKET
     order = np.lexsort((-strength, bucket[:, 0], bucket[:, 1]))
     place = np.arange(len(order))
     new = np.any(np.diff(bucket[order], axis=0, prepend=-1.0) != 0.0, axis=1)

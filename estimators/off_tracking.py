@@ -23,9 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Anchor, Health, OffTracking
 from estimators.hitch_path import Crossing, chord_lengths, crossing, tangent
-from estimators.pose_chain import Sample, extended, first_sample, lateral_std, positions_now, up_to
+from estimators.lateral_uncertainty import lateral_std
+from estimators.pose_chain import Sample, extended, first_sample, links_between, positions_now, up_to
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, so3_exp
@@ -47,6 +48,7 @@ class BodyMotion:
     X_PC: FloatArray  # (4, 4) pose of the current body in the previous one
     covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_PC, along the axes of P
     health: Health
+    anchor: Anchor | None = None  # as ``estimates.Motion`` has it, for the body
 
 
 class BufferMemory(NamedTuple):
@@ -116,8 +118,9 @@ def _estimate(samples: tuple[Sample, ...], line: _Line, motion: BodyMotion, lost
     if passed is not None:
         path_tangent = tangent(path, line.s, passed.s, 0.5 * _FIT).direction
         if not lost:
-            value, std = passed.y, lateral_std(samples, line.positions, passed, path_tangent)
-            doubtful = any(sample.doubtful for sample in samples[1 : passed.beyond + 1])
+            links = links_between(samples, passed.beyond)
+            value, std = passed.y, lateral_std(samples, links, line.positions, passed, path_tangent)
+            doubtful = any(samples[link.end].doubtful for link in links)
             health = Health.DEGRADED if doubtful else Health.OK
     at_hitch = tangent(path, line.s, 0.0, _FIT)
     v_x, v_y, yaw_rate = _velocity(motion)
@@ -140,8 +143,8 @@ def _with_motion(samples: tuple[Sample, ...], motion: BodyMotion) -> tuple[Sampl
     """The samples up to the motion's start, and its end; a lost one keeps its start, which may be needed again."""
     start = up_to(samples, motion.previous_tick)
     increment = UncertainMotion(motion.X_PC, motion.covariance)
-    doubtful = motion.health is not Health.OK
-    return extended(start, motion.tick, increment, doubtful, keep_start=motion.health is Health.LOST)
+    doubtful, lost = motion.health is not Health.OK, motion.health is Health.LOST
+    return extended(start, motion.tick, increment, doubtful, keep_start=lost, anchor=motion.anchor)
 
 
 def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:

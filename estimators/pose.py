@@ -1,9 +1,9 @@
 """Motion of a stereo pair from matches: robust Gauss-Newton on the reprojection error, with its covariance.
 
-The residual is taken in both current images and weighted with the error of both pairs: the error of the previous
-images goes through the point that they define. A point and its three previous image coordinates determine each other,
+The residual is taken in both current images and weighted with their errors and with those of the points, which go
+through into the images. A point and the three image coordinates that it was triangulated from determine each other,
 and the way from there to the current images is straight within 1e-4 px of noise, so this is the joint maximum
-likelihood of motion and points with the points eliminated.
+likelihood of motion and points with the points eliminated (their Schur complement).
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.matching import Matches
 from estimators.reprojection import motion_jacobian, residuals
-from estimators.stereo_geometry import projection_jacobian, triangulate
+from estimators.stereo_geometry import projection_jacobian
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
@@ -24,11 +23,19 @@ _CONVERGED = 0.1  # standard deviations that the last step may have been long
 _TUNING = (2.0, 1.0)  # a match at so many sigma weighs a quarter; first a wide round, then a narrow one
 _CUT = 4.0  # matches beyond so many sigma are no inliers
 _CORRELATION = 1.4  # tracking errors of neighbours and of the four images of a point are not independent: measured
-_SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
 _MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _FINEST = 0.02  # no tracker is better [px]
 _FEWEST = 6  # matches for a solution with something left over to judge it by
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite where all matches are alike
+
+
+class Sightings(NamedTuple):
+    """Points known from before, given in P, and their images z = (u left, v, u right) [px] in C."""
+
+    points: FloatArray  # (n, 3) [m]
+    covariance: FloatArray  # (n, 3, 3) of the points [m2]
+    z: FloatArray  # (n, 3)
+    variance: FloatArray  # (n, 3) of z; this and ``covariance`` may have any common scale [px2]
 
 
 class Solution(NamedTuple):
@@ -40,17 +47,17 @@ class Solution(NamedTuple):
     converged: bool
 
 
-def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, inliers: NDArray[np.bool_]) -> Solution:
-    """The motion that fits the matches best, starting from ``X_PC`` and the matches (n,) that agree with it.
+def refined(calibration: StereoCalibration, seen: Sightings, X_PC: FloatArray, inliers: NDArray[np.bool_]) -> Solution:
+    """The motion that fits the sightings best, starting from ``X_PC`` and those (n,) that agree with it.
 
     At least six must agree.
     """
-    points = triangulate(calibration, matches.previous)
+    points = seen.points
     R, p = X_PC[:3, :3], X_PC[:3, 3]
-    information = _information(calibration, R, p, points)  # hardly depends on the motion
+    information = _information(calibration, R, p, seen)  # hardly depends on the motion
     for tuning in _TUNING:
         for _ in range(_ITERATIONS):
-            r = residuals(calibration, R, p, points, matches.current)
+            r = residuals(calibration, R, p, points, seen.z)
             error, sigma = _normalised(r, information, inliers)
             weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
             J = motion_jacobian(calibration, R, p, points)
@@ -66,6 +73,22 @@ def refined(calibration: StereoCalibration, matches: Matches, X_PC: FloatArray, 
     normal, _ = _normal_equations(J, information, inliers.astype(np.float64), r)
     covariance = _variance(error[inliers], sigma) * np.asarray(np.linalg.inv(normal), dtype=np.float64)
     return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)
+
+
+def own_covariance(calibration: StereoCalibration, seen: Sightings, solution: Solution) -> FloatArray:
+    """The part (6, 6) of the solution's covariance that comes from the images in C, the points being what they are.
+
+    It is what differs between two frames that see the same points.
+    """
+    R, p = solution.X_PC[:3, :3], solution.X_PC[:3, 3]
+    J = motion_jacobian(calibration, R, p, seen.points)[solution.inliers]
+    A = _information(calibration, R, p, seen)[solution.inliers] @ J
+    normal = A.reshape(-1, 6).T @ J.reshape(-1, 6)
+    own = (A * seen.variance[solution.inliers][..., None]).reshape(-1, 6).T @ A.reshape(-1, 6)
+    # covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal)
+    share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ solution.covariance
+    symmetric: FloatArray = 0.5 * (share + share.T)
+    return symmetric
 
 
 def _normal_equations(
@@ -90,13 +113,18 @@ def _variance(error: FloatArray, sigma: float) -> float:
     return _CORRELATION**2 * (_FINEST**2 + spread / slope**2)
 
 
-def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:
-    """Inverse covariance (n, 3, 3) of the residuals, for coordinates of unit variance in all four images."""
-    J_P = projection_jacobian(calibration, points)
-    J_C = -motion_jacobian(calibration, R, p, points)[..., 3:]  # the images move with the point as against the camera
-    through_point = J_C @ np.linalg.inv(J_P)
-    carried = (through_point * _SHARE) @ through_point.transpose(0, 2, 1)
-    return np.linalg.inv(np.diag(_SHARE) + carried)
+def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
+    """Covariance (n, 3, 3) of points triangulated from images with ``variance`` (n, 3) or (3,)."""
+    to_point = np.linalg.inv(projection_jacobian(calibration, points))
+    covariance: FloatArray = (to_point * variance[..., None, :]) @ to_point.transpose(0, 2, 1)
+    return covariance
+
+
+def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, seen: Sightings) -> FloatArray:
+    """Inverse covariance (n, 3, 3) of the residuals."""
+    J = -motion_jacobian(calibration, R, p, seen.points)[..., 3:]  # images move with the point as against the camera
+    carried = J @ seen.covariance @ J.transpose(0, 2, 1)
+    return np.asarray(np.linalg.inv(seen.variance[:, :, None] * np.eye(3) + carried), dtype=np.float64)
 
 
 def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:

@@ -1,34 +1,43 @@
-"""Poses of the trailer body along its way, newest first, with the uncertainty of every increment between them."""
+"""Poses of the trailer body along its way, newest first, and what each was measured from.
+
+Every sample but the first hangs on an older one, its anchor: the sample before it where motions are measured from
+frame to frame, a keyframe where they are not. The error between two samples is made of those links alone that lead
+from one to the other: a whole chain of frames in the first case, a few keyframes in the second.
+"""
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.hitch_path import Crossing
+from estimators.estimates import Anchor
 from estimators.rigid_motion import UncertainMotion, chained, composed
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray, transform
 
-# Share of the variance that all increments have in common. With it the normalised error of the off-tracking on rendered
-# frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to 2.1.
-_COMMON = 0.04
 _STEP = 0.02  # samples nearer than this to the next older one are dropped when the next arrives [m]
 
 
 class Sample(NamedTuple):
-    """The body at one tick, and the increment that starts there and ends at the next newer sample."""
+    """The body at one tick, and the measurement that placed it there."""
 
     tick: int
     X_OS: FloatArray  # (4, 4)
-    to_next: FloatArray  # (6, 6) covariance of the increment to the next newer sample; zero for the newest
-    doubtful: bool  # whether that increment is degraded or bridged
+    anchor: int  # tick of the sample that it was measured from; its own for the first
+    covariance: FloatArray  # (6, 6) of that measurement's errors (d_theta [rad], d_p [m]), along the axes of O
+    doubtful: bool  # whether that measurement is degraded or bridged
+
+
+class Link(NamedTuple):
+    """A measurement on the way from the newest sample to an older one."""
+
+    end: int  # index of the sample that it placed
+    sense: float  # 1 where its error moves the path behind it, -1 where it moves the older sample itself
 
 
 def first_sample(tick: int) -> Sample:
     """The sample that a new path begins with; it defines the frame O."""
-    return Sample(tick, np.eye(4), np.zeros((6, 6)), False)
+    return Sample(tick, np.eye(4), tick, np.zeros((6, 6)), False)
 
 
 def up_to(samples: tuple[Sample, ...], tick: int) -> tuple[Sample, ...]:
@@ -38,24 +47,35 @@ def up_to(samples: tuple[Sample, ...], tick: int) -> tuple[Sample, ...]:
 
 
 def extended(
-    samples: tuple[Sample, ...], tick: int, increment: UncertainMotion, doubtful: bool, keep_start: bool
+    samples: tuple[Sample, ...],
+    tick: int,
+    increment: UncertainMotion,
+    doubtful: bool,
+    keep_start: bool,
+    anchor: Anchor | None = None,
 ) -> tuple[Sample, ...]:
-    """The samples with one more at the end of the increment.
+    """The samples with one more at the end of the increment, measured from the anchor if that is still among them.
 
     The newest sample so far is dropped if it lies too near to its predecessor, unless it is to be kept: a standstill
     does not fill the chain, and the newest sample is always where the body really is.
     """
-    while len(samples) > 1 and not keep_start and _distance(samples[0], samples[1]) < _STEP:
-        newest, older, *_ = samples
-        to_newest = UncertainMotion(inverse(older.X_OS) @ newest.X_OS, older.to_next)
-        increment, doubtful = composed(to_newest, increment), doubtful or older.doubtful
-        samples = samples[1:]
-    end = first_sample(tick)._replace(X_OS=chained(samples[0].X_OS, increment.X))
-    return (end, samples[0]._replace(to_next=increment.covariance, doubtful=doubtful), *samples[1:])
+    X_OA = {sample.tick: sample.X_OS for sample in samples}
+    measured, origin = increment.covariance, samples[0].tick
+    if anchor is not None and anchor.tick in X_OA:
+        measured, origin = anchor.covariance, anchor.tick
+    R = np.kron(np.eye(2), X_OA[origin][:3, :3])
+    end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, R @ measured @ R.T, doubtful)
+    return (end, *samples) if keep_start else _thinned((end, *samples), None if anchor is None else anchor.tick)
 
 
-def _distance(a: Sample, b: Sample) -> float:
-    return float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3]))
+def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:
+    """The samples without the last but one, if it lies too near to the one before it.
+
+    If the last but one is the ``keyframe`` (a tick) that later motions will be measured from, that one goes instead.
+    """
+    while len(samples) > 2 and _distance(samples[1], samples[2]) < _STEP:
+        samples = _without(samples, 2 if samples[1].tick == keyframe else 1)
+    return samples
 
 
 def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
@@ -66,22 +86,39 @@ def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
     return positions
 
 
-def lateral_std(samples: tuple[Sample, ...], positions: FloatArray, passed: Crossing, path_tangent: float) -> float:
-    """Standard deviation [m] of the path's y at the crossing, from the errors of all increments since.
+def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
+    """The measurements that lead from the newest sample to the one with the index ``older``."""
+    index = {sample.tick: k for k, sample in enumerate(samples)}
+    newest, past = _ancestry(samples, index, 0), _ancestry(samples, index, older)
+    own = [Link(k, 1.0) for k in newest if k not in past]
+    return (*own, *(Link(k, -1.0) for k in past if k not in newest))
 
-    With an error (d_theta, d_p) in the increment that ends at p_i, the older path moves by -(d_theta x r + d_p),
-    r being its position from p_i: along the normal n of the path, -(d_theta . (r x n) + d_p . n). The increment in
-    which the crossing falls counts in full. Errors are independent but for a share of their variance that is common
-    to all increments, constant along the axes of the body: the odometry's slowly changing bias.
-    """
-    since = samples[1 : passed.beyond + 1]
-    R_CP = samples[0].X_OS[:3, :3].T @ np.array([sample.X_OS[:3, :3] for sample in since])  # starts in newest S
-    n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
-    point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
-    r = point - positions[: passed.beyond]
-    gradient = np.concatenate([np.cross(r, n), np.broadcast_to(n, r.shape)], axis=1).reshape(-1, 2, 3) @ R_CP
-    g = gradient.reshape(-1, 6)
-    covariances = np.array([sample.to_next for sample in since])
-    independent = np.einsum("ij,ijk,ik->", g, covariances, g)
-    together = np.einsum("ij,ij->j", g, np.sqrt(np.einsum("ijj->ij", covariances)))
-    return math.sqrt(independent + _COMMON * together @ together)
+
+def _ancestry(samples: tuple[Sample, ...], index: dict[int, int], start: int) -> list[int]:
+    """Indices of the sample, its anchor, the anchor's anchor and so on, as far back as there are samples."""
+    line = [start]
+    while (anchor := samples[line[-1]].anchor) in index and index[anchor] != line[-1]:
+        line.append(index[anchor])
+    return line
+
+
+def _without(samples: tuple[Sample, ...], victim: int) -> tuple[Sample, ...]:
+    """The samples without one; those measured from it now hang on its own anchor."""
+    gone = samples[victim]
+    newer = tuple(_rehung(sample, gone) if sample.anchor == gone.tick else sample for sample in samples[:victim])
+    return (*newer, *samples[victim + 1 :])
+
+
+def _rehung(sample: Sample, gone: Sample) -> Sample:
+    """The sample, its measurement composed with that of the one which goes."""
+    if gone.anchor == gone.tick:  # the first sample had none
+        return sample._replace(anchor=sample.tick, covariance=np.zeros((6, 6)), doubtful=False)
+    way = transform(np.eye(3), sample.X_OS[:3, 3] - gone.X_OS[:3, 3])  # along the axes of O, as the covariances are
+    covariance = composed(
+        UncertainMotion(np.eye(4), gone.covariance), UncertainMotion(way, sample.covariance)
+    ).covariance
+    return sample._replace(anchor=gone.anchor, covariance=covariance, doubtful=sample.doubtful or gone.doubtful)
+
+
+def _distance(a: Sample, b: Sample) -> float:
+    return float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3]))

@@ -13,7 +13,7 @@ from vehicle.frames import FloatArray, transform
 
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong
 _ITERATIONS = 4  # of Gauss-Newton from the prediction, for three points
-_GATE = 1.5  # reprojection error of an inlier [px]
+_GATE = 1.5  # reprojection error of an inlier that is tracked to sub-pixels [px]
 _JUDGES = 250  # matches that judge the hypotheses; more do not change the verdict
 _DAMPING = 1e-9  # share of the trace; keeps three points in a line from being singular
 _LONGEST_STEP = 1.0  # an iteration may go; triples of wrong matches would run away [rad, m]
@@ -33,19 +33,20 @@ def consensus(
     X_PC: FloatArray,
     reach: float,
     rng: np.random.Generator,
+    gate: float = _GATE,
 ) -> Consensus:
     """The best of the prediction ``X_PC`` and of the hypotheses that end within ``reach`` [m] of it.
 
-    The points (n, 3), n >= 3, are given in P and seen at z (n, 3) in C.
+    The points (n, 3), n >= 3, are given in P and seen at z (n, 3) in C; inliers within ``gate`` [px].
     """
     triples = rng.integers(0, len(points), (_HYPOTHESES, 3))
     R, p = _from_triples(calibration, points[triples], z[triples], X_PC)
     R, p = np.concatenate([R, X_PC[None, :3, :3]]), np.concatenate([p, X_PC[None, :3, 3]])
     judges = slice(None, None, max(1, len(points) // _JUDGES))
-    cost = np.minimum(_squared(residuals(calibration, R, p, points[judges], z[judges])), _GATE**2).sum(axis=1)
+    cost = np.minimum(_squared(residuals(calibration, R, p, points[judges], z[judges])), gate**2).sum(axis=1)
     cost[np.linalg.norm(p - X_PC[:3, 3], axis=1) > reach] = np.inf
     best = int(np.argmin(cost))
-    inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < _GATE**2
+    inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < gate**2
     return Consensus(transform(R[best], p[best]), inliers)
 
 

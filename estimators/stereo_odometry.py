@@ -15,7 +15,7 @@ import numpy as np
 from estimators.estimates import Health, Motion
 from estimators.features import Points, detect_corners
 from estimators.matching import Matches, match
-from estimators.pose import Solution, refined
+from estimators.pose import Sightings, Solution, point_covariance, refined
 from estimators.ransac import consensus
 from estimators.rigid_motion import stretched
 from estimators.stereo_geometry import triangulate
@@ -24,12 +24,13 @@ from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_PER_BUCKET = 4  # corners; gives 450 to 550 matches on an ordinary road
-_PLENTY = 250  # matches below which errors grow: de Saxe 2018, section 3.2.1
+PER_BUCKET = 4  # corners; gives 450 to 550 matches on an ordinary road
+PLENTY = 250  # matches below which errors grow: de Saxe 2018, section 3.2.1
+_SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
 _FEWEST_INLIERS = 25  # fewer may agree by chance
 _AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
 _SWERVE = 25.0  # acceleration that no trailer has, scatter of three-point motions included: a moving vehicle [m/s2]
-_LONGEST_SPAN = 500  # between two frames; a truck has then gone too far to recognise the ground [ticks]
+LONGEST_SPAN = 500  # between two frames; a truck has then gone too far to recognise the ground [ticks]
 
 
 class OdometryMemory(NamedTuple):
@@ -65,22 +66,26 @@ class CircularOdometry:
         A frame without texture (dark, blinded) is lost and passed over: the next motion starts again at the frame
         before it, unless that is too long ago.
         """
-        corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
+        corners = detect_corners(frame.left, per_bucket=PER_BUCKET)
         if memory.reference is None or memory.corners is None:
             return OdometryMemory(frame, corners, None), None
-        motion = self._motion(memory.reference, memory.corners, frame, memory.last)
+        motion = self.motion(memory.reference, memory.corners, frame, memory.last)
         if motion.health is not Health.LOST:
             return OdometryMemory(frame, corners, motion), motion
-        passed_over = len(corners) < _PLENTY and motion.tick - motion.previous_tick < _LONGEST_SPAN
-        return memory if passed_over else OdometryMemory(frame, corners, memory.last), motion
+        if is_passed_over(corners, motion):
+            return memory, motion
+        return OdometryMemory(frame, corners, memory.last), motion
 
-    def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """The motion near the one at the last velocity; any from rest, with doubt, when none is there."""
+    def motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
+        """The motion since the reference frame with its corners: near the one at the last velocity.
+
+        Any from rest, with doubt, when none is there.
+        """
         if last is None:
             return self._second_look(np.eye(4), np.inf, reference, corners, frame)
         ticks = frame.tick - reference.tick
         guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-        motion = self._second_look(guess, _SWERVE * (ticks * TICK) ** 2, reference, corners, frame)
+        motion = self._second_look(guess, longest_reach(ticks), reference, corners, frame)
         if motion.health is not Health.LOST:
             return motion
         motion = self._second_look(np.eye(4), np.inf, reference, corners, frame)
@@ -106,8 +111,21 @@ class CircularOdometry:
             points = triangulate(self._calibration, matches.previous)
             agreed = consensus(self._calibration, points, matches.current, guess, reach, rng)
             if np.count_nonzero(agreed.inliers) >= _FEWEST_INLIERS:
-                solution = refined(self._calibration, matches, agreed.X_PC, agreed.inliers)
+                covariance = point_covariance(self._calibration, points, _SHARE)
+                variance = np.broadcast_to(_SHARE, points.shape)
+                seen = Sightings(points, covariance, matches.current, variance)
+                solution = refined(self._calibration, seen, agreed.X_PC, agreed.inliers)
         return _message(reference.tick, frame.tick, matches, solution)
+
+
+def is_passed_over(corners: Points, lost: Motion) -> bool:
+    """Whether a frame with these corners, on which the odometry was lost, is left out: the next starts before it."""
+    return len(corners) < PLENTY and lost.tick - lost.previous_tick < LONGEST_SPAN
+
+
+def longest_reach(ticks: int) -> float:
+    """How far a motion over ``ticks`` may be from the one at the last velocity [m]."""
+    return _SWERVE * (ticks * TICK) ** 2
 
 
 def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:
@@ -117,7 +135,7 @@ def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution
     X_PC, covariance, health = np.eye(4), np.diag(np.full(6, np.inf)), Health.LOST
     if solution is not None and solution.converged and agreeing >= _FEWEST_INLIERS:
         X_PC, covariance = solution.X_PC, solution.covariance
-        doubtful = len(inliers) < _PLENTY or agreeing < _AGREEING * len(inliers)
+        doubtful = len(inliers) < PLENTY or agreeing < _AGREEING * len(inliers)
         health = Health.DEGRADED if doubtful else Health.OK
     tracks = np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers]
     return Motion(

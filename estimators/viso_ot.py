@@ -7,12 +7,12 @@ Dynamics, 2018.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Generic, NamedTuple
 
-from estimators.estimates import Health, Motion, OffTracking
+from estimators.estimates import Anchor, Health, Motion, OffTracking
+from estimators.odometry import Memory, Odometry
 from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.rigid_motion import UncertainMotion, seen_from
-from estimators.stereo_odometry import CircularOdometry, OdometryMemory
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray
@@ -26,17 +26,17 @@ class VisoOtEstimate:
     motion: Motion
 
 
-class VisoOtMemory(NamedTuple):
+class VisoOtMemory(NamedTuple, Generic[Memory]):
     """Memories of the odometry and of the buffer."""
 
-    odometry: OdometryMemory
+    odometry: Memory
     buffer: BufferMemory
 
 
-class VisoOt:
+class VisoOt(Generic[Memory]):
     """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
 
-    def __init__(self, calibration: StereoCalibration, follow_distance: float, odometry: CircularOdometry) -> None:
+    def __init__(self, calibration: StereoCalibration, follow_distance: float, odometry: Odometry[Memory]) -> None:
         """For the rig behind ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
         Raises:
@@ -46,11 +46,13 @@ class VisoOt:
         self._odometry = odometry
         self._buffer = OffTrackingBuffer(follow_distance)
 
-    def init(self) -> VisoOtMemory:
+    def init(self) -> VisoOtMemory[Memory]:
         """Memory before the first frame."""
         return VisoOtMemory(self._odometry.init(), self._buffer.init())
 
-    def step(self, memory: VisoOtMemory, frame: StereoFrame) -> tuple[VisoOtMemory, VisoOtEstimate | None]:
+    def step(
+        self, memory: VisoOtMemory[Memory], frame: StereoFrame
+    ) -> tuple[VisoOtMemory[Memory], VisoOtEstimate | None]:
         """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
         odometry, motion = self._odometry.step(memory.odometry, frame)
         if motion is None:
@@ -64,13 +66,17 @@ def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
 
     A lost motion stays one, with its infinite covariance.
     """
-    seen = UncertainMotion(motion.X_PC, motion.covariance)
+    seen, anchor = UncertainMotion(motion.X_PC, motion.covariance), None
     if motion.health is not Health.LOST:
         seen = seen_from(X_SC, seen)
+    if motion.anchor is not None:
+        measured = seen_from(X_SC, UncertainMotion(motion.anchor.X_AC, motion.anchor.covariance))
+        anchor = Anchor(tick=motion.anchor.tick, X_AC=measured.X, covariance=measured.covariance)
     return BodyMotion(
         tick=motion.tick,
         previous_tick=motion.previous_tick,
         X_PC=seen.X,
         covariance=seen.covariance,
         health=motion.health,
+        anchor=anchor,
     )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
 
@@ -323,6 +324,64 @@ def test_standard_deviation_is_that_of_the_spread() -> None:
 def disturbed(true: BodyMotion, error: FloatArray, covariance: FloatArray) -> BodyMotion:
     X = transform(so3_exp(error[:3]) @ true.X_PC[:3, :3], true.X_PC[:3, 3] + error[3:])
     return BodyMotion(tick=true.tick, previous_tick=true.previous_tick, X_PC=X, covariance=covariance, health=Health.OK)
+
+
+def test_anchored_motions_have_the_spread_of_their_keyframes() -> None:
+    """Monte Carlo: every fourth pose is a keyframe that the next four are measured from.
+
+    The errors of 24 motions telescope to those of some six keyframes, which is what the standard deviation must say;
+    one that took the motions for independent would be half as large again. A share of 4 % is common, as above.
+    """
+    rng = np.random.default_rng(6)
+    poses = [body(winding(0.5 * k)) for k in range(24)]
+    L = 1e-3 * np.tril(rng.standard_normal((6, 6)))
+    errors = []
+    for _ in range(200):
+        bias = math.sqrt(0.04) * np.sqrt(np.diag(L @ L.T)) * rng.standard_normal(6)
+        result = run(measured_from_keyframes(poses, range(0, 24, 4), rng, L, bias), length=6.0)[1][-1]
+        errors.append(result.value)
+    spread = float(np.std(errors))
+    assert spread > 2e-3  # [m] the errors do something
+    assert result.std == pytest.approx(spread, rel=0.2)  # 4 sigma of the spread of 200, 1 / sqrt(400)
+
+
+def measured_from_keyframes(
+    poses: list[FloatArray], keyframes: Sequence[int], rng: np.random.Generator, L: FloatArray, bias: FloatArray
+) -> list[BodyMotion]:
+    """Motions of which each carries its keyframe, the last before it, all with the covariance L L' against it."""
+    found, motions = [poses[0]], []
+    for k in range(1, len(poses)):
+        K = max(keyframe for keyframe in keyframes if keyframe < k)
+        true = inverse(poses[K]) @ poses[k]
+        error = L @ rng.standard_normal(6) + bias
+        X_AC = transform(so3_exp(error[:3]) @ true[:3, :3], true[:3, 3] + error[3:])
+        found.append(found[K] @ X_AC)
+        anchor = Anchor(tick=FRAME * K, X_AC=X_AC, covariance=L @ L.T)
+        between = motion(k - 1, k, inverse(found[k - 1]) @ found[k])
+        motions.append(replace(between, covariance=2.0 * L @ L.T, anchor=anchor))
+    return motions
+
+
+def test_anchored_standstill_keeps_buffer_and_keyframe() -> None:
+    """While the truck waits, all poses hang on one keyframe: the path stays, and so does its standard deviation."""
+    ways = [0.3 * min(k, 59) + 0.3 * max(k - 99, 0) for k in range(104)]  # standing from frame 59 to 99
+    poses = [body(Pose2(way, 0.0, -0.2)) for way in ways]
+    keyframes = [*range(0, 58, 4), 100]
+    rng = np.random.default_rng(0)
+    memory, results = run(measured_from_keyframes(poses, keyframes, rng, 1e-4 * np.eye(6), np.zeros(6)), length=6.0)
+    assert results[97].std == pytest.approx(results[58].std, rel=1e-2)  # the same links, pose noise of 0.1 mrad
+    assert results[97].value == pytest.approx(results[58].value, abs=5e-3)  # 0.1 mm and 0.1 mrad over some metres
+    assert len(memory.samples) < 35
+    assert results[-1].value == pytest.approx(results[58].value, abs=5e-3)
+
+
+def test_anchor_that_has_left_the_buffer_is_no_error() -> None:
+    """After a gap the path is new, while the odometry still measures from an old keyframe."""
+    poses, rng = [body(pose) for pose in straight(0.1, 100)], np.random.default_rng(0)
+    sequence = measured_from_keyframes(poses, [0, 50], rng, 1e-4 * np.eye(6), np.zeros(6))
+    result = run(sequence[40:], length=2.0)[1][-1]
+    assert result.health is Health.OK
+    assert 0.0 < result.std < 0.1
 
 
 def test_odometry_noise_hardly_disturbs_directions_and_rate() -> None:

@@ -1,0 +1,110 @@
+"""Circular matching of whole-pixel features through four images, and buckets: steps 2 and 3 of VISO2-S.
+
+de Saxe 2018, sections 2.1 and 3.1: a feature is accepted if the way around previous and current, left and right image
+ends where it began; flow and disparity must be within 5 px of those around it; buckets of 50 x 50 px hold two.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
+
+from estimators.features import strongest_in_buckets
+from estimators.matching import Matches, moved
+from estimators.nearest_descriptors import Indices, Placed, Window, most_similar
+from estimators.viso2_features import Features, detect_features
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray
+
+_ROWS = 1.0  # left and right may differ by this [px]
+_NEAREST = 0.6  # times the camera's height: the nearest point that is looked for, and so the largest disparity
+_ALIKE = 5.0  # flow and disparity of neighbours: de Saxe 2018, section 3.1 [px]
+_SUPPORT = 2  # neighbours that must agree; one may be wrong in the same way by chance
+_PER_BUCKET = 2  # de Saxe 2018, section 3.1
+
+
+class PairFeatures(NamedTuple):
+    """Features of a stereo pair."""
+
+    left: Features
+    right: Features
+
+
+def pair_features(frame: StereoFrame) -> PairFeatures:
+    """Features of both images."""
+    return PairFeatures(detect_features(frame.left), detect_features(frame.right))
+
+
+def circular_matches(
+    calibration: StereoCalibration, previous: PairFeatures, current: PairFeatures, X_PC: FloatArray, reach: float
+) -> Matches:
+    """Matches through all four images, at most two a bucket.
+
+    They are looked for within ``reach`` [px] of where the motion ``X_PC`` takes them.
+    """
+    nearest = _NEAREST * float(calibration.X_SC[2, 3])
+    widest = calibration.focal_length * calibration.baseline / nearest  # disparity [px]
+    to_right, to_left, around = Window(widest, 0.0, _ROWS), Window(0.0, widest, _ROWS), Window(reach, reach, reach)
+    in_right = most_similar(_placed(previous.left), _placed(previous.right), to_right)
+    paired = np.flatnonzero(_apart(previous, np.arange(len(in_right)), in_right) > 0)
+    left_P, right_P = _taken(previous.left, paired), _taken(previous.right, in_right[paired])
+    z_P = _images(left_P, right_P)
+    expected = moved(calibration, z_P, X_PC).astype(np.float64)
+    right_C = most_similar(Placed(right_P, expected[:, [2, 1]]), _placed(current.right), around)
+    left_C = _on(right_C, most_similar(_placed(current.right), _placed(current.left), to_left))
+    back = _on(left_C, most_similar(_placed(current.left), Placed(left_P, expected[:, :2]), around))
+    closed = np.flatnonzero((back == np.arange(len(paired))) & (_apart(current, left_C, right_C) > 0))
+    strength = left_P.strength[closed]
+    found = Matches(z_P[closed], _images(_taken(current.left, left_C[closed]), _taken(current.right, right_C[closed])))
+    supported = _supported(found)
+    found, strength = Matches(found.previous[supported], found.current[supported]), strength[supported]
+    chosen = strongest_in_buckets(found.current[:, :2], strength, _PER_BUCKET)
+    return Matches(found.previous[chosen], found.current[chosen])
+
+
+def _placed(features: Features) -> Placed:
+    return Placed(features, features.points.astype(np.float64))
+
+
+def _taken(features: Features, index: Indices) -> Features:
+    return Features(features.points[index], features.kind[index], features.strength[index], features.descriptors[index])
+
+
+def _on(first: Indices, second: Indices) -> Indices:
+    """``second`` after ``first``; -1 where either found nothing."""
+    if len(second) == 0:
+        return np.full_like(first, -1)
+    return np.where(first < 0, -1, second[first])
+
+
+def _apart(pair: PairFeatures, left: Indices, right: Indices) -> Indices:
+    """Disparities (n,) [px] of features by their numbers; -1 where one is missing."""
+    if len(pair.left.points) == 0 or len(pair.right.points) == 0:
+        return np.full(len(left), -1, np.int64)
+    return np.where((left < 0) | (right < 0), -1, pair.left.points[left, 0] - pair.right.points[right, 0])
+
+
+def _images(left: Features, right: Features) -> FloatArray:
+    """z (n, 3) of pairs; the row is the mean of the two."""
+    rows = 0.5 * (left.points[:, 1] + right.points[:, 1])
+    return np.column_stack([left.points[:, 0], rows, right.points[:, 0]]).astype(np.float64)
+
+
+def _supported(matches: Matches) -> NDArray[np.bool_]:
+    """Whether enough of a match's neighbours (in a Delaunay triangulation) move alike and are as far away."""
+    try:
+        triangles = Delaunay(matches.current[:, :2]).simplices
+    except (QhullError, ValueError):  # fewer than three matches, or all in a line
+        return np.zeros(len(matches.current), np.bool_)
+    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges = np.column_stack(np.divmod(np.unique(ends[:, 0] * len(matches.current) + ends[:, 1]), len(matches.current)))
+    flow = matches.current - matches.previous
+    disparity = matches.current[:, 0] - matches.current[:, 2]
+    alike = np.abs(flow[edges[:, 0]] - flow[edges[:, 1]]).max(axis=1) < _ALIKE
+    alike &= np.abs(disparity[edges[:, 0]] - disparity[edges[:, 1]]) < _ALIKE
+    support = np.bincount(edges[alike].ravel(), minlength=len(flow))
+    return support >= _SUPPORT

@@ -1,0 +1,61 @@
+"""What the odometries cost on one core, side by side: median of a stereo pair at 1344 x 391.
+
+Bars on the reference machine: keyframe 20 ms, viso2 40 ms. Run with ``make benchmarks``.
+"""
+
+from __future__ import annotations
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from scenarios.assembly import assemble
+from scenarios.catalogue import ODOMETRY, resolve
+from scenarios.scenario import load_scenario
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.plant import VehicleCommand
+
+PAIRS = 12  # 3.4 m: the keyframe odometry makes two or three keyframes
+
+
+@pytest.fixture(scope="module")
+def drive() -> tuple[StereoCalibration, list[StereoFrame]]:
+    """Frames 0.28 m apart at the beginning of a roundabout."""
+    parts = assemble(load_scenario("roundabout"), seed=1)
+    assert parts.cameras is not None
+    state, frames = parts.motive.initial_state(parts.course.start, parts.scenario.speed), []
+    for k in range(PAIRS):
+        frames.append(parts.cameras.camera.sample(parts.motive.observe(state, 100 * k)))
+        state = parts.motive.step(state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), 100)
+    parts.cameras.renderer.close()
+    return parts.cameras.calibration, frames
+
+
+@pytest.mark.parametrize("name", ["circular", "keyframe", "viso2"])
+def test_stereo_pair(
+    benchmark: BenchmarkFixture, drive: tuple[StereoCalibration, list[StereoFrame]], name: str
+) -> None:
+    """A short drive; ``median_pair_ms`` is the processor time of the ordinary pair, keyframes being the exception."""
+    calibration, frames = drive
+    odometry = resolve("odometry", name, ODOMETRY)(calibration)
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    spent: list[float] = []
+
+    def driven() -> int:
+        memory, inliers = odometry.init(), 0
+        for frame in frames:
+            start = time.thread_time()
+            memory, motion = odometry.step(memory, frame)
+            spent.append(time.thread_time() - start)
+            inliers = 0 if motion is None else motion.inliers
+        return inliers
+
+    inliers = benchmark.pedantic(driven, rounds=3, warmup_rounds=1)
+    cv2.setNumThreads(threads)
+    benchmark.extra_info["median_pair_ms"] = 1e3 * float(np.median(spent))
+    assert inliers > 150

@@ -1,0 +1,183 @@
+"""VISO2-S as the paper has it, on synthetic stereo views and piece by piece."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Health, Motion
+from estimators.matching import moved
+from estimators.nearest_descriptors import Placed, Window, most_similar
+from estimators.rigid_motion import UncertainMotion, rotation_vector
+from estimators.velocity_filter import Velocity, expected_motion, started, updated
+from estimators.viso2_features import Features, detect_features
+from estimators.viso2_matching import circular_matches, pair_features
+from estimators.viso2_odometry import Viso2Odometry
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray, so3_exp, transform
+
+
+def run(odometry: Viso2Odometry, frames: list[StereoFrame]) -> list[Motion]:
+    memory, motions = odometry.init(), []
+    for frame in frames:
+        memory, motion = odometry.step(memory, frame)
+        if motion is not None:
+            motions.append(motion)
+    return motions
+
+
+@pytest.fixture(scope="module")
+def motions(drive) -> list[Motion]:
+    return run(Viso2Odometry(drive.calibration), drive.frames)
+
+
+def errors(drive, motions: list[Motion]) -> FloatArray:
+    rows = []
+    for motion in motions:
+        X_PC = drive.camera_motion(motion.previous_tick // 100, motion.tick // 100)
+        turned = rotation_vector(X_PC[:3, :3] @ motion.X_PC[:3, :3].T)
+        rows.append(np.concatenate([turned, X_PC[:3, 3] - motion.X_PC[:3, 3]]))
+    return np.array(rows)
+
+
+def test_features_are_blobs_and_corners_at_whole_pixels() -> None:
+    """A bright dot is a blob, a dark one one of another kind; a chessboard's corner is a corner."""
+    image = np.full((80, 160), 100, np.uint8)
+    image[20:23, 30:33] = 200
+    image[20:23, 70:73] = 20
+    image[40:60, 100:120] = image[60:79, 120:140] = 200
+    features = detect_features(image)
+    kinds = {tuple(point): int(kind) for point, kind in zip(features.points.tolist(), features.kind, strict=True)}
+    assert kinds[31, 21] == 0
+    assert kinds[71, 21] == 1
+    assert any(kind in (2, 3) and abs(u - 119.5) <= 1 and abs(v - 59.5) <= 1 for (u, v), kind in kinds.items())
+
+
+def test_noise_and_darkness_have_next_to_no_features() -> None:
+    """Noise of 2 grey levels on a plain surface stays below the weakest response."""
+    noise = 2.0 * np.random.default_rng(0).standard_normal((391, 1344))
+    plain = np.clip(np.rint(120.0 + noise), 0, 255).astype(np.uint8)
+    assert len(detect_features(plain).points) < 50
+    assert len(detect_features(np.zeros((391, 1344), np.uint8)).points) == 0
+
+
+def test_most_similar_is_what_a_full_search_finds() -> None:
+    """Against brute force over all pairs, windows to both sides, with empty ones among them."""
+    rng = np.random.default_rng(1)
+    sought, others = (some_features(rng, count) for count in (300, 400))
+    window = Window(left=60.0, right=20.0, rows=12.0)
+    found = most_similar(*(Placed(f, f.points.astype(np.float64)) for f in (sought, others)), window)
+    offset = others.points[None] - sought.points[:, None]
+    allowed = (offset[..., 0] >= -60) & (offset[..., 0] <= 20) & (np.abs(offset[..., 1]) <= 12)
+    allowed &= others.kind[None] == sought.kind[:, None]
+    difference = np.abs(others.descriptors[None].astype(int) - sought.descriptors[:, None]).sum(axis=2)
+    cost = np.where(allowed, difference, 10**6)
+    assert np.array_equal(found, np.where(allowed.any(axis=1), np.argmin(cost, axis=1), -1))
+    assert np.any(found < 0)
+    assert np.any(found >= 0)
+
+
+def some_features(rng: np.random.Generator, count: int) -> Features:
+    points = np.column_stack([rng.integers(0, 600, count), rng.integers(0, 200, count)])
+    descriptors = rng.integers(0, 255, (count, 32)).astype(np.uint8)
+    return Features(points, rng.integers(0, 4, count), np.ones(count, np.float32), descriptors)
+
+
+def test_matches_are_whole_pixels_two_a_bucket_and_right(drive) -> None:
+    """The loop of four images and the neighbours leave few wrong ones: within 2 px of where the point went."""
+    previous, current = (pair_features(drive.frames[k]) for k in (20, 21))
+    X_PC = drive.camera_motion(20, 21)
+    matches = circular_matches(drive.calibration, previous, current, np.eye(4), 60.0)
+    assert len(matches.current) > 200
+    assert np.all(matches.current[:, [0, 2]] % 1.0 == 0.0)
+    _, counts = np.unique(matches.current[:, :2] // 50, axis=0, return_counts=True)
+    assert counts.max() <= 2
+    off = np.abs(moved(drive.calibration, matches.previous, X_PC) - matches.current).max(axis=1)
+    assert np.mean(off < 2.0) > 0.9
+
+
+def test_no_texture_gives_no_matches(drive) -> None:
+    """Dark images have no features, and nothing of the matching minds."""
+    dark = pair_features(replace(drive.frames[0], left=dark_image(drive), right=dark_image(drive)))
+    for pairs in ((dark, dark), (dark, pair_features(drive.frames[0])), (pair_features(drive.frames[0]), dark)):
+        assert len(circular_matches(drive.calibration, *pairs, np.eye(4), 60.0).current) == 0
+
+
+def dark_image(drive):
+    return np.zeros_like(drive.frames[0].left)
+
+
+def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: list[Motion]) -> None:
+    """Whole pixels: some millimetres and hundredths of a degree a frame, ten times the sub-pixel odometries."""
+    assert len(motions) == len(drive.frames) - 1
+    assert all(motion.health is not Health.LOST for motion in motions)
+    rms = np.sqrt(np.mean(np.square(errors(drive, motions)[:40]), axis=0))  # hard braking after that: the filter lags
+    assert np.degrees(rms[:3]).max() < 0.06
+    assert 1e-3 < rms[3:].max() < 20e-3  # [m]
+
+
+def test_covariance_is_consistent_with_the_errors(drive, motions: list[Motion]) -> None:
+    """Normalised errors while driving steadily: 19 of 20 within 2.5 standard deviations."""
+    deviations = np.sqrt([np.diag(motion.covariance) for motion in motions[:40]])
+    ratios = np.abs(errors(drive, motions)[:40] / deviations)
+    assert np.mean(ratios < 2.5) > 0.95
+    assert np.sqrt(np.mean(np.square(ratios))) > 0.3
+
+
+def test_black_frame_is_lost_and_passed_over(drive) -> None:
+    """The next motion spans the gap."""
+    frames = list(drive.frames[20:27])
+    frames[3] = replace(frames[3], left=dark_image(drive), right=dark_image(drive))
+    motions = run(Viso2Odometry(drive.calibration), frames)
+    lost = [motion.health is Health.LOST for motion in motions]
+    assert lost == [False, False, True, False, False, False]
+    assert np.all(np.isinf(np.diag(motions[2].covariance)))
+    assert (motions[3].previous_tick, motions[3].tick) == (2200, 2400)
+    assert np.abs(errors(drive, motions[3:])[:, 3:]).max() < 0.06  # [m]
+
+
+def test_step_is_repeatable(drive) -> None:
+    """Bit by bit."""
+    one, other = (run(Viso2Odometry(drive.calibration), drive.frames[:3])[-1] for _ in range(2))
+    assert np.array_equal(one.X_PC, other.X_PC)
+    assert np.array_equal(one.covariance, other.covariance)
+
+
+def test_camera_must_be_above_the_ground(calibration: StereoCalibration) -> None:
+    """Its height says how near the nearest point can be."""
+    with pytest.raises(ValueError, match="must be positive"):
+        Viso2Odometry(replace(calibration, X_SC=np.eye(4)))
+
+
+def measured(velocity: float, std: float) -> UncertainMotion:
+    """0.1 s at that velocity along z, turning at a tenth of it about y."""
+    X = transform(so3_exp(np.array([0.0, 0.01 * velocity, 0.0])), np.array([0.0, 0.0, 0.1 * velocity]))
+    return UncertainMotion(X, np.diag(np.full(6, std**2)))
+
+
+def filtered(velocities: FloatArray, std: float) -> list[Velocity]:
+    states = [started(100, 100, measured(velocities[0], std))]
+    for k, velocity in enumerate(velocities[1:], start=2):
+        states.append(updated(states[-1], 100 * k, 100, measured(velocity, std)))
+    return states
+
+
+def test_filter_follows_constant_acceleration_without_lag() -> None:
+    """Its model: after the start velocity and acceleration are those of the ramp."""
+    states = filtered(5.0 + 0.15 * np.arange(40), 1e-3)  # 1.5 m/s2
+    assert states[-1].state[5, 0] == pytest.approx(5.0 + 0.15 * 39, abs=1e-3)
+    assert states[-1].state[5, 1] == pytest.approx(1.5, abs=0.02)
+    ahead = expected_motion(states[-1], 4100, 100)
+    assert ahead[2, 3] == pytest.approx(0.1 * (5.0 + 0.15 * 40), abs=1e-3)
+
+
+def test_filter_smooths_the_noise_and_keeps_the_sum() -> None:
+    """10 mm of noise a motion at constant speed: smoother, while the way travelled is the measured one."""
+    noise = 0.1 * np.random.default_rng(3).standard_normal(200)  # [m/s]
+    states = filtered(5.0 + noise, 0.01)
+    out = np.array([state.state[5, 0] for state in states]) - 5.0
+    assert np.std(out[20:]) < 0.8 * np.std(noise[20:])
+    assert 0.1 * abs(out[20:].sum() - noise[20:].sum()) < 0.03  # [m] of 90 m: the ends

@@ -1,0 +1,106 @@
+"""Warped patches found to sub-pixels."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from estimators.warped_matching import find, templates, warped_patches
+from vehicle.frames import FloatArray
+
+SHIFT = np.array([1.37, -0.62])  # [px]
+STRAIGHT = np.eye(2)
+SHEARED = np.array([[1.1, 0.17], [-0.05, 0.9]])  # offsets in the second image to offsets in the first
+
+
+@pytest.fixture(scope="module")
+def scene() -> FloatArray:
+    """Smooth texture, some 8 px from crest to crest, so that interpolation is nearly exact."""
+    noise = np.random.default_rng(0).standard_normal((300, 400)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return (120.0 + 25.0 * smooth / smooth.std()).astype(np.float32)
+
+
+def centres() -> FloatArray:
+    u, v = np.meshgrid(np.arange(60.0, 340.0, 20.0), np.arange(60.0, 240.0, 20.0))
+    return np.column_stack([u.ravel(), v.ravel()]).astype(np.float32)
+
+
+def seen_through(image: FloatArray, A: FloatArray, about: FloatArray) -> FloatArray:
+    """The second image: around ``about`` + SHIFT it shows what the first has at A times the offset around ``about``.
+
+    Cubic splines: OpenCV's own warp rounds to 1/32 px.
+    """
+    offset = (about - A @ (about + SHIFT))[::-1]
+    return ndimage.affine_transform(image, A[::-1, ::-1], offset, order=3, mode="nearest").astype(np.float32)
+
+
+def matched(first: FloatArray, second: FloatArray, points: FloatArray, A: FloatArray, guess: FloatArray):
+    sought = templates(warped_patches(first, points, np.broadcast_to(A, (len(points), 2, 2))))
+    return find(sought, second, guess.astype(np.float32))
+
+
+def test_shift_is_found_to_hundredths_of_a_pixel(scene: FloatArray) -> None:
+    """No noise: what is left is the bilinear interpolation, which smooths unevenly."""
+    points = centres()
+    found = matched(scene, seen_through(scene, STRAIGHT, points[0]), points, STRAIGHT, points)
+    error = found.points - points - SHIFT
+    assert np.abs(error).max() < 0.06  # single patches
+    assert np.abs(error.mean(axis=0)).max() < 0.01  # no bias
+    assert found.likeness.min() > 0.98
+
+
+def test_warp_is_what_finds_a_sheared_patch(scene: FloatArray) -> None:
+    """The patch seen from elsewhere is found where it is; merely shifted it is less alike and less accurate."""
+    errors, likeness = [], []
+    for point in centres()[::7]:
+        second = seen_through(scene, SHEARED, point)
+        for A in (SHEARED, STRAIGHT):
+            found = matched(scene, second, point[None], A, point[None] + 1.0)
+            errors.append(np.linalg.norm(found.points[0] - point - SHIFT))
+            likeness.append(float(found.likeness[0]))
+    warped, shifted = np.array(errors)[::2], np.array(errors)[1::2]
+    assert warped.max() < 0.06  # [px] as without a shear
+    assert np.sqrt(np.mean(shifted**2)) > 3.0 * np.sqrt(np.mean(warped**2))
+    assert min(likeness[::2]) > max(likeness[1::2])
+
+
+def test_exposure_does_not_matter(scene: FloatArray) -> None:
+    """Another gain and another black level: the same place, exactly as alike."""
+    points = centres()
+    second = seen_through(scene, STRAIGHT, points[0])
+    same, brighter = (matched(scene, image, points, STRAIGHT, points) for image in (second, 0.6 * second + 30.0))
+    assert brighter.points == pytest.approx(same.points, abs=0.01)  # where the last step ends
+    assert brighter.likeness == pytest.approx(same.likeness, abs=1e-3)
+
+
+def test_variance_is_that_of_the_spread(scene: FloatArray) -> None:
+    """Noise of 2 grey levels in both images, as on rendered frames: normalised errors of unit size."""
+    rng, points = np.random.default_rng(1), centres()
+    second = seen_through(scene, STRAIGHT, points[0])
+    normalised = []
+    for _ in range(8):
+        noisy = [(image + 2.0 * rng.standard_normal(image.shape)).astype(np.float32) for image in (scene, second)]
+        found = matched(*noisy, points, STRAIGHT, points + SHIFT)
+        normalised.append((found.points - points - SHIFT) / np.sqrt(found.variance))
+    # the weights are not those of least squares, which the formula allows for only on average; and interpolation
+    # smooths the noise
+    assert np.sqrt(np.mean(np.square(normalised))) == pytest.approx(1.0, abs=0.25)
+
+
+def test_plain_patches_are_finite_and_unlike() -> None:
+    """No texture: no place, no likeness, and no division by nothing."""
+    plain = np.full((100, 100), 90.0, np.float32)
+    points = np.array([[50.0, 50.0]], np.float32)
+    found = matched(plain, plain, points, STRAIGHT, points)
+    assert np.isfinite(found.points).all()
+    assert found.likeness[0] < 0.5
+
+
+def test_nothing_to_find() -> None:
+    """No patches are no error."""
+    none = np.zeros((0, 2), np.float32)
+    image = np.zeros((50, 50), np.float32)
+    assert len(matched(image, image, none, STRAIGHT, none).points) == 0
