@@ -1,0 +1,252 @@
+"""Calibration: known cameras are found again from photographs of a board, and poor sets are refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from estimators.board_views import BoardView, board_view, in_same_order
+from estimators.calibration import calibrated
+from estimators.rigid_motion import rotation_vector
+from estimators.stereo_calibration import calibrated_pair
+from sensors.calibration_target import Checkerboard, held, photographed
+from sensors.lens import CameraModel
+from vehicle.frames import FloatArray, inverse, so3_exp, transform
+
+WIDTH, HEIGHT = 1280, 720
+BOARD = Checkerboard(columns=9, rows=6, square=0.08)
+LEFT = CameraModel(
+    width=WIDTH,
+    height=HEIGHT,
+    fx=565.0,
+    fy=563.0,
+    cx=636.0,
+    cy=362.0,
+    distortion=(-0.11, 0.015, 0.0006, -0.0004, -0.0008),
+)
+RIGHT = CameraModel(
+    width=WIDTH,
+    height=HEIGHT,
+    fx=563.0,
+    fy=562.0,
+    cx=643.0,
+    cy=357.0,
+    distortion=(-0.10, 0.014, -0.0003, 0.0005, -0.0008),
+)
+X_CLCR = transform(so3_exp(np.radians([0.4, -0.6, 0.3])), np.array([0.5, 0.003, -0.002]))
+NOISE = 0.035  # of a corner, as measured on rendered boards with 2 grey levels of noise, each coordinate [px]
+
+
+def seen(camera: CameraModel, X_CB: FloatArray) -> FloatArray | None:
+    """Corners (n, 2) of a board at ``X_CB``; None if not all are in the picture."""
+    p = BOARD.corners @ X_CB[:3, :3].T + X_CB[:3, 3]
+    if p[:, 2].min() < 0.2:
+        return None
+    pixels = camera.project(p)
+    return pixels if np.all((pixels > 8.0) & (pixels < [camera.width - 9.0, camera.height - 9.0])) else None
+
+
+def poses(seed: int, count: int, *, both: bool = True) -> list[FloatArray]:
+    """X_ClB of a board as somebody holds it before the cameras: anywhere in view, near and far, tilted up to 43 deg."""
+    rng, found = np.random.default_rng(seed), []
+    while len(found) < count:
+        depth = rng.uniform(0.8, 2.0)
+        place = np.array([0.25 / depth, 0.0]) * both + rng.uniform([-1.1, -0.6], [1.1, 0.6])
+        X = held(BOARD, rng, place=place, depth=depth, tilt=rng.uniform(0.15, 0.75))
+        if seen(LEFT, X) is not None and (not both or seen(RIGHT, inverse(X_CLCR) @ X) is not None):
+            found.append(X)
+    return found
+
+
+def view(name: str, camera: CameraModel, X_CB: FloatArray, rng: np.random.Generator, noise: float = NOISE) -> BoardView:
+    corners = seen(camera, X_CB)
+    assert corners is not None
+    noisy = (corners + noise * rng.standard_normal(corners.shape)).astype(np.float32)
+    return BoardView(name, (camera.width, camera.height), noisy)
+
+
+def views(seed: int, count: int = 20, noise: float = NOISE) -> list[BoardView]:
+    rng = np.random.default_rng(1000 + seed)
+    return [view(f"{k}.png", LEFT, X, rng, noise) for k, X in enumerate(poses(seed, count, both=False))]
+
+
+def parameters(camera: CameraModel) -> FloatArray:
+    return np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+
+
+def bending(camera: CameraModel) -> FloatArray:
+    """Where rays all over the true camera's picture arrive [px]."""
+    u, v = np.meshgrid(np.linspace(40, WIDTH - 40, 25), np.linspace(30, HEIGHT - 30, 15))
+    return camera.pixels(LEFT.rays(np.stack([u, v], axis=-1)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_camera_is_found_again(seed: int) -> None:
+    """Focal length to 0.1 %, and the lens everywhere in the picture to a fraction of a pixel."""
+    found = calibrated(views(seed), BOARD)
+    assert found.camera.fx == pytest.approx(LEFT.fx, rel=1e-3)
+    assert found.camera.fy == pytest.approx(LEFT.fy, rel=1e-3)
+    # beyond the outermost corners of the boards the lens is an extrapolation
+    assert np.abs(bending(found.camera) - bending(LEFT)).max() < 1.0
+    assert found.rms == pytest.approx(np.sqrt(2.0) * NOISE, rel=0.15)  # 9 + 120 parameters of 2160 coordinates
+    assert found.dropped == {}
+
+
+def test_standard_deviations_are_those_of_the_errors() -> None:
+    """Normalised errors of all nine parameters over seeds: an RMS of 1, within the scatter of 12 sets."""
+    ratios = []
+    for seed in range(12):
+        found = calibrated(views(seed), BOARD)
+        ratios.append((parameters(found.camera) - parameters(LEFT)) / found.std)
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.4
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_right_camera_is_found_in_the_left_one(seed: int) -> None:
+    """Its rotation to 0.02 deg and its position to a millimetre; standard deviations that hold."""
+    rng = np.random.default_rng(seed)
+    held_at = poses(seed, 20)
+    left = [view(f"l{k}", LEFT, X, rng) for k, X in enumerate(held_at)]
+    right = [view(f"r{k}", RIGHT, inverse(X_CLCR) @ X, rng) for k, X in enumerate(held_at)]
+    found = calibrated_pair(left, right, (calibrated(left, BOARD), calibrated(right, BOARD)), BOARD)
+    error = inverse(X_CLCR) @ found.X_ClCr
+    turn = rotation_vector(error[:3, :3])
+    assert np.degrees(np.abs(turn)).max() < 0.02
+    assert np.linalg.norm(error[:3, 3]) < 1e-3
+    assert np.abs(turn).max() < 3.5 * found.rotation_std  # the worst of three angles
+    assert found.rotation_std < np.radians(0.015)
+    assert found.left.fx == pytest.approx(LEFT.fx, rel=1e-3)
+    assert found.right.fx == pytest.approx(RIGHT.fx, rel=1e-3)
+
+
+def test_photographs_end_to_end() -> None:
+    """Rendered with lens, blur and noise, found and calibrated: as good as the corners alone promise."""
+    camera = CameraModel(
+        width=640, height=480, fx=420.0, fy=421.0, cx=316.0, cy=243.0, distortion=(-0.15, 0.03, 0.0005, -0.0004, 0.0)
+    )
+    board, rng = Checkerboard(columns=7, rows=5, square=0.05), np.random.default_rng(4)
+    photographed_views = []
+    for k in range(14):
+        place = np.array([(-0.35, 0.0, 0.35)[k % 3], (-0.22, 0.22)[k % 2]])
+        X = held(board, rng, place=place, depth=rng.uniform(0.55, 0.75), tilt=rng.uniform(0.2, 0.7))
+        photographed_views.append(board_view(f"{k}", photographed(board, camera, X, noise_std=2.0, rng=rng), board))
+    found = calibrated(photographed_views, board)
+    assert found.camera.fx == pytest.approx(camera.fx, rel=1e-3)
+    assert found.camera.cx == pytest.approx(camera.cx, abs=0.5)
+    assert found.rms < 0.1
+    assert len(found.errors) >= 12
+
+
+def test_corners_of_a_photograph_are_where_the_lens_puts_them() -> None:
+    """To a few hundredths of a pixel, without a bias that would shift the principal point."""
+    rng, errors = np.random.default_rng(2), []
+    camera = CameraModel(
+        width=640, height=480, fx=420.0, fy=420.0, cx=320.0, cy=240.0, distortion=(-0.15, 0.03, 0, 0, 0)
+    )
+    for tilt in (0.1, 0.4, 0.7):
+        X = held(BOARD, rng, place=np.array([0.1, -0.05]), depth=0.9, tilt=tilt)
+        found = board_view("", photographed(BOARD, camera, X, noise_std=2.0, rng=rng), BOARD).corners
+        assert found is not None
+        true = camera.project(BOARD.corners @ X[:3, :3].T + X[:3, 3])
+        errors.append(in_same_order(true.astype(np.float32), found) - true)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.06
+    assert np.abs(np.mean(errors, axis=(0, 1))).max() < 0.02
+
+
+def test_an_image_of_something_else_is_dropped_and_named() -> None:
+    """One photograph with the corners of a bent board: left out, with its error and that of the others."""
+    given = views(3)
+    bent = given[7].corners
+    assert bent is not None
+    given[7] = given[7]._replace(corners=bent + np.float32(0.02) * (bent - bent.mean(axis=0))[:, ::-1])
+    found = calibrated(given, BOARD)
+    assert list(found.dropped) == ["7.png"]
+    assert "where others have 0.0" in found.dropped["7.png"]
+    assert found.camera.fx == pytest.approx(LEFT.fx, rel=1e-3)
+
+
+def test_images_without_the_board_are_dropped_and_named() -> None:
+    """The others do."""
+    given = views(1)
+    given[4] = given[4]._replace(corners=None)
+    assert calibrated(given, BOARD).dropped == {"4.png": "no board of 9x6 corners found"}
+
+
+def frontal() -> list[BoardView]:
+    rng, found = np.random.default_rng(0), []
+    for k in range(40):
+        place = rng.uniform([-0.8, -0.4], [0.8, 0.4])
+        X = held(BOARD, rng, place=place, depth=rng.uniform(0.8, 1.6), tilt=0.02)
+        if seen(LEFT, X) is not None:
+            found.append(view(f"{k}", LEFT, X, rng))
+    return found
+
+
+def in_the_middle() -> list[BoardView]:
+    rng = np.random.default_rng(0)
+    return [
+        view(f"{k}", LEFT, held(BOARD, rng, place=np.zeros(2), depth=2.2, tilt=rng.uniform(0.3, 0.7)), rng)
+        for k in range(15)
+    ]
+
+
+def of_two_sizes() -> list[BoardView]:
+    given = views(0)
+    return [*given[:5], given[5]._replace(size=(640, 480)), *given[6:]]
+
+
+BAD_SETS: dict[str, tuple[Callable[[], list[BoardView]], str]] = {
+    "nothing": (list, "no images"),
+    "too few": (lambda: views(0, 5), "only 5 of 5 images can be used; at least 8 are needed"),
+    "no board": (
+        lambda: [v._replace(corners=None) for v in views(0)],
+        "no image of 20 shows a board of 9x6 inner corners",
+    ),
+    "few boards": (
+        lambda: [v._replace(corners=None) if k > 3 else v for k, v in enumerate(views(0))],
+        "only 4 of 20 images can be used",
+    ),
+    "all frontal": (frontal, "held frontally in all images"),
+    "only the middle": (in_the_middle, "cover .* % of the picture"),
+    "two sizes": (of_two_sizes, "5.png has 640x480 px, 0.png 1280x720 px"),
+    "blurred": (lambda: views(0, noise=1.5), "px RMS off the best camera"),
+}
+
+
+@pytest.mark.parametrize("kind", sorted(BAD_SETS))
+def test_poor_sets_are_refused_with_the_reason(kind: str) -> None:
+    """In one line that says what would help."""
+    given, reason = BAD_SETS[kind]
+    with pytest.raises(ValueError, match=reason) as refusal:
+        calibrated(given(), BOARD)
+    assert "\n" not in str(refusal.value)
+
+
+def test_pairs_taken_at_different_moments_are_refused() -> None:
+    """Each camera for itself is fine; together they fit no rigid pair."""
+    rng = np.random.default_rng(0)
+    held_at = poses(0, 16)
+    left = [view(f"l{k}", LEFT, X, rng) for k, X in enumerate(held_at)]
+    right = [view(f"r{k}", RIGHT, inverse(X_CLCR) @ X, rng) for k, X in enumerate(held_at)]
+    cameras = calibrated(left, BOARD), calibrated(right, BOARD)
+    with pytest.raises(ValueError, match="px RMS off one pose of the right camera"):
+        calibrated_pair(left, [*right[1:], right[0]], cameras, BOARD)
+    with pytest.raises(ValueError, match="16 left and 15 right images"):
+        calibrated_pair(left, right[1:], cameras, BOARD)
+
+
+def test_a_board_counted_from_the_other_end_is_turned_round() -> None:
+    """OpenCV may begin at either end; both cameras must mean the same corner."""
+    corners = view("", LEFT, poses(0, 1)[0], np.random.default_rng(0)).corners
+    assert corners is not None
+    np.testing.assert_array_equal(in_same_order(corners, corners[::-1]), corners)
+    np.testing.assert_array_equal(in_same_order(corners, corners), corners)
+
+
+@pytest.mark.parametrize(("columns", "rows", "square"), [(2, 6, 0.04), (9, 6, 0.0)])
+def test_boards_that_can_not_be_are_refused(columns: int, rows: int, square: float) -> None:
+    """At construction, naming the value."""
+    with pytest.raises(ValueError, match=r"2x6|square = 0\.0 m"):
+        Checkerboard(columns=columns, rows=rows, square=square)

@@ -1,0 +1,268 @@
+"""Self-calibration: a right camera that is turned is noticed, by how much, and its images are straightened."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from estimators.estimates import Health, Motion
+from estimators.right_rotation import RightRotation, homography, moved, sensitivity
+from estimators.rigid_motion import rotation_vector
+from estimators.rotation_fit import Estimate, from_motion, from_rows
+from estimators.rotation_views import Images, View
+from estimators.self_calibration import SelfCalibratedMotion, SelfCalibratedOdometry
+from estimators.stereo_odometry import CircularOdometry
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import FloatArray, rotation_zyx, transform
+
+TURNED = RightRotation(*np.radians([-0.15, 0.10, 0.05]).tolist())  # de Saxe 2018, section 4.4, and some pitch
+NOTHING_KNOWN = Estimate(np.zeros(3), np.diag(np.radians([0.1, 0.1, 0.1]) ** 2))
+NOISE = 0.05  # of an image coordinate [px]
+MOVED = transform(rotation_zyx(0.05, 0.004, -0.003), np.array([0.3, 0.0, -5.0]))  # X_PC, backwards
+
+
+def turned_image(calibration: StereoCalibration, p_Cl: FloatArray, rotation: RightRotation) -> FloatArray:
+    """Where the turned right camera shows points (n, 3) of the left one [px]."""
+    p = (p_Cl - [calibration.baseline, 0.0, 0.0]) @ rotation.matrix()
+    return calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
+
+
+def left_image(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
+    return calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
+
+
+def world_points(calibration: StereoCalibration, rng: np.random.Generator, n: int = 250) -> FloatArray:
+    """Points (n, 3) in the left camera: ground 3 m below up to 25 m away, and things up to 80 m away."""
+    rays = rng.uniform([-1.0, 0.12], [1.0, 0.32], (n, 2))
+    ground = np.column_stack([rays, np.ones(n)]) * (3.0 / rays[:, 1:])
+    rays = rng.uniform([-1.0, -0.3], [1.0, 0.1], (n // 3, 2))
+    things = np.column_stack([rays, np.ones(n // 3)]) * rng.uniform(6.0, 80.0, (n // 3, 1))
+    return np.concatenate([ground, things])
+
+
+def images(calibration: StereoCalibration, p: FloatArray, rng: np.random.Generator, rotation: RightRotation) -> Images:
+    def noisy(pixels: FloatArray) -> Any:
+        return (pixels + NOISE * rng.standard_normal(pixels.shape)).astype(np.float32)
+
+    variance = np.broadcast_to(NOISE**2 * np.array([1.0, 0.5, 1.0]), (len(p), 3))
+    return Images(noisy(left_image(calibration, p)), noisy(turned_image(calibration, p, rotation)), variance)
+
+
+def two_views(
+    calibration: StereoCalibration, seed: int, rotation: RightRotation, wrong: float = 0.0
+) -> tuple[Images, Images]:
+    """Images of the same points before and after the motion ``MOVED``; some of the things moved by themselves."""
+    rng = np.random.default_rng(seed)
+    p_P = world_points(calibration, rng)
+    p_C = (p_P - MOVED[:3, 3]) @ MOVED[:3, :3]
+    p_C += (rng.random(len(p_C)) < wrong)[:, None] * rng.normal(0.0, 0.3, p_C.shape)
+    return images(calibration, p_P, rng, rotation), images(calibration, p_C, rng, rotation)
+
+
+def known_but_for_yaw() -> Estimate:
+    """Roll and pitch as the rows leave them."""
+    return Estimate(np.array([TURNED.roll, 0.0, TURNED.pitch]), np.diag(np.radians([0.001, 0.1, 0.001]) ** 2))
+
+
+def test_straightened_points_are_those_of_the_camera_as_calibrated(calibration) -> None:
+    """Exactly, whatever their depth: a camera that turns about its optical centre sees the same rays."""
+    p = world_points(calibration, np.random.default_rng(0))
+    rotation = RightRotation(0.02, -0.03, 0.01)
+    straight = moved(homography(calibration, rotation), turned_image(calibration, p, rotation))
+    as_calibrated = turned_image(calibration, p, RightRotation(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(straight, as_calibrated, atol=1e-9)
+
+
+def test_sensitivity_is_the_derivative(calibration) -> None:
+    """Against central differences of the homography."""
+    q, h = np.array([[100.0, 50.0], [1200.0, 380.0], [700.0, 200.0]]), 1e-6
+    for k in range(3):
+        step = RightRotation(*(h * np.eye(3)[k]).tolist())
+        back = RightRotation(*(-h * np.eye(3)[k]).tolist())
+        difference = moved(homography(calibration, step), q) - moved(homography(calibration, back), q)
+        np.testing.assert_allclose(sensitivity(calibration, q)[..., k], difference / (2 * h), rtol=1e-6, atol=1e-3)
+
+
+def test_rows_tell_roll_and_pitch_and_are_not_asked_for_yaw(calibration) -> None:
+    """One pair of 330 points: a thousandth of a degree; what is believed of yaw stays as it is."""
+    rng = np.random.default_rng(1)
+    p = world_points(calibration, rng)
+    seen = images(calibration, p, rng, TURNED)
+    variance = np.full((len(p), 2), 2.0 * NOISE**2)
+    view = View(np.zeros((2, 2), np.float32), seen.left, seen.right, variance, np.zeros((len(p), 3)))
+    found = from_rows(calibration, view, NOTHING_KNOWN)
+    error = np.degrees(found.angles - np.array(TURNED))
+    assert np.abs(error[[0, 2]]).max() < 0.004  # 0.05 px of 330 points, and yaw unknown: 0.0013 deg
+    assert found.angles[1] == pytest.approx(0.0, abs=1e-9)
+    assert found.covariance[1, 1] == pytest.approx(NOTHING_KNOWN.covariance[1, 1])
+    assert np.degrees(np.sqrt(found.covariance[0, 0])) < 0.003
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.2])
+def test_motion_tells_yaw(calibration, wrong: float) -> None:
+    """Two views 5 m apart, also when a fifth of the points move by themselves; with an honest standard deviation."""
+    ratios = []
+    for seed in range(12):
+        found = from_motion(calibration, *two_views(calibration, seed, TURNED, wrong), MOVED, known_but_for_yaw())
+        assert found is not None
+        error, std = found.angles[1] - TURNED.yaw, np.sqrt(found.covariance[1, 1])
+        assert abs(np.degrees(error)) < 0.006
+        assert np.degrees(std) < 0.004
+        ratios.append(error / std)
+    # neighbours whose errors are alike are allowed for, and here there are none: 1 / sqrt(2) with 12 samples
+    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.1
+
+
+def test_yaw_needs_a_way(calibration) -> None:
+    """After 1 cm there is no parallax to compare the disparities with: yaw stays unknown."""
+    p = world_points(calibration, np.random.default_rng(0))
+    rng, hardly = np.random.default_rng(1), transform(np.eye(3), np.array([0.0, 0.0, -0.01]))
+    pair = images(calibration, p, rng, TURNED), images(calibration, p - hardly[:3, 3], rng, TURNED)
+    found = from_motion(calibration, *pair, hardly, known_but_for_yaw())
+    assert found is not None
+    assert np.degrees(np.sqrt(found.covariance[1, 1])) > 0.05
+
+
+def test_too_few_points_tell_nothing(calibration) -> None:
+    """They may agree by chance."""
+    first, second = two_views(calibration, 0, TURNED)
+    few = tuple(Images(*(field[:20] for field in view)) for view in (first, second))
+    assert from_motion(calibration, *few, MOVED, known_but_for_yaw()) is None
+
+
+@pytest.fixture(scope="module")
+def turned_drive(drive: Any) -> Any:
+    """The drive as seen with the right camera turned: its image moves by the homography back from the straight one."""
+    H = np.linalg.inv(homography(drive.calibration, TURNED))
+    size = (drive.calibration.width, drive.calibration.height)
+    frames = [
+        replace(frame, right=cv2.warpPerspective(frame.right, H, size, borderMode=cv2.BORDER_REPLICATE))
+        for frame in drive.frames
+    ]
+    return replace(drive, frames=frames)
+
+
+def run(odometry: Any, frames: Sequence[StereoFrame]) -> tuple[Any, list[Any]]:
+    memory, motions = odometry.init(), []
+    for frame in frames:
+        memory, motion = odometry.step(memory, frame)
+        if motion is not None:
+            motions.append(motion)
+    return memory, motions
+
+
+def self_calibrated(calibration: StereoCalibration) -> SelfCalibratedOdometry[Any]:
+    return SelfCalibratedOdometry(calibration, CircularOdometry(calibration))
+
+
+@pytest.fixture(scope="module")
+def calibrated(turned_drive: Any) -> list[SelfCalibratedMotion]:
+    return run(self_calibrated(turned_drive.calibration), turned_drive.frames)[1]
+
+
+def errors(drive: Any, motions: Sequence[Motion]) -> FloatArray:
+    """Errors (n, 6) along the axes of the frames that the motions start from."""
+    found = []
+    for motion in motions:
+        X_PC = drive.camera_motion(motion.previous_tick // 100, motion.tick // 100)
+        R_error = X_PC[:3, :3] @ motion.X_PC[:3, :3].T
+        found.append(np.concatenate([rotation_vector(R_error), X_PC[:3, 3] - motion.X_PC[:3, 3]]))
+    return np.array(found)
+
+
+def test_the_rotation_is_found_within_a_few_metres(calibrated: list[SelfCalibratedMotion]) -> None:
+    """Roll and pitch at once, yaw after some metres, all to a few thousandths of a degree; and so they stay."""
+    for motion in calibrated[1:]:
+        assert abs(np.degrees(motion.right_rotation.roll - TURNED.roll)) < 0.005
+        assert abs(np.degrees(motion.right_rotation.pitch - TURNED.pitch)) < 0.005
+    for motion in calibrated[15:]:
+        assert abs(np.degrees(motion.right_rotation.yaw - TURNED.yaw)) < 0.004
+
+
+def test_its_standard_deviation_is_honest(calibrated: list[SelfCalibratedMotion]) -> None:
+    """From the first frame to the last the truth lies within three standard deviations, which end small."""
+    for motion in calibrated:
+        ratio = (np.array(motion.right_rotation) - np.array(TURNED)) / np.array(motion.right_rotation_std)
+        assert np.abs(ratio).max() < 3.0
+    assert np.degrees(calibrated[0].right_rotation_std.yaw) > 0.05
+    assert np.degrees(max(calibrated[-1].right_rotation_std)) < 0.006
+
+
+def test_motions_are_as_good_as_with_a_straight_camera(turned_drive: Any, calibrated) -> None:
+    """Without self-calibration the translation is wrong by per cents; with it by no more than noise."""
+    plain = run(CircularOdometry(turned_drive.calibration), turned_drive.frames)[1]
+    late = slice(10, 40)
+    biased = np.abs(errors(turned_drive, plain[late])[:, 3:].mean(axis=0)).max()
+    left = np.abs(errors(turned_drive, calibrated[late])[:, 3:].mean(axis=0)).max()
+    assert biased > 8e-3  # 0.1 deg of yaw at 10 m is 3.5 % of depth, so of 0.5 m a frame
+    assert left < 1e-3  # 0.5 m a frame, noise of 30 frames
+    rms = np.sqrt(np.mean(errors(turned_drive, calibrated[late]) ** 2, axis=0))
+    assert np.degrees(rms[:3]).max() < 0.005  # as for a straight pair, see test_stereo_odometry
+    assert rms[3:].max() < 1.5e-3
+
+
+def test_covariance_covers_the_time_before_yaw_is_known(turned_drive: Any, calibrated) -> None:
+    """The first motions are off by per cents, and say so."""
+    error = errors(turned_drive, calibrated)
+    ratios = np.abs(error) / np.array([np.sqrt(np.diag(motion.covariance)) for motion in calibrated])
+    assert np.mean(ratios < 2.5) > 0.95
+    assert np.sqrt(calibrated[0].covariance[5, 5]) > 3.0 * np.sqrt(calibrated[-5].covariance[5, 5])
+
+
+def test_nothing_is_done_where_nothing_is_turned(drive: Any) -> None:
+    """Bitwise the motions of the odometry alone."""
+    plain = run(CircularOdometry(drive.calibration), drive.frames[:30])[1]
+    watched = run(self_calibrated(drive.calibration), drive.frames[:30])[1]
+    for motion, same in zip(plain, watched, strict=True):
+        np.testing.assert_array_equal(motion.X_PC, same.X_PC)
+        assert motion.inliers == same.inliers
+        assert np.abs(np.degrees(np.array(same.right_rotation))).max() < 0.02  # nothing yet, or nearly nothing
+
+
+def test_a_mount_that_bends_is_followed(turned_drive: Any, drive: Any) -> None:
+    """Straight for 15 frames, then turned by a knock: found again, and honest about it a few views later."""
+    frames = [*drive.frames[:15], *turned_drive.frames[15:40]]
+    motions = run(self_calibrated(drive.calibration), frames)[1]
+    last = motions[-1].right_rotation
+    assert abs(np.degrees(last.roll - TURNED.roll)) < 0.01
+    assert abs(np.degrees(last.pitch - TURNED.pitch)) < 0.01
+
+
+def test_blinded_cameras_are_lost_and_found_again(turned_drive: Any) -> None:
+    """Black frames tell nothing of the rotation: what was known is kept, and used at once afterwards."""
+    frames = list(turned_drive.frames[:25])
+    black = np.zeros_like(frames[0].left)
+    for k in (12, 13):
+        frames[k] = replace(frames[k], left=black, right=black)
+    motions = run(self_calibrated(turned_drive.calibration), frames)[1]
+    assert motions[11].health is Health.LOST
+    assert motions[-1].health is not Health.LOST
+    assert abs(np.degrees(motions[-1].right_rotation.yaw - TURNED.yaw)) < 0.006
+    assert np.isfinite(motions[-1].covariance).all()
+
+
+def test_a_first_frame_in_the_dark_does_no_harm(turned_drive: Any) -> None:
+    """Nothing is seen, nothing is concluded."""
+    frames = list(turned_drive.frames[:8])
+    black = np.zeros_like(frames[0].left)
+    frames[0] = replace(frames[0], left=black, right=black)
+    motions = run(self_calibrated(turned_drive.calibration), frames)[1]
+    assert abs(np.degrees(motions[-1].right_rotation.roll - TURNED.roll)) < 0.006
+
+
+def test_memory_travels(turned_drive: Any) -> None:
+    """The same to the bit through a pickle; nothing is kept anywhere else."""
+    odometry, frames = self_calibrated(turned_drive.calibration), turned_drive.frames
+    memory, _ = run(odometry, frames[:4])
+    _, motion = odometry.step(memory, frames[4])
+    _, again = self_calibrated(turned_drive.calibration).step(pickle.loads(pickle.dumps(memory)), frames[4])
+    np.testing.assert_array_equal(motion.X_PC, again.X_PC)
+    np.testing.assert_array_equal(motion.covariance, again.covariance)
+    assert motion.right_rotation == again.right_rotation

@@ -1,0 +1,137 @@
+"""`offtrack calibrate` as a user meets it: photographs in, a file that the estimators take out, or one clear line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from estimators.rectification import Rectifier
+from estimators.rigid_motion import rotation_vector
+from scenarios.cli import app
+from sensors.calibration_target import Checkerboard, held, photographed
+from sensors.lens import CameraModel, load_raw_rig
+from vehicle.frames import inverse, so3_exp, transform
+
+CAMERA = CameraModel(
+    width=640, height=400, fx=420.0, fy=421.0, cx=316.0, cy=203.0, distortion=(-0.15, 0.03, 0.0005, -0.0004, 0.0)
+)
+X_CLCR = transform(so3_exp(np.radians([0.5, -0.8, 0.4])), np.array([0.2, 0.001, -0.002]))
+BOARD = Checkerboard(columns=7, rows=5, square=0.05)
+GIVEN = ["--board", "7x5", "--square", "0.05"]
+
+
+def calibrate(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["calibrate", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with left/ and right/: 16 pairs of a hand-held board."""
+    folder, rng = tmp_path_factory.mktemp("photos"), np.random.default_rng(5)
+    for side in ("left", "right"):
+        (folder / side).mkdir()
+    for k in range(16):
+        depth = rng.uniform(0.6, 0.9)
+        place = np.array([0.1 / depth + (-0.36, 0.0, 0.36)[k % 3], (-0.18, 0.0, 0.18)[k // 3 % 3]])
+        X = held(BOARD, rng, place=place, depth=depth, tilt=rng.uniform(0.2, 0.6))
+        for side, X_CB in (("left", X), ("right", inverse(X_CLCR) @ X)):
+            image = photographed(BOARD, CAMERA, X_CB, noise_std=2.0, rng=rng)
+            assert cv2.imwrite(str(folder / side / f"{k:02d}.png"), image)
+    return folder
+
+
+def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp_path: Path) -> None:
+    """The file holds the cameras as they are, and where they are on the trailer as it was given."""
+    out = tmp_path / "my_rig.toml"
+    result = calibrate(photos, *GIVEN, "--position=-13.5,0.1,3.2", "--out", out)
+    assert result.exit_code == 0, result.output
+    rig = load_raw_rig(out)
+    assert rig.left.fx == pytest.approx(CAMERA.fx, rel=2e-3)  # small pictures, few of them: twice the usual
+    error = inverse(X_CLCR) @ rig.X_ClCr
+    assert np.degrees(np.abs(rotation_vector(error[:3, :3]))).max() < 0.05
+    assert rig.baseline == pytest.approx(0.2, abs=1e-3)
+    np.testing.assert_allclose(rig.X_SC[:3, 3], [-13.5, 0.1, 3.2])
+    np.testing.assert_allclose(rig.X_SC[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)  # looks to the rear
+    assert Rectifier(rig).calibration.baseline == rig.baseline
+    assert (tmp_path / "my_rig_coverage.png").stat().st_size > 10_000
+    for told in ("left/00.png", "right/15.png", "fx [px]", "angles known to", str(out.name)):
+        assert told in result.output.replace("\n", "")
+    assert "assumed" not in result.output
+
+
+def test_json_is_all_that_is_printed(photos: Path, tmp_path: Path) -> None:
+    """For scripts: every image with its error."""
+    result = calibrate(photos / "left", "--right", photos / "right", *GIVEN, "--json", "--out", tmp_path / "rig.toml")
+    numbers = json.loads(result.stdout)
+    assert numbers["pair"]["rms_px"] < 0.1
+    assert len(numbers["left"]["errors_px"]) + len(numbers["left"]["dropped"]) == 16
+    assert numbers["file"].endswith("rig.toml")
+
+
+def test_one_camera_alone(photos: Path, tmp_path: Path) -> None:
+    """Files by name; its own file, which says how well each number is known."""
+    out = tmp_path / "camera.toml"
+    result = calibrate(*sorted((photos / "left").iterdir()), *GIVEN, "--out", out, "--quiet")
+    assert result.exit_code == 0, result.output
+    assert result.output == ""
+    text = out.read_text(encoding="utf-8")
+    assert "[camera]" in text
+    assert "[standard_deviation]" in text
+
+
+def test_a_blind_image_is_named_and_the_rest_goes_on(photos: Path, tmp_path: Path) -> None:
+    """A photograph without the board costs its pair only."""
+    copy = tmp_path / "photos"
+    shutil.copytree(photos, copy)
+    cv2.imwrite(str(copy / "right" / "03.png"), np.full((400, 640), 90, np.uint8))
+    result = calibrate(copy, *GIVEN, "--json", "--out", tmp_path / "rig.toml")
+    numbers = json.loads(result.stdout)
+    assert numbers["right"]["dropped"]["right/03.png"] == "no board of 7x5 corners found"
+    assert numbers["pair"]["dropped"]["left/03.png"] == "no board of 7x5 corners found"
+
+
+def test_what_can_not_work_is_refused_in_one_line(photos: Path, tmp_path: Path) -> None:
+    """Exit code 2, the reason, and no file."""
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    broken = tmp_path / "broken.png"
+    broken.write_bytes(b"no image")
+    small = tmp_path / "small.png"
+    cv2.imwrite(str(small), np.zeros((100, 100), np.uint8))
+    some = sorted((photos / "left").iterdir())[:4]
+    out = tmp_path / "rig.toml"
+    existing = tmp_path / "existing.toml"
+    existing.touch()
+    for arguments, reason in (
+        ([tmp_path / "nowhere", *GIVEN], "no such file or folder"),
+        ([empty, *GIVEN], "holds no images"),
+        ([broken, *GIVEN], "can not be read as an image"),
+        ([*some, *GIVEN], "only 4 of 4 images can be used; at least 8 are needed"),
+        ([*some, small, *GIVEN], "all images must come from one camera at one resolution"),
+        ([*some, "--board", "9by6"], "expected COLUMNSxROWS"),
+        ([*some, "--board", "2x2"], "at least 3x3 inner corners"),
+        ([*some, *GIVEN, "--position", "3"], "expected X,Y,Z in metres"),
+        ([photos, *GIVEN, "--out", existing], "exists already"),
+    ):
+        result = calibrate(*arguments, *([] if "--out" in arguments else ["--out", out]))
+        assert result.exit_code == 2, result.output
+        assert reason in result.stderr.replace("\n", " ")
+        assert result.stderr.rstrip().count("\n") == 0
+    assert not out.exists()
+    assert existing.read_text(encoding="utf-8") == ""
+
+
+def test_sides_of_different_length_are_refused(photos: Path, tmp_path: Path) -> None:
+    """They can not be pairs."""
+    copy = tmp_path / "photos"
+    shutil.copytree(photos, copy)
+    (copy / "right" / "15.png").unlink()
+    result = calibrate(copy, *GIVEN, "--out", tmp_path / "rig.toml")
+    assert result.exit_code == 2
+    assert "16 left and 15 right images" in result.stderr
