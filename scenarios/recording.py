@@ -2,7 +2,8 @@
 
 ``image_0`` and ``image_1`` hold the left and right grey images, ``calib.txt`` the projection matrices, ``times.txt``
 the capture times, ``poses.txt`` the true pose of the left camera relative to the first frame; ``rig.toml`` adds what
-KITTI has no place for: how the camera sits on the trailer, and where the trailer's follow point is.
+KITTI has no place for: how the camera sits on the trailer, and where the trailer's follow point is. Of raw images,
+which KITTI's projections can not describe, ``rig.toml`` holds the whole calibration in the place of ``calib.txt``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 
 from scenarios.results import check_run_directory
+from sensors.lens import RawStereoRig
 from sensors.messages import GreyImage, StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
@@ -32,7 +34,7 @@ class RecordingWriter:
         ValueError: if the directory exists and holds something.
     """
 
-    def __init__(self, directory: Path, calibration: StereoCalibration, follow_distance: float) -> None:
+    def __init__(self, directory: Path, calibration: StereoCalibration | RawStereoRig, follow_distance: float) -> None:
         check_run_directory(directory)
         self._directory = directory.resolve()
         self._growing = self._directory.with_name(f"{directory.resolve().name}.recording")
@@ -42,7 +44,8 @@ class RecordingWriter:
         self._count = 0
         for side in (0, 1):
             (self._growing / f"image_{side}").mkdir(parents=True)
-        (self._growing / "calib.txt").write_text(calibration_text(calibration), encoding="utf-8")
+        if isinstance(calibration, StereoCalibration):
+            (self._growing / "calib.txt").write_text(calibration_text(calibration), encoding="utf-8")
         (self._growing / "rig.toml").write_text(rig_text(calibration, follow_distance), encoding="utf-8")
 
     def add(self, frame: StereoFrame, X_WB: FloatArray) -> None:
@@ -80,8 +83,10 @@ def calibration_text(calibration: StereoCalibration) -> str:
     return f"P0: {_numbers(P0)}\nP1: {_numbers(P1)}\n"
 
 
-def rig_text(calibration: StereoCalibration, follow_distance: float) -> str:
+def rig_text(calibration: StereoCalibration | RawStereoRig, follow_distance: float) -> str:
     """The rig as TOML, numbers to the last bit."""
+    if isinstance(calibration, RawStereoRig):
+        return f"follow_distance = {follow_distance!r}  # hitch to follow point [m]\n{calibration.to_toml()}"
     rows = ",\n".join(f"  [{', '.join(repr(float(value)) for value in row)}]" for row in calibration.X_SC)
     return (
         f"baseline = {calibration.baseline!r}  # [m]\n"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from scenarios.recording import RecordingWriter
+from sensors.lens import CameraModel, RawStereoRig, load_raw_rig
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
@@ -81,6 +82,25 @@ def test_the_rig_is_exact(tmp_path: Path, calibration: StereoCalibration) -> Non
     np.testing.assert_array_equal(np.array(rig["X_SC"]), calibration.X_SC)
     assert rig["baseline"] == 0.5
     assert rig["follow_distance"] == 11.9
+
+
+def test_a_raw_rig_is_written_whole_and_in_the_place_of_projections(tmp_path: Path) -> None:
+    """KITTI's calib.txt has no place for lenses; whoever finds one takes the images for rectified."""
+    camera = CameraModel(width=64, height=32, fx=40.0, fy=40.1, cx=31.0, cy=15.0, distortion=(-0.1, 0.02, 1e-3, 0, 0))
+    X_ClCr = transform(rotation_zyx(0.01, 0.02, 0.0), np.array([0.5, 0.01, 0.0]))
+    raw = RawStereoRig(left=camera, right=camera, X_ClCr=X_ClCr, X_SC=RIG.calibration().X_SC)
+    with RecordingWriter(tmp_path / "a", raw, 11.9) as recording:
+        for k in range(2):
+            recording.add(frame(k), pose(k))
+    assert not (tmp_path / "a" / "calib.txt").exists()
+    back = load_raw_rig(tmp_path / "a" / "rig.toml")
+    assert (back.left, back.right) == (camera, camera)
+    np.testing.assert_array_equal(back.X_ClCr, raw.X_ClCr)
+    np.testing.assert_array_equal(back.X_SC, raw.X_SC)
+    assert tomllib.loads((tmp_path / "a" / "rig.toml").read_text(encoding="utf-8"))["follow_distance"] == 11.9
+    poses = np.loadtxt(tmp_path / "a" / "poses.txt").reshape(-1, 3, 4)
+    expected = inverse(raw.X_SC) @ inverse(pose(0)) @ pose(1) @ raw.X_SC  # of the raw left camera
+    np.testing.assert_allclose(poses[1], expected[:3], atol=1e-10)
 
 
 def test_an_interrupted_recording_is_usable_under_its_working_name(

@@ -1,0 +1,168 @@
+"""`offtrack estimate`: the estimators on recorded images."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress as ProgressDisplay
+from rich.progress import TaskID
+from rich.table import Table
+
+from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
+
+if TYPE_CHECKING:
+    from scenarios.recordings.estimation import Progress
+    from scenarios.recordings.recording import Recording
+
+app = typer.Typer(no_args_is_help=True, help="Run the estimators on recorded images.")
+
+EXAMPLES = (
+    "Examples: offtrack run constant-slip --record runs/images, then offtrack estimate off-tracking runs/images   "
+    "offtrack estimate off-tracking kitti/sequences/00 --follow-distance 12   "
+    "offtrack estimate off-tracking photos --calibration rig.toml --rate 10 --facing rear --camera-height 4.2"
+)
+_SHOWN = 5  # dropped frames named on the terminal; the summary names all
+
+
+@app.callback()
+def _estimate() -> None:
+    """Run the estimators on recorded images."""
+
+
+@app.command("off-tracking", epilog=EXAMPLES)
+def off_tracking(
+    directory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with image_0 and image_1 (or image_2 and image_3, image_left and image_right, left and "
+            "right), calib.txt and times.txt, as KITTI has them or `offtrack run --record` writes them. Compared with "
+            "poses.txt if it is there.",
+        ),
+    ],
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="In place of the folder's calibration: a calib.txt of rectified images, or for raw images a TOML file "
+            "as `offtrack calibrate` writes it."
+        ),
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Frames a second, in place of times.txt [Hz].")] = None,
+    follow_distance: Annotated[
+        float | None, typer.Option(help="From the hitch back to the trailer's follow point [m].")
+    ] = None,
+    facing: Annotated[
+        str | None, typer.Option(help="Where the cameras look: rear, left, right, front or down.", show_default=False)
+    ] = None,
+    camera_x: Annotated[
+        float | None, typer.Option(help="Cameras ahead of the hitch, negative behind it [m].", show_default=False)
+    ] = None,
+    camera_y: Annotated[float | None, typer.Option(help="Cameras left of the trailer's middle [m].")] = None,
+    camera_height: Annotated[float | None, typer.Option(help="Cameras above the ground [m].")] = None,
+    odometry: Annotated[
+        str | None, typer.Option(help="Name of an odometry, or package.module:Name.", show_default="that of runs")
+    ] = None,
+    self_calibration: Annotated[
+        bool,
+        typer.Option("--self-calibration", help="Learn how the right camera is turned, and straighten its images."),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of the results; must not exist yet.", show_default="runs/DIR-N")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+) -> None:
+    """Estimate the off-tracking of a trailer from stereo images that were recorded on it.
+
+    Writes trajectory_tum.txt, trajectory_kitti.txt, off_tracking.csv and .parquet, report.html, a video and
+    summary.json. A frame that is missing or broken is dropped and reported. Where the cameras sit is read from
+    rig.toml, or said by options, or assumed and reported as such.
+    """
+    from scenarios.recordings.estimation import estimate
+    from scenarios.recordings.files import write_estimation
+    from scenarios.recordings.mounting import MountingOptions, facing_named
+    from scenarios.recordings.recording import open_recording
+    from scenarios.results import check_run_directory, next_run_directory
+
+    with one_line_errors():
+        results = out or next_run_directory(directory.resolve().name)
+        check_run_directory(results)
+        options = MountingOptions(
+            follow_distance=follow_distance,
+            facing=facing_named(facing) if facing else None,
+            x=camera_x,
+            y=camera_y,
+            z=camera_height,
+        )
+        recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
+        name, source = _source(recording, odometry, self_calibration=self_calibration)
+        with progress_display(shown=not (quiet or as_json)) as display:
+            estimation = estimate(recording, source, _bar(display, "off-tracking"))
+            numbers = write_estimation(
+                estimation,
+                name,
+                results,
+                video=video and estimation.outcome == "completed",
+                progress=_bar(display, "video"),
+            )
+        if as_json:
+            print(json.dumps(numbers, indent=2))
+        elif not quiet:
+            _print(numbers, results)
+    if numbers["outcome"] == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+def _bar(display: ProgressDisplay, title: str) -> Progress:
+    """Shows frames done, of how many, on a bar that appears with the first of them."""
+    tasks: list[TaskID] = []
+
+    def told(done: int, of: int) -> None:
+        if not tasks:
+            tasks.append(display.add_task(title, total=of, detail=""))
+        display.update(tasks[0], completed=done, detail=f"frame {done} of {of}")
+
+    return told
+
+
+def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, Any]:
+    """The estimator with an odometry of this name, and the name."""
+    from estimators.self_calibration import SelfCalibratedOdometry
+    from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
+    from scenarios.scenario import Scenario
+
+    name = odometry or str(Scenario.model_fields["odometry"].default)
+    made = resolve("--odometry", name, ODOMETRY)(recording.calibration)
+    if self_calibration:
+        made = SelfCalibratedOdometry(recording.calibration, made)
+    estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
+    return name, estimator(recording.calibration, recording.follow_distance, made)
+
+
+def _print(numbers: dict[str, Any], directory: Path) -> None:
+    console = Console()
+    table = Table(title=f"{escape(numbers['recording'])}: {numbers['outcome']}", title_justify="left")
+    for column, justify in (("", "left"), ("quantity", "left"), ("value", "right")):
+        table.add_column(column, justify="right" if justify == "right" else "left")
+    for group in ("frames", "off_tracking", "odometry", "kitti", "self_calibration", "timing"):
+        rows = [(name, value) for name, value in numbers[group].items() if value not in (None, [])]
+        for k, (name, value) in enumerate(rows):
+            shown = f"{value:.4g}" if isinstance(value, float) else escape(str(value))
+            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
+    console.print(table)
+    for line in _remarks(numbers):
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _remarks(numbers: dict[str, Any]) -> list[str]:
+    dropped = [f"Frame {entry['frame']} dropped: {entry['reason']}" for entry in numbers["dropped_frames"]]
+    more = [f"... and {len(dropped) - _SHOWN} more dropped frames, see summary.json"] if len(dropped) > _SHOWN else []
+    assumed = [f"Assumed: {line}" for line in numbers["assumed"]]
+    return [*assumed, *(f"Note: {line}" for line in numbers["notes"]), *dropped[:_SHOWN], *more]

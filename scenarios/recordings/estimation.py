@@ -1,0 +1,132 @@
+"""Off-tracking of a recorded sequence, frame by frame."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.estimates import Health, Motion, OffTracking
+from estimators.reference import ReferenceOffTracking
+from scenarios.recordings.images import Dropped, stream
+from scenarios.recordings.recording import Recording
+from scenarios.recordings.sequence import FrameFiles
+from scenarios.recordings.trajectory import camera_poses
+from sensors.messages import BodyPose
+from vehicle.frames import FloatArray, inverse
+
+Progress = Callable[[int, int], None]  # frames done, of how many
+
+
+class OffTrackingSource(Protocol):
+    """An estimator of the off-tracking with the odometry that feeds it."""
+
+    def init(self) -> Any: ...
+
+    def step(self, memory: Any, message: Any) -> tuple[Any, Any]: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameEstimate:
+    """What came of one frame."""
+
+    files: FrameFiles
+    dropped: str = ""  # why the frame could not be used; empty if it could
+    off_tracking: OffTracking | None = None  # None for the first frame, and where the frame was dropped
+    motion: Motion | None = None
+
+    @property
+    def tracks(self) -> NDArray[np.float32]:
+        """Features in the previous and in this left image (m, 4) [px]."""
+        return self.motion.tracks if self.motion else np.empty((0, 4), dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimation:
+    """Everything that was estimated from a recording, as far as it got."""
+
+    recording: Recording
+    outcome: str  # "completed" or "interrupted"
+    frames: tuple[FrameEstimate, ...]
+    X_C0C: FloatArray  # (n, 4, 4) poses of the left camera from the first frame
+    reference: FloatArray  # (n,) off-tracking by the recording's own poses [m]; NaN where there is none
+    wall_s: float
+    odometry_s: float
+
+    @property
+    def X_S0S(self) -> FloatArray:
+        """Poses (n, 4, 4) of the trailer from the first frame, by the odometry."""
+        return body_poses(self.recording, self.X_C0C)
+
+    @property
+    def true_X_S0S(self) -> FloatArray | None:
+        """Poses (n, 4, 4) of the trailer from the first frame, by the recording's own poses, if it has any."""
+        poses = self.recording.poses
+        return None if poses is None else body_poses(self.recording, poses[: len(self.frames)])
+
+
+def estimate(recording: Recording, source: OffTrackingSource, progress: Progress | None = None) -> Estimation:
+    """The off-tracking of every frame; an interrupt ends it early and keeps what there is.
+
+    Raises:
+        ValueError: one line, if not a single frame can be used.
+    """
+    frames: list[FrameEstimate] = []
+    begin, busy, outcome = time.perf_counter(), 0.0, "completed"
+    memory = source.init()
+    try:
+        for files, frame in stream(recording.sequence.frames, recording.size):
+            if isinstance(frame, Dropped):
+                frames.append(FrameEstimate(files=files, dropped=frame.reason))
+            else:
+                since = time.perf_counter()
+                memory, result = source.step(memory, recording.rectified(frame))
+                busy += time.perf_counter() - since
+                frames.append(_frame(files, result))
+            if progress:
+                progress(len(frames), len(recording.sequence.frames))
+    except KeyboardInterrupt:
+        outcome = "interrupted"
+    if frames and all(frame.dropped for frame in frames):
+        raise ValueError(f"{recording.sequence.directory}: no frame can be used; the first: {frames[0].dropped}")
+    return Estimation(
+        recording=recording,
+        outcome=outcome,
+        frames=tuple(frames),
+        X_C0C=camera_poses([f.files.tick for f in frames], [f.motion for f in frames if f.motion]),
+        reference=_reference(recording, len(frames)),
+        wall_s=time.perf_counter() - begin,
+        odometry_s=busy,
+    )
+
+
+def _frame(files: FrameFiles, result: Any) -> FrameEstimate:
+    if result is None:
+        return FrameEstimate(files=files)
+    return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion)
+
+
+def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:
+    """Poses X_S0S (n, 4, 4) of the trailer from those of the camera on it."""
+    X_SC = recording.calibration.X_SC
+    poses: FloatArray = X_SC @ X_C0C @ inverse(X_SC)
+    return poses
+
+
+def _reference(recording: Recording, count: int) -> FloatArray:
+    """The off-tracking that the recording's own poses show, by the same buffer."""
+    values = np.full(count, np.nan)
+    if recording.poses is None:
+        return values
+    buffer = ReferenceOffTracking(recording.follow_distance)
+    memory = buffer.init()
+    poses = body_poses(recording, recording.poses[:count])
+    for k, (files, X_WB) in enumerate(zip(recording.sequence.frames[:count], poses, strict=True)):
+        memory, off_tracking = buffer.step(memory, BodyPose(tick=files.tick, X_WB=X_WB))
+        if off_tracking is not None and off_tracking.health is not Health.LOST:
+            values[k] = off_tracking.value
+    return values

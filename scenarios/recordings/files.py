@@ -1,0 +1,48 @@
+"""What an estimation leaves behind: trajectories, tables, summary, report and video in one directory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from scenarios.log import write_log
+from scenarios.recordings.estimation import Estimation, Progress
+from scenarios.recordings.table import csv_text, estimate_log
+from scenarios.recordings.trajectory import kitti_text, tum_text
+from scenarios.results import appearing_at_once, versions
+
+
+def write_estimation(
+    estimation: Estimation, odometry: str, directory: Path, *, video: bool, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Writes everything and returns the summary; ``progress`` is told the frames of the video.
+
+    An interrupt while the video is drawn keeps the rest, and what there is of the video.
+
+    Raises:
+        ValueError: if the directory can not take it.
+    """
+    from scenarios.recordings.page import report_page  # matplotlib takes a second to import
+    from scenarios.recordings.summary import summary
+    from scenarios.recordings.video import write_video
+
+    log = estimate_log(estimation)
+    numbers = summary(estimation, log, odometry)
+    with appearing_at_once(directory) as folder:
+        used = [k for k, frame in enumerate(estimation.frames) if not frame.dropped]
+        times = [estimation.frames[k].files.time for k in used]
+        (folder / "trajectory_tum.txt").write_text(tum_text(times, estimation.X_C0C[used]), encoding="utf-8")
+        (folder / "trajectory_kitti.txt").write_text(kitti_text(estimation.X_C0C), encoding="utf-8")
+        (folder / "off_tracking.csv").write_text(csv_text(log), encoding="utf-8")
+        write_log(log, folder / "off_tracking.parquet")
+        (folder / "report.html").write_text(report_page(estimation, log, numbers), encoding="utf-8")
+        if video and len(log) > 1:
+            try:
+                write_video(estimation, log, folder / "video", progress=progress)
+            except KeyboardInterrupt:
+                numbers["outcome"] = "interrupted"
+        manifest = {"recording": numbers["recording"], "odometry": odometry, "versions": versions()}
+        (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    return numbers

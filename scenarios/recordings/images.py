@@ -1,0 +1,127 @@
+"""Images of a sequence, read ahead of their use and never more than a few of them in memory."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from PIL import Image
+
+from scenarios.recordings.sequence import FrameFiles, StereoSequence
+from sensors.messages import GreyImage, StereoFrame
+
+_AHEAD = 4  # frames read before they are asked for: reading then costs nothing beside the odometry
+# What Pillow raises for files that are no images, were cut off, or have flipped bits.
+_UNREADABLE: Final = (
+    OSError,
+    ValueError,
+    SyntaxError,
+    EOFError,
+    zlib.error,
+    struct.error,
+    Image.DecompressionBombError,
+)
+
+
+class Dropped(NamedTuple):
+    """A frame that could not be used."""
+
+    files: FrameFiles
+    reason: str  # one line that names the file
+
+
+def read_grey(path: Path) -> GreyImage:
+    """The image (height, width) in grey levels of 8 bits; colour by its luminance, 16 bits by the upper ones.
+
+    Raises:
+        ValueError: one line, if the file is missing or is no whole image.
+    """
+    try:
+        with Image.open(path) as image:
+            if image.mode.startswith("I"):  # 16 bits
+                return (np.asarray(image, dtype=np.uint32) >> 8).astype(np.uint8)
+            return np.asarray(image.convert("L"))
+    except _UNREADABLE as error:
+        raise ValueError(f"{path} {_complaint(error)}") from error
+
+
+def image_size(sequence: StereoSequence) -> tuple[int, int]:
+    """Width and height [px] of the sequence's images, as the first readable pair has them.
+
+    Raises:
+        ValueError: one line, if no pair can be read or the two cameras' images differ in size.
+    """
+    first = ""
+    for files in sequence.frames:
+        try:
+            left, right = (_header(path) for path in (files.left, files.right))
+        except ValueError as error:
+            first = first or str(error)
+            continue
+        if left != right:
+            raise ValueError(
+                f"{files.right} has {right[0]}x{right[1]} px and {files.left} {left[0]}x{left[1]} px: "
+                "the images of both cameras must have one size"
+            )
+        return left
+    raise ValueError(f"{sequence.directory}: no pair of images can be read; the first: {first}")
+
+
+def _header(path: Path) -> tuple[int, int]:
+    try:
+        with Image.open(path) as image:
+            return image.size
+    except _UNREADABLE as error:
+        raise ValueError(f"{path} {_complaint(error)}") from error
+
+
+def _complaint(error: BaseException) -> str:
+    if isinstance(error, FileNotFoundError):
+        return "is missing"
+    if isinstance(error, OSError) and error.strerror:
+        return f"cannot be read: {error.strerror}"
+    return "is broken or no image"
+
+
+def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:
+    """Every frame in order, read beside what is done with it; one that can not be used comes with the reason."""
+    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]] = deque()
+    with ThreadPoolExecutor(max_workers=2, thread_name_prefix="images") as readers:
+        try:
+            for files in frames:
+                waiting.append((files, readers.submit(_read, files, size)))
+                if len(waiting) > _AHEAD:
+                    yield _next(waiting)
+            while waiting:
+                yield _next(waiting)
+        finally:
+            for _, future in waiting:
+                future.cancel()
+
+
+def _next(
+    waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]],
+) -> tuple[FrameFiles, StereoFrame | Dropped]:
+    files, future = waiting.popleft()
+    return files, future.result()
+
+
+def _read(files: FrameFiles, size: tuple[int, int]) -> StereoFrame | Dropped:
+    try:
+        left, right = (_sized(path, size) for path in (files.left, files.right))
+    except ValueError as error:
+        return Dropped(files, str(error))
+    return StereoFrame(tick=files.tick, left=left, right=right)
+
+
+def _sized(path: Path, size: tuple[int, int]) -> GreyImage:
+    image = read_grey(path)
+    if image.shape != size[::-1]:
+        raise ValueError(f"{path} has {image.shape[1]}x{image.shape[0]} px, not {size[0]}x{size[1]}")
+    return image

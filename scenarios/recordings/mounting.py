@@ -1,0 +1,181 @@
+"""Where the cameras of a recording sit on the trailer: from its ``rig.toml``, from options, or assumed and said so."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple, cast, get_args
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from estimators.estimates import Health
+from estimators.stereo_odometry import CircularOdometry
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
+from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
+from vehicle.parameter_file import checked, nearest, read_toml, without_sources
+
+Facing = Literal["rear", "left", "right", "front", "down"]
+
+
+class _Place(NamedTuple):
+    """How cameras that face some way are assumed to sit."""
+
+    yaw: float  # [rad]
+    pitch: float  # [rad]
+    share: float  # of the follow distance from the hitch back to them
+    words: str
+
+
+_PLACES: Final[dict[Facing, _Place]] = {
+    "rear": _Place(math.pi, 0.0, 1.0, "to the rear"),
+    "left": _Place(0.5 * math.pi, 0.0, 0.5, "to the left"),
+    "right": _Place(-0.5 * math.pi, 0.0, 0.5, "to the right"),
+    "front": _Place(0.0, 0.0, 0.0, "to the front"),
+    "down": _Place(0.0, 0.5 * math.pi, 0.5, "down"),
+}
+_FOLLOW_DISTANCE = 14.0  # if nothing says otherwise: de Saxe 2018, section 3.1 [m]
+_HEIGHT = 3.0  # if nothing says otherwise: the same section [m]
+_WAY = 1.0  # after which the direction of travel is plain: a hundred times the odometry's error [m]
+_PATIENCE = 300  # frames to wait for so much of a way
+
+
+class _RigTable(BaseModel):
+    """What of a ``rig.toml`` is looked at here; in the file of a raw pair there is more."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    X_SC: tuple[tuple[float, float, float, float], ...]  # pose of the left camera in the trailer, 4x4
+    follow_distance: float | None = Field(None, gt=0.0, json_schema_extra={"unit": "m"})  # hitch to follow point
+    left: dict[str, Any] | None = None  # of a raw pair
+
+    @field_validator("X_SC")
+    @classmethod
+    def _rigid(cls, rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+        X = np.array(rows)
+        if X.shape != (4, 4) or not np.allclose(X[:3, :3] @ X[:3, :3].T, np.eye(3), atol=1e-6):
+            raise ValueError("must be a pose: 4 rows of 4 numbers, the upper left 3x3 a rotation")
+        return rows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountingOptions:
+    """What the user says of cameras and trailer; None where he says nothing."""
+
+    follow_distance: float | None = None  # hitch to follow point [m]
+    facing: Facing | None = None
+    x: float | None = None  # middle of the pair, from the hitch, negative behind it [m]
+    y: float | None = None  # + left [m]
+    z: float | None = None  # above the ground [m]
+
+    def __post_init__(self) -> None:
+        if self.follow_distance is not None and not 0.0 < self.follow_distance < math.inf:
+            raise ValueError(f"--follow-distance = {self.follow_distance:g} m must be positive")
+        if self.z is not None and not 0.0 < self.z < math.inf:
+            raise ValueError(f"--camera-height = {self.z:g} m must be positive")
+
+
+def facing_named(name: str) -> Facing:
+    """The way to face of that name.
+
+    Raises:
+        ValueError: if there is no such way.
+    """
+    for facing in get_args(Facing):
+        if name == facing:
+            return cast(Facing, facing)
+    raise ValueError(f"--facing = {name}: unknown{nearest(name, get_args(Facing))}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mounting:
+    """Pose of the left camera in the trailer, and the trailer's follow point."""
+
+    X_SC: FloatArray  # (4, 4)
+    follow_distance: float  # hitch to follow point [m]
+    assumed: tuple[str, ...] = ()  # what nobody has said, for people
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rig:
+    """What a file says of the mounting; None where it says nothing."""
+
+    X_SC: FloatArray | None = None
+    follow_distance: float | None = None  # [m]
+    raw: bool = False  # the file also holds the calibration of raw images
+
+
+def read_rig(path: Path) -> Rig:
+    """The mounting in a ``rig.toml``; a camera that is not above the ground is taken for one that sits nowhere yet.
+
+    Raises:
+        ValueError: one line naming file and key.
+    """
+    table = checked(_RigTable, without_sources(read_toml(path)), str(path))
+    X_SC = np.array(table.X_SC)
+    return Rig(
+        X_SC=X_SC if X_SC[2, 3] > 0.0 else None, follow_distance=table.follow_distance, raw=table.left is not None
+    )
+
+
+def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callable[[], Facing | None]) -> Mounting:
+    """The mounting that options, a rig and assumptions give, in this order.
+
+    Args:
+        options: what the user says.
+        rig: what the recording says.
+        baseline: of the cameras [m].
+        facing: tells which way the cameras face by how they move; asked only if nobody else knows.
+
+    Cameras that face to the rear are assumed over the follow point, those to the front over the hitch, all others half
+    way along the trailer.
+    """
+    assumed: list[str] = []
+    follow_distance = options.follow_distance or rig.follow_distance
+    if follow_distance is None:
+        follow_distance = _FOLLOW_DISTANCE
+        assumed.append(f"follow point {follow_distance:g} m behind the hitch (--follow-distance)")
+    said = (options.facing, options.x, options.y, options.z)
+    if rig.X_SC is not None and said == (None,) * len(said):
+        return Mounting(X_SC=rig.X_SC, follow_distance=follow_distance, assumed=tuple(assumed))
+    faces = options.facing
+    if faces is None:
+        faces = facing() or "rear"
+        assumed.append(f"cameras face {_PLACES[faces].words}, by their motion (--facing)")
+    place = _PLACES[faces]
+    x, y, z = options.x, options.y or 0.0, options.z
+    if x is None:
+        x = -place.share * follow_distance
+        assumed.append(f"cameras {-x:g} m behind the hitch (--camera-x)")
+    if z is None:
+        z = _HEIGHT
+        assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
+    R_SC = rotation_zyx(place.yaw, place.pitch, 0.0) @ R_BODY_CAMERA
+    p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * baseline, 0.0, 0.0])
+    return Mounting(X_SC=transform(R_SC, p_SC), follow_distance=follow_distance, assumed=tuple(assumed))
+
+
+def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFrame]) -> Facing | None:
+    """Which way cameras face on a vehicle that drives forwards; None if it hardly moves.
+
+    The world is left behind: cameras that move along their own z face to the front, against it to the rear; those on
+    the left side of a vehicle move along their x, as the front is to the right in their image; and to those that look
+    down, the front is at the top.
+    """
+    level = replace(calibration, X_SC=transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT])))
+    odometry = CircularOdometry(level)
+    memory, way = odometry.init(), np.zeros(3)
+    for frame in islice(frames, _PATIENCE):
+        memory, motion = odometry.step(memory, frame)
+        if motion is not None and motion.health is not Health.LOST:
+            way += motion.X_PC[:3, 3]
+        if np.linalg.norm(way) > _WAY:
+            break
+    else:
+        return None
+    along = int(np.argmax(np.abs(way)))
+    return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(way[along] > 0.0)]

@@ -1,0 +1,81 @@
+"""KITTI's ``calib.txt``: the projection matrices of rectified cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scenarios.recordings.sequence import Layout
+from vehicle.frames import FloatArray, transform
+
+_SQUARE = 1e-3  # by which the focal lengths of a rectified pair may differ: 0.1 px at 100 px from the middle
+_ASIDE = 0.05  # of the baseline by which the right camera may lie off the left one's x axis; KITTI's own: 0.005
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Projections:
+    """A rectified pair as its projection matrices describe it."""
+
+    focal_length: float  # [px]
+    cx: float  # [px]
+    cy: float  # [px]
+    baseline: float  # [m]
+    X_C0C: FloatArray  # (4, 4) pose of the left camera in KITTI's camera 0, of which ``poses.txt`` speaks
+
+
+def read_projections(path: Path, layout: Layout) -> Projections:
+    """The projections of the two cameras of a layout.
+
+    Raises:
+        ValueError: one line, if the file has not both, or they are not those of a rectified pair.
+    """
+    lines = _lines(path)
+    left, right = (_matrix(path, lines, name) for name in (layout.left_projection, layout.right_projection))
+    f, cx, cy = left[0, 0], left[0, 2], left[1, 2]
+    if not f > 0.0 or abs(left[1, 1] / f - 1.0) > _SQUARE:
+        raise ValueError(f"{path}: focal lengths {f:g} and {left[1, 1]:g} px must be positive and alike")
+    if np.abs(left[:, :3] - right[:, :3]).max() > _SQUARE * f:
+        raise ValueError(
+            f"{path}: {layout.left_projection} and {layout.right_projection} differ in more than their last column: "
+            "no rectified pair; give its calibration by --calibration FILE.toml"
+        )
+    p_Cl, p_Cr = (-np.linalg.solve(P[:, :3], P[:, 3]) for P in (left, right))  # from camera 0
+    across = p_Cr - p_Cl
+    if not across[0] > 0.0 or np.abs(across[1:]).max() > _ASIDE * across[0]:
+        raise ValueError(
+            f"{path}: baseline {across[0]:g} m must be positive and along the left camera's x; "
+            "are left and right swapped?"
+        )
+    return Projections(
+        focal_length=float(f),
+        cx=float(cx),
+        cy=float(cy),
+        baseline=float(across[0]),
+        X_C0C=transform(np.eye(3), p_Cl.astype(np.float64)),
+    )
+
+
+def _lines(path: Path) -> dict[str, str]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ValueError(
+            f"{path} is missing: it holds the projection matrices P0 and P1 of rectified images; "
+            "for raw images give --calibration FILE.toml"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    pairs = (line.partition(":") for line in text.splitlines())
+    return {name.strip(): values for name, _, values in pairs}
+
+
+def _matrix(path: Path, lines: dict[str, str], name: str) -> FloatArray:
+    try:
+        P = np.array([float(value) for value in lines.get(name, "").split()]).reshape(3, 4)
+    except ValueError:
+        P = np.full((3, 4), np.nan)
+    if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-9:
+        raise ValueError(f"{path}: needs a line '{name}: ' with the 12 numbers of a 3x4 projection matrix, row by row")
+    return P

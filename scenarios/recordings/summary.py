@@ -1,0 +1,129 @@
+"""A recording's estimates in numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from scenarios import metrics
+from scenarios.log import Log
+from scenarios.recordings.drift import KITTI_EVERY, KITTI_LENGTHS, drift
+from scenarios.recordings.estimation import Estimation
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_SIGMAS = 2.5  # 95 of 100 errors should stay below so many standard deviations
+
+
+def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
+    """The numbers ready for JSON; null stands for what does not apply or could not be measured."""
+    recording = estimation.recording
+    return {
+        "outcome": estimation.outcome,
+        "recording": str(recording.sequence.directory),
+        "follow_distance_m": recording.follow_distance,
+        "frames": _frames(estimation, log),
+        "off_tracking": _off_tracking(log),
+        "odometry": {"name": odometry, **_odometry(estimation, log)},
+        "kitti": _drift(estimation),
+        "self_calibration": _self_calibration(log),
+        "timing": _timing(estimation, log),
+        "dropped_frames": [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped],
+        "assumed": list(recording.assumed),
+        "notes": list(recording.notes),
+    }
+
+
+def error_of_estimate(log: Log) -> FloatArray:
+    """Estimated off-tracking minus that of the recording's own poses (n,) [m]; NaN where there is not both."""
+    return metrics.estimate_error(log["off_tracking"], log["off_tracking_poses"], log["health"])
+
+
+def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
+    total, dropped = len(log), int(log["dropped"].sum())
+    return {
+        "total": len(estimation.recording.sequence.frames),
+        "used": total - dropped,
+        "dropped": dropped,
+        "duration_s": _number(estimation.frames[-1].files.tick * TICK if total else 0.0),
+    }
+
+
+def _off_tracking(log: Log) -> dict[str, float | int | None]:
+    value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
+    judged = np.isfinite(error)
+    return {
+        "rms_m": _number(metrics.rms(value)),
+        "max_m": _number(metrics.peak(value)),
+        "std_mean_m": _number(metrics.mean(std)),
+        "valid_fraction": _number(_valid_fraction(log)),
+        "estimate_error_rms_m": _number(metrics.rms(error)),
+        "estimate_error_max_m": _number(metrics.peak(error)),
+        "within_2_5_sigma": _number(metrics.mean((np.abs(error) < _SIGMAS * std)[judged].astype(np.float64))),
+    }
+
+
+def _valid_fraction(log: Log) -> float:
+    """Share of the frames with a usable off-tracking, once the buffer has first been full; dropped ones have none."""
+    usable = log["health"] < metrics.LOST
+    first = int(np.argmax(usable)) if usable.any() else len(usable)
+    return float(np.mean(usable[first:])) if first < len(usable) else math.nan
+
+
+def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
+    steps = np.hypot(*np.diff(np.column_stack([log["x"], log["y"]]), axis=0).T) if len(log) > 1 else np.zeros(1)
+    own = _drift(estimation, (estimation.recording.follow_distance,), every=1)
+    return {
+        "matches_mean": _number(metrics.mean(log["matches"])),
+        "inliers_mean": _number(metrics.mean(log["inliers"])),
+        "degraded_frames": int(np.sum(log["odometry_health"] == 1.0)),
+        "lost_frames": int(np.sum(log["odometry_health"] >= metrics.LOST)),
+        "distance_m": _number(float(steps.sum())),
+        "drift_percent": own["drift_percent"],
+        "drift_deg_per_m": own["drift_deg_per_m"],
+    }
+
+
+def _drift(
+    estimation: Estimation, lengths: Sequence[float] = KITTI_LENGTHS, every: int = KITTI_EVERY
+) -> dict[str, Any]:
+    """The benchmark's two figures, with the lengths [m] of the subsequences that the way was long enough for."""
+    true = estimation.recording.poses
+    found = None if true is None else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
+    if found is None:
+        return {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
+    return {
+        "drift_percent": _number(100.0 * found.translation),
+        "drift_deg_per_m": round(math.degrees(found.rotation), 9),
+        "lengths_m": list(found.lengths),
+        "subsequences": found.subsequences,
+    }
+
+
+def _self_calibration(log: Log) -> dict[str, float | int | None]:
+    """The last estimate of how the right camera is turned [deg]; empty if nobody looked."""
+    found: dict[str, float | int | None] = {}
+    for name in ("roll", "yaw", "pitch"):
+        for end in ("", "_std"):
+            values = log[f"right_{name}{end}"] if f"right_{name}" in log else np.empty(0)
+            known = values[np.isfinite(values)]
+            if known.size:
+                found[f"{name}{end}_deg"] = _number(math.degrees(known[-1]))
+    return found
+
+
+def _timing(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
+    used = max(1, len(log) - int(log["dropped"].sum()))
+    return {
+        "wall_s": _number(estimation.wall_s),
+        "odometry_s": _number(estimation.odometry_s),
+        "odometry_ms_per_frame": _number(1e3 * estimation.odometry_s / used),
+    }
+
+
+def _number(value: float) -> float | None:
+    """The value to the last micrometre, or None where there is no number."""
+    return round(float(value), 6) if math.isfinite(value) else None

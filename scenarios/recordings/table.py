@@ -1,0 +1,108 @@
+"""The estimates of a recording as a table: a row for every frame, and the same as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from estimators.estimates import Health
+from estimators.self_calibration import SelfCalibratedMotion
+from scenarios.log import Log, Signal
+from scenarios.metrics import LOST
+from scenarios.recordings.estimation import Estimation, FrameEstimate
+
+_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: LOST}
+_WORDS: Final = {value: health.value for health, value in _HEALTH.items()}
+_SIGNALS: Final = (
+    Signal("frame", "-", "number of the frame, counted from 0"),
+    Signal("time", "s", "time of the frame as recorded"),
+    Signal("dropped", "-", "1 where the frame could not be used"),
+    Signal("off_tracking", "m", "lateral distance of the hitch's path from the follow point, + left"),
+    Signal("off_tracking_std", "m", "its standard deviation"),
+    Signal("health", "-", "of the off-tracking: 0 ok, 1 degraded, 2 lost"),
+    Signal("matches", "-", "features matched"),
+    Signal("inliers", "-", "of them those the motion agrees with"),
+    Signal("odometry_health", "-", "of the motion since the frame before: 0 ok, 1 degraded, 2 lost"),
+    Signal("x", "m", "position of the hitch along the x axis of the first trailer frame, by the odometry"),
+    Signal("y", "m", "the same along its y axis"),
+    Signal("psi", "rad", "yaw of the trailer since the first frame, continuous"),
+    Signal("v_x", "m/s", "velocity of the hitch along the trailer"),
+    Signal("v_y", "m/s", "the same across it, + left"),
+    Signal("yaw_rate", "rad/s", "yaw rate of the trailer"),
+    Signal("off_tracking_poses", "m", "off-tracking by the recording's own poses"),
+)
+_ROTATION: Final = (
+    Signal("right_roll", "rad", "rotation of the right camera since its calibration, about its optical axis"),
+    Signal("right_yaw", "rad", "the same about its y axis (down)"),
+    Signal("right_pitch", "rad", "the same about its x axis (right)"),
+    Signal("right_roll_std", "rad", "standard deviation of right_roll"),
+    Signal("right_yaw_std", "rad", "standard deviation of right_yaw"),
+    Signal("right_pitch_std", "rad", "standard deviation of right_pitch"),
+)
+_COLUMNS: Final = {"m": "_m", "s": "_s", "rad": "_rad", "m/s": "_m_s", "rad/s": "_rad_s", "-": ""}  # ends of CSV names
+
+
+def estimate_log(estimation: Estimation) -> Log:
+    """A row for every frame, with the right camera's rotation if it was estimated; NaN where there is no value."""
+    poses = estimation.X_S0S
+    psi = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+    rows = [
+        [k, frame.files.time, float(bool(frame.dropped)), *_estimated(frame), x, y, turn, *_motion(frame), reference]
+        for k, (frame, (x, y), turn, reference) in enumerate(
+            zip(estimation.frames, poses[:, :2, 3], psi, estimation.reference, strict=True)
+        )
+    ]
+    log = Log(_SIGNALS, np.array(rows, dtype=np.float64).reshape(-1, len(_SIGNALS)))
+    if not any(isinstance(frame.motion, SelfCalibratedMotion) for frame in estimation.frames):
+        return log
+    rotations = np.array([_rotation(frame) for frame in estimation.frames])
+    return Log((*_SIGNALS, *_ROTATION), np.column_stack([log.rows, rotations]))
+
+
+def _estimated(frame: FrameEstimate) -> tuple[float, ...]:
+    if frame.off_tracking is None or frame.motion is None:
+        return (math.nan,) * 6
+    e, motion = frame.off_tracking, frame.motion
+    value, std = (math.nan, math.nan) if e.health is Health.LOST else (e.value, e.std)
+    return (value, std, _HEALTH[e.health], motion.matches, motion.inliers, _HEALTH[motion.health])
+
+
+def _motion(frame: FrameEstimate) -> tuple[float, ...]:
+    e = frame.off_tracking
+    return (e.v_x, e.v_y, e.yaw_rate) if e is not None else (math.nan,) * 3
+
+
+def _rotation(frame: FrameEstimate) -> tuple[float, ...]:
+    if not isinstance(frame.motion, SelfCalibratedMotion):
+        return (math.nan,) * len(_ROTATION)
+    return (*frame.motion.right_rotation, *frame.motion.right_rotation_std)
+
+
+def csv_text(log: Log) -> str:
+    """The table as CSV: names end in their unit, empty where there is no value, health in words."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    shown = [signal for signal in log.signals if signal.name != "dropped"]
+    writer.writerow([signal.name + _COLUMNS[signal.unit] for signal in shown])
+    dropped = log["dropped"] > 0.0
+    for k in range(len(log)):
+        writer.writerow(list(_cells(log, k, bool(dropped[k]), shown)))
+    return file.getvalue()
+
+
+def _cells(log: Log, row: int, dropped: bool, shown: list[Signal]) -> Iterator[str]:
+    for signal in shown:
+        value = float(log[signal.name][row])
+        if signal.name in ("health", "odometry_health"):
+            yield "dropped" if dropped else _WORDS.get(value, "")
+        elif not math.isfinite(value):
+            yield ""
+        elif signal.unit == "-":
+            yield f"{value:.0f}"
+        else:
+            yield f"{value:.6f}" if signal.unit != "rad" else f"{value:.8f}"

@@ -1,0 +1,439 @@
+"""`offtrack estimate off-tracking` as a user meets it: what it writes, what it survives, how it refuses."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import json
+import math
+import shutil
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner, Result
+
+from estimators.estimates import Health, Motion
+from estimators.right_rotation import RightRotation
+from estimators.self_calibration import SelfCalibratedMotion
+from scenarios.canvas import Picture
+from scenarios.commands.estimate import app
+from scenarios.log import read_log
+from scenarios.metrics import true_off_tracking
+from scenarios.recording import RecordingWriter
+from scenarios.recordings import images
+from scenarios.recordings.video import Composition
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration, StereoRig
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+
+RIG = StereoRig(facing="rear", width=160, height=96, hfov=math.radians(100), x=-10.0, y=0.0, z=3.0, baseline=0.5)
+FOLLOW = 10.0  # [m]
+FRAMES, STEP = 80, 0.5  # 40 m of way
+WRITTEN = {
+    "manifest.json",
+    "off_tracking.csv",
+    "off_tracking.parquet",
+    "report.html",
+    "summary.json",
+    "trajectory_kitti.txt",
+    "trajectory_tum.txt",
+}
+
+
+def trailer_pose(k: int) -> FloatArray:
+    """Straight ahead, then a left turn of 20 m, the trailer pointing outwards by up to 0.1 rad: some off-tracking."""
+    s = STEP * k
+    turned = max(0.0, s - 15.0) / 20.0
+    x, y = min(s, 15.0) + 20.0 * math.sin(turned), 20.0 * (1.0 - math.cos(turned))
+    return transform(rotation_zyx(turned - 0.1 * math.sin(turned), 0.0, 0.0), np.array([x, y, 0.0]))
+
+
+def textured(k: int, side: int) -> np.ndarray:
+    noise = np.random.default_rng([k // 20, side]).integers(0, 256, (RIG.height // 8, RIG.width // 8), dtype=np.uint8)
+    return cv2.resize(noise, (RIG.width, RIG.height), interpolation=cv2.INTER_CUBIC)
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("recordings") / "yard"
+    with RecordingWriter(directory, RIG.calibration(), FOLLOW) as recording:
+        for k in range(FRAMES):
+            frame = StereoFrame(tick=100 * k, left=textured(k, 0), right=textured(k, 1))
+            recording.add(frame, trailer_pose(k))
+    return directory
+
+
+@pytest.fixture
+def yard(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A recording of one's own to break, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    return Path(shutil.copytree(original, tmp_path / "yard")).relative_to(tmp_path)
+
+
+class Oracle:
+    """An odometry that knows the motion, but for what is asked to be wrong with it."""
+
+    short = 0.0  # share of every translation that is missing
+    lost: tuple[int, ...] = ()  # frames in which it is lost
+
+    def __init__(self, calibration: StereoCalibration) -> None:
+        self._X_SC = calibration.X_SC
+
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: int | None, frame: StereoFrame) -> tuple[int, Motion | None]:
+        k = frame.tick // 100
+        if memory is None:
+            return k, None
+        X_PC = inverse(trailer_pose(memory) @ self._X_SC) @ trailer_pose(k) @ self._X_SC
+        X_PC[:3, 3] *= 1.0 - self.short
+        lost = k in self.lost
+        motion = Motion(
+            tick=frame.tick,
+            previous_tick=100 * memory,
+            X_PC=np.eye(4) if lost else X_PC,
+            covariance=np.diag(np.full(6, np.inf)) if lost else np.diag([1e-10] * 3 + [1e-6] * 3),
+            matches=0 if lost else 300,
+            inliers=0 if lost else 250,
+            health=Health.LOST if lost else Health.OK,
+            tracks=np.full((250, 4), 30.0, np.float32),
+        )
+        return k, motion
+
+
+class ShortOracle(Oracle):
+    short = 0.01
+
+
+class LosingOracle(Oracle):
+    lost = (40, 41)
+
+
+class Learning(Oracle):
+    """Says that the right camera is turned, the surer the longer it goes."""
+
+    def step(self, memory: int | None, frame: StereoFrame) -> tuple[int, Motion | None]:
+        k, motion = super().step(memory, frame)
+        if motion is None:
+            return k, None
+        angles, std = RightRotation(*np.radians([-0.15, 0.1, 0.02])), RightRotation(*[math.radians(1.0 / k)] * 3)
+        values = {field.name: getattr(motion, field.name) for field in fields(motion)}
+        return k, SelfCalibratedMotion(**values, right_rotation=angles, right_rotation_std=std)
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes this file importable by a name, as a user's own module is."""
+    monkeypatch.setitem(sys.modules, "oracles", sys.modules[__name__])
+
+
+def estimated(*arguments: str | Path, odometry: str = "oracles:Oracle") -> Result:
+    return CliRunner().invoke(app, ["off-tracking", *map(str, arguments), "--odometry", odometry])
+
+
+def numbers(*arguments: str | Path, odometry: str = "oracles:Oracle") -> dict[str, Any]:
+    result = estimated(*arguments, "--out", "out", "--json", odometry=odometry)
+    assert result.exit_code == 0, result.output
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+def rows() -> list[dict[str, str]]:
+    with Path("out/off_tracking.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_everything_is_written_and_agrees(yard: Path) -> None:
+    """With a perfect odometry the off-tracking is that of the poses, and all files tell the same."""
+    found = numbers(yard, "--no-video")
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN
+    assert json.loads(Path("out/summary.json").read_text(encoding="utf-8")) == found
+    assert found["outcome"] == "completed"
+    assert found["frames"] == {"total": FRAMES, "used": FRAMES, "dropped": 0, "duration_s": 7.9}
+    assert found["off_tracking"]["estimate_error_max_m"] < 1e-6  # poses are written with twelve digits
+    assert found["off_tracking"]["valid_fraction"] == 1.0
+    log = read_log(Path("out/off_tracking.parquet"))
+    table = rows()
+    assert len(table) == len(log) == FRAMES
+    value = np.array([float(row["off_tracking_m"] or "nan") for row in table])
+    np.testing.assert_allclose(value, log["off_tracking"], atol=1e-6)  # micrometres are written
+    assert [row["health"] for row in table] == [
+        "" if k == 0 else "lost" if np.isnan(v) else "ok" for k, v in enumerate(value)
+    ]
+
+
+def test_off_tracking_is_that_of_the_hitch_path(yard: Path) -> None:
+    """Against the closed search on the true path: samples 0.5 m apart on 20 m leave cubics of some 0.01 mm."""
+    numbers(yard, "--no-video")
+    log = read_log(Path("out/off_tracking.parquet"))
+    poses = np.array([trailer_pose(k) for k in range(FRAMES)])
+    psi = np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    true = true_off_tracking(poses[:, 0, 3], poses[:, 1, 3], psi, FOLLOW)
+    there = np.isfinite(log["off_tracking"]) & np.isfinite(true)
+    assert there.sum() > 50
+    assert np.abs(true[there]).max() > 1.0  # it cuts in by more than a metre: there is something to see
+    np.testing.assert_allclose(log["off_tracking"][there], true[there], atol=2e-3)  # where the curvature jumps
+
+
+def test_units_travel_with_the_parquet_columns(yard: Path) -> None:
+    """Every column says its unit; metres, radians and seconds only."""
+    numbers(yard, "--no-video")
+    schema = pq.read_schema("out/off_tracking.parquet")
+    units = {field.name: field.metadata[b"unit"].decode() for field in schema}
+    assert units["off_tracking"] == units["off_tracking_std"] == "m"
+    assert units["time"] == "s"
+    assert set(units.values()) == {"-", "s", "m", "rad", "m/s", "rad/s"}
+
+
+def test_trajectories_are_those_of_the_camera(yard: Path) -> None:
+    """KITTI: a line a frame, equal to the recording's poses; TUM: time, position, quaternion."""
+    numbers(yard, "--no-video")
+    kitti, poses = np.loadtxt("out/trajectory_kitti.txt"), np.loadtxt(yard / "poses.txt")
+    np.testing.assert_allclose(kitti, poses, atol=1e-9)  # sums of 80 rounded poses of twelve digits
+    tum = np.loadtxt("out/trajectory_tum.txt")
+    np.testing.assert_allclose(tum[:, 0], np.loadtxt(yard / "times.txt"))
+    np.testing.assert_allclose(tum[:, 1:4], poses.reshape(-1, 3, 4)[:, :, 3], atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(tum[:, 4:], axis=1), 1.0, atol=1e-8)
+
+
+def test_drift_is_compared_with_the_poses(yard: Path) -> None:
+    """1 % short: 1 % over a trailer's length in every direction; 100 m were not driven, so KITTI has no figure."""
+    found = numbers(yard, "--no-video", odometry="oracles:ShortOracle")
+    assert found["odometry"]["drift_percent"] == pytest.approx(1.0, abs=0.06)  # 10.5 m driven for 10 m asked
+    assert found["kitti"] == {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
+    assert found["off_tracking"]["estimate_error_rms_m"] > 1e-3
+
+
+def test_without_poses_nothing_is_compared(yard: Path) -> None:
+    """Null, not zero; the report has no such section."""
+    (yard / "poses.txt").unlink()
+    found = numbers(yard, "--no-video")
+    assert found["off_tracking"]["estimate_error_rms_m"] is None
+    assert found["odometry"]["drift_percent"] is None
+    assert found["off_tracking"]["rms_m"] > 0.1
+    assert "by the recording" not in Path("out/report.html").read_text(encoding="utf-8")
+
+
+def test_broken_and_missing_images_are_dropped_frames_and_the_run_goes_on(yard: Path) -> None:
+    """Named in the table on the terminal, in the summary, in the report; the estimate goes on without them."""
+    left = yard / "image_0"
+    (left / "000030.png").write_bytes((left / "000030.png").read_bytes()[:300])
+    (yard / "image_1" / "000045.png").unlink()
+    result = estimated(yard, "--out", "out", "--no-video")
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert f"Frame 30 dropped: {yard}/image_0/000030.png is broken or no image" in lines
+    assert f"Frame 45 dropped: {yard}/image_1/000045.png is missing" in lines
+    found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
+    assert found["frames"]["dropped"] == 2
+    assert [entry["frame"] for entry in found["dropped_frames"]] == [30, 45]
+    assert found["off_tracking"]["estimate_error_max_m"] < 2e-3  # the path between two frames 1 m apart is a cubic
+    assert "000030.png is broken" in Path("out/report.html").read_text(encoding="utf-8")
+    assert [k for k, row in enumerate(rows()) if row["health"] == "dropped"] == [30, 45]
+    assert len(np.loadtxt("out/trajectory_kitti.txt")) == FRAMES
+    used = [k for k in range(FRAMES) if k not in (30, 45)]
+    true = np.loadtxt(yard / "poses.txt")[used].reshape(-1, 3, 4)[:, :, 3]
+    np.testing.assert_allclose(np.loadtxt("out/trajectory_tum.txt")[:, 1:4], true, atol=1e-8)
+
+
+def test_a_broken_first_frame_is_no_obstacle(yard: Path) -> None:
+    """The path begins with the first frame that can be read."""
+    (yard / "image_0" / "000000.png").write_bytes(b"")
+    found = numbers(yard, "--no-video")
+    assert found["frames"]["dropped"] == 1
+    assert found["off_tracking"]["estimate_error_max_m"] < 2e-3
+
+
+def test_lost_frames_are_told_and_bridged(yard: Path) -> None:
+    """No value while lost, a degraded one while the bridge is in the buffer."""
+    found = numbers(yard, "--no-video", odometry="oracles:LosingOracle")
+    assert found["odometry"]["lost_frames"] == 2
+    health = [row["health"] for row in rows()]
+    assert health[39:44] == ["ok", "lost", "lost", "degraded", "degraded"]
+    assert health[-1] == "ok"
+
+
+def test_times_are_kept_as_they_were_recorded(yard: Path) -> None:
+    """Seconds since 1970 stay what they are in the files, and count from zero in the figures."""
+    (yard / "times.txt").write_text("".join(f"{1403636579.7 + 0.1 * k:.3f}\n" for k in range(FRAMES)), encoding="utf-8")
+    found = numbers(yard, "--no-video")
+    assert found["frames"]["duration_s"] == pytest.approx(7.9)
+    assert np.loadtxt("out/trajectory_tum.txt")[0, 0] == pytest.approx(1403636579.7, abs=1e-3)
+    assert rows()[0]["time_s"] == "1403636579.700000"
+
+
+def test_what_was_learned_about_the_right_camera_is_told(yard: Path) -> None:
+    """The newest angles in the summary, all of them over time in the table and the report; nothing without any."""
+    assert numbers(yard, "--no-video")["self_calibration"] == {}
+    assert "right_yaw_rad" not in rows()[1]
+    shutil.rmtree("out")
+    found = numbers(yard, "--no-video", odometry="oracles:Learning")["self_calibration"]
+    last = pytest.approx(1.0 / (FRAMES - 1), abs=1e-6)
+    assert found == {
+        "roll_deg": -0.15,
+        "yaw_deg": 0.1,
+        "pitch_deg": 0.02,
+        "roll_std_deg": last,
+        "yaw_std_deg": last,
+        "pitch_std_deg": last,
+    }
+    assert float(rows()[1]["right_yaw_rad"]) == pytest.approx(math.radians(0.1), abs=1e-8)
+    assert "Rotation of the right camera" in Path("out/report.html").read_text(encoding="utf-8")
+
+
+def test_what_the_recording_does_not_say_is_assumed_aloud(yard: Path) -> None:
+    """A bare KITTI folder runs; the assumptions stand on the terminal, in the summary and on top of the report."""
+    (yard / "rig.toml").unlink()
+    result = estimated(yard, "--out", "out", "--no-video", "--facing", "rear")
+    assert result.exit_code == 0, result.output
+    assert "Assumed: follow point 14 m behind the hitch (--follow-distance)" in result.stdout.splitlines()
+    assert "Assumed" in Path("out/report.html").read_text(encoding="utf-8")
+
+
+def test_options_leave_nothing_to_assume(yard: Path) -> None:
+    """Said again what the rig said, the result is the same."""
+    (yard / "rig.toml").unlink()
+    said = ("--facing", "rear", "--follow-distance", "10", "--camera-x", "-10", "--camera-height", "3")
+    found = numbers(yard, "--no-video", *said)
+    assert found["assumed"] == []
+    assert found["follow_distance_m"] == 10.0
+    assert found["off_tracking"]["estimate_error_max_m"] < 1e-6
+
+
+def test_an_interrupt_keeps_what_is_finished(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All files for the frames so far, exit code 130, no video."""
+    genuine, read = images._read, []
+
+    def interrupted_at(files: Any, size: Any) -> Any:
+        read.append(files)
+        if len(read) == 50:
+            raise KeyboardInterrupt  # comes out of the future where the loop asks for it
+        return genuine(files, size)
+
+    monkeypatch.setattr(images, "_read", interrupted_at)
+    result = estimated(yard, "--out", "out", "--quiet")
+    assert result.exit_code == 130
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN
+    found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
+    assert found["outcome"] == "interrupted"
+    assert 40 <= found["frames"]["used"] < FRAMES
+    assert found["frames"]["total"] == FRAMES
+    assert len(rows()) == found["frames"]["used"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_shortest_recordings_are_no_obstacle(yard: Path, count: int) -> None:
+    """A frame has no motion yet, two have no off-tracking: there are few numbers, and no error."""
+    for side in (0, 1):
+        for k in range(count, FRAMES):
+            (yard / f"image_{side}" / f"{k:06d}.png").unlink()
+    found = numbers(yard)
+    assert found["frames"]["used"] == count
+    assert found["off_tracking"]["rms_m"] is None
+    assert len(rows()) == count
+
+
+def test_an_interrupt_before_the_first_frame_leaves_empty_results(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As everywhere: exit code 130, and files that can be read."""
+
+    def interrupted(files: Any, size: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(images, "_read", interrupted)
+    assert estimated(yard, "--out", "out").exit_code == 130
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN
+    assert rows() == []
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
+def test_the_video_has_a_picture_for_every_frame_in_real_time(yard: Path) -> None:
+    """Dropped frames among them; one size throughout."""
+    import av
+
+    (yard / "image_0" / "000010.png").write_bytes(b"")
+    numbers(yard)
+    with av.open("out/video.mp4") as container:
+        stream = container.streams.video[0]
+        assert stream.average_rate == 10
+        assert sum(1 for _ in container.decode(video=0)) == FRAMES
+
+
+@pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
+def test_an_interrupt_while_the_video_is_drawn_keeps_the_estimates(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are complete by then; what there is of the video plays."""
+    import av
+
+    genuine = Composition.picture
+
+    def picture(self: Composition, k: int) -> Picture:
+        if k == 60:
+            raise KeyboardInterrupt
+        return genuine(self, k)
+
+    monkeypatch.setattr(Composition, "picture", picture)
+    assert estimated(yard, "--out", "out", "--quiet").exit_code == 130
+    found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
+    assert (found["outcome"], found["frames"]["used"]) == ("interrupted", FRAMES)
+    with av.open("out/video.mp4") as container:
+        assert sum(1 for _ in container.decode(video=0)) > 10  # the encoder holds some back
+
+
+def test_nothing_but_the_summary_is_printed_for_a_program_and_nothing_when_quiet(yard: Path) -> None:
+    """--json and --quiet."""
+    assert json.loads(estimated(yard, "--out", "a", "--no-video", "--json").stdout)["outcome"] == "completed"
+    quiet = estimated(yard, "--out", "b", "--no-video", "--quiet")
+    assert quiet.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("remove", "arguments", "says"),
+    [
+        ([], ["nowhere"], ["nowhere", "no folder"]),
+        (["image_1"], ["yard"], ["image_1", "missing"]),
+        (["image_0", "image_1"], ["yard"], ["yard", "image_0 and image_1"]),
+        (["calib.txt"], ["yard"], ["calib.txt", "missing", "--calibration"]),
+        (["times.txt"], ["yard"], ["times.txt", "missing", "--rate"]),
+        ([], ["yard", "--calibration", "none.toml"], ["none.toml", "cannot be read"]),
+        ([], ["yard", "--calibration", "none.txt"], ["none.txt", "missing"]),
+        ([], ["yard", "--rate", "0"], ["--rate", "0"]),
+        ([], ["yard", "--follow-distance", "-3"], ["--follow-distance", "-3"]),
+        ([], ["yard", "--facing", "up"], ["--facing", "up", "rear"]),
+        ([], ["yard", "--camera-height", "0"], ["--camera-height", "0"]),
+        ([], ["yard", "--odometry", "circlar"], ["--odometry", "circlar", "circular"]),
+        ([], ["yard", "--out", "yard"], ["yard", "not empty"]),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(yard: Path, remove: list[str], arguments: list[str], says: list[str]) -> None:
+    """On standard error, with exit code 2 and nothing written."""
+    for name in remove:
+        path = yard / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    before = sorted(Path().rglob("*"))
+    if "--odometry" not in arguments:
+        arguments = [*arguments, "--odometry", "oracles:Oracle"]
+    result = CliRunner().invoke(app, ["off-tracking", *arguments])
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    assert result.stderr.startswith("offtrack: ")
+    for part in says:
+        assert part in result.stderr
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_a_recording_of_which_nothing_can_be_read_is_refused(yard: Path) -> None:
+    """Headers alone are no images: that shows only when the frames are read."""
+    for path in (yard / "image_0").iterdir():
+        path.write_bytes(path.read_bytes()[:200])
+    result = estimated(yard, "--out", "out")
+    assert result.exit_code == 2
+    assert "no frame can be used" in result.stderr
+    assert "image_0/000000.png is broken" in result.stderr
+    assert not Path("out").exists()

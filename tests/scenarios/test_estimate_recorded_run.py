@@ -1,0 +1,52 @@
+"""What a run recorded is estimated from again, with the same result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.commands.estimate import app
+from scenarios.log import read_log
+from scenarios.recordings.recording import open_recording
+from scenarios.run import run
+from scenarios.scenario import load_scenario
+
+
+def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same images, calibration and odometry: equal but for the twelve digits of the focal length in calib.txt."""
+    monkeypatch.chdir(tmp_path)
+    length = ["course.length=20", "rig.width=640", "rig.height=200"]
+    result = run(load_scenario("constant-slip", length), 1, record=tmp_path / "images")
+    told = CliRunner().invoke(app, ["off-tracking", "images", "--out", "out", "--no-video", "--quiet"])
+    assert told.exit_code == 0, told.output
+    log = read_log(tmp_path / "out" / "off_tracking.parquet")
+    delivered = np.isfinite(result.signal("matches"))
+    ticks = result.log["tick"][delivered].astype(int)
+    rows = np.searchsorted(np.rint(1e3 * log["time"]), ticks)
+    assert len(rows) > 30
+    for ours, loops in (
+        ("matches", "matches"),
+        ("inliers", "inliers"),
+        ("off_tracking", "off_tracking_estimate"),
+        ("off_tracking_std", "off_tracking_std"),
+    ):
+        expected = result.signal(loops)[delivered]
+        np.testing.assert_allclose(log[ours][rows], expected, rtol=1e-6, atol=1e-9)
+    assert np.isfinite(log["off_tracking"]).sum() > 5
+    # the recording's poses are the truth: the trailer is dragged at a constant slip angle
+    poses = log["off_tracking_poses"]
+    assert poses[np.isfinite(poses)] == pytest.approx(result.signal("off_tracking_true")[-1], abs=1e-6)
+    # a right camera that is not turned is found not to be: 0.02 deg are some five stated standard deviations
+    told = CliRunner().invoke(
+        app, ["off-tracking", "images", "--out", "b", "--no-video", "--json", "--self-calibration"]
+    )
+    assert told.exit_code == 0, told.output
+    angles = json.loads(told.stdout)["self_calibration"]
+    assert max(abs(angles[f"{name}_deg"]) for name in ("roll", "yaw", "pitch")) < 0.02
+    # how the cameras face is seen by how they move
+    (tmp_path / "images" / "rig.toml").unlink()
+    assert "cameras face to the rear, by their motion (--facing)" in open_recording(tmp_path / "images").assumed

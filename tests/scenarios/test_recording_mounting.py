@@ -1,0 +1,276 @@
+"""What calibration files say, what users say, and what is assumed and said so."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from estimators.estimates import Health, Motion
+from scenarios.recording import calibration_text, rig_text
+from scenarios.recordings.mounting import (
+    Facing,
+    MountingOptions,
+    Rig,
+    facing_by_motion,
+    facing_named,
+    mounting,
+    read_rig,
+)
+from scenarios.recordings.projections import read_projections
+from scenarios.recordings.recording import Recording, open_recording
+from scenarios.recordings.sequence import LAYOUTS
+from sensors.lens import CameraModel, RawStereoRig
+from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration, StereoRig
+from vehicle.frames import inverse, rotation_zyx, transform
+
+# calib.txt as the KITTI odometry benchmark has it: a grey pair, and a colour pair that is off it in all three axes
+KITTI = """\
+P0: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 0.000000000000e+00 0.000000000000e+00 7.188560000000e+02 \
+1.852157000000e+02 0.000000000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 0.000000000000e+00
+P1: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 -3.861448000000e+02 0.000000000000e+00 7.188560000000e+02 \
+1.852157000000e+02 0.000000000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 0.000000000000e+00
+P2: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 4.538225000000e+01 0.000000000000e+00 7.188560000000e+02 \
+1.852157000000e+02 -1.130887000000e-01 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 3.779761000000e-03
+P3: 7.188560000000e+02 0.000000000000e+00 6.071928000000e+02 -3.372877000000e+02 0.000000000000e+00 7.188560000000e+02 \
+1.852157000000e+02 2.369057000000e+00 0.000000000000e+00 0.000000000000e+00 1.000000000000e+00 4.915215000000e-03
+Tr: 4.276802385584e-04 -9.999672484946e-01 -8.084491683471e-03 -1.198459927713e-02
+"""
+RIG = StereoRig(facing="left", width=64, height=32, hfov=math.radians(100), x=-7.0, y=1.2, z=3.0, baseline=0.5)
+CAMERA = CameraModel(width=64, height=32, fx=40.0, fy=40.0, cx=31.5, cy=15.5, distortion=(-0.1, 0.01, 0.0, 0.0, 0.0))
+RAW = RawStereoRig(
+    left=CAMERA,
+    right=CAMERA,
+    X_ClCr=transform(rotation_zyx(0.0, 0.01, 0.02), np.array([0.5, 0.002, 0.0])),
+    X_SC=RIG.calibration().X_SC,
+)
+
+
+def images(directory: Path, count: int = 2) -> Path:
+    for side in (0, 1):
+        (directory / f"image_{side}").mkdir(parents=True)
+        for k in range(count):
+            cv2.imwrite(str(directory / f"image_{side}" / f"{k:06d}.png"), np.full((32, 64), 100, np.uint8))
+    return directory
+
+
+def opened(directory: Path, **options: float) -> Recording:
+    return open_recording(directory, rate_hz=10.0, options=MountingOptions(**options))  # type: ignore[arg-type]
+
+
+def test_a_calibration_like_the_benchmarks_is_understood(tmp_path: Path) -> None:
+    """Its cameras are 0.54 m apart; the colour pair sits 6 cm left of the grey one, of which the poses speak."""
+    (tmp_path / "calib.txt").write_text(KITTI, encoding="utf-8")
+    grey, colour = (read_projections(tmp_path / "calib.txt", layout) for layout in LAYOUTS[:2])
+    assert grey.focal_length == colour.focal_length == 718.856
+    assert (grey.cx, grey.cy) == (607.1928, 185.2157)
+    assert grey.baseline == pytest.approx(386.1448 / 718.856)
+    np.testing.assert_array_equal(grey.X_C0C, np.eye(4))
+    left, right = (45.38225 - 607.1928 * 3.779761e-3) / 718.856, (-337.2877 - 607.1928 * 4.915215e-3) / 718.856
+    assert colour.X_C0C[0, 3] == pytest.approx(-left, rel=1e-9)  # by hand: P = K [I | t], the camera is at -t
+    assert colour.baseline == pytest.approx(left - right, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("P0: 1 2 3\n", "needs a line 'P0: ' with the 12 numbers"),
+        (KITTI.split("P1")[0], "needs a line 'P1: '"),
+        (KITTI.replace("-3.861448000000e+02", "3.861448000000e+02"), "are left and right swapped?"),
+        (KITTI.replace("P1: 7.188560000000e+02", "P1: 6.188560000000e+02"), "--calibration FILE.toml"),
+        (KITTI.replace("7.188560000000e+02 1.852157000000e+02", "5e+02 1.852157000000e+02"), "focal lengths"),
+        ("P0: nan", "needs a line 'P0: '"),
+    ],
+)
+def test_projections_that_are_no_rectified_pair_are_refused(tmp_path: Path, text: str, says: str) -> None:
+    """One line that names the file."""
+    (tmp_path / "calib.txt").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"calib\.txt") as refused:
+        read_projections(tmp_path / "calib.txt", LAYOUTS[0])
+    assert says in str(refused.value)
+
+
+def test_without_any_calibration_the_way_out_is_told(tmp_path: Path) -> None:
+    """Rectified or raw."""
+    with pytest.raises(ValueError, match=r"calib\.txt is missing.*P0 and P1.*--calibration FILE\.toml"):
+        opened(images(tmp_path))
+
+
+def test_the_calibration_of_other_images_is_refused(tmp_path: Path) -> None:
+    """A principal point outside the image, or a raw camera of another size."""
+    images(tmp_path)
+    (tmp_path / "calib.txt").write_text(KITTI, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"607\.193 lies outside images of 64x32 px"):
+        opened(tmp_path)
+    big = CameraModel(width=640, height=480, fx=400.0, fy=400.0, cx=320.0, cy=240.0)
+    raw = RawStereoRig(left=big, right=big, X_ClCr=RAW.X_ClCr, X_SC=RAW.X_SC)
+    (tmp_path / "other.toml").write_text(raw.to_toml(), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"other\.toml: the left camera has 640x480 px, the images 64x32"):
+        open_recording(tmp_path, rate_hz=10.0, calibration_file=tmp_path / "other.toml")
+
+
+def test_a_recorded_rectified_rig_comes_back(tmp_path: Path) -> None:
+    """Calibration, mounting and follow point; nothing has to be assumed."""
+    images(tmp_path)
+    calibration = RIG.calibration()
+    (tmp_path / "calib.txt").write_text(calibration_text(calibration), encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(rig_text(calibration, 13.5), encoding="utf-8")
+    recording = opened(tmp_path)
+    got = recording.calibration
+    for name in ("width", "height", "focal_length", "cx", "cy", "baseline"):
+        assert getattr(got, name) == pytest.approx(getattr(calibration, name), rel=1e-11)  # twelve digits are written
+    np.testing.assert_array_equal(got.X_SC, calibration.X_SC)
+    assert recording.follow_distance == 13.5
+    assert recording.rectification is None
+    assert recording.assumed == ()
+
+
+def test_a_recorded_raw_rig_comes_back_with_its_rectification(tmp_path: Path) -> None:
+    """The rectified left camera is the raw one turned about its optical centre; poses go with it."""
+    images(tmp_path)
+    (tmp_path / "rig.toml").write_text(rig_text(RAW, 13.5), encoding="utf-8")
+    X = transform(rotation_zyx(0.0, 0.3, 0.0), np.array([0.1, 0.0, 2.0]))
+    lines = [" ".join(repr(float(x)) for x in pose[:3].ravel()) for pose in (np.eye(4), X)]
+    (tmp_path / "poses.txt").write_text("\n".join(lines), encoding="utf-8")
+    recording = opened(tmp_path)
+    assert recording.rectification is not None
+    assert recording.follow_distance == 13.5
+    X_SC = recording.calibration.X_SC
+    np.testing.assert_allclose(X_SC[:3, 3], RAW.X_SC[:3, 3], atol=1e-12)
+    assert not np.allclose(X_SC[:3, :3], RAW.X_SC[:3, :3], atol=1e-4)
+    assert recording.poses is not None
+    body = X_SC @ recording.poses[1] @ inverse(X_SC)  # the same motion of the trailer, whichever camera shows it
+    np.testing.assert_allclose(body, RAW.X_SC @ X @ inverse(RAW.X_SC), atol=1e-12)
+
+
+def test_poses_of_a_sequence_are_also_found_where_the_benchmark_keeps_them(tmp_path: Path) -> None:
+    """dataset/sequences/07 and dataset/poses/07.txt; those of camera 0 are brought to the colour camera."""
+    directory = tmp_path / "dataset" / "sequences" / "07"
+    for name in ("image_2", "image_3"):
+        (directory / name).mkdir(parents=True)
+        for k in range(2):
+            cv2.imwrite(str(directory / name / f"{k:06d}.png"), np.full((376, 1241), 100, np.uint8))
+    (directory / "calib.txt").write_text(KITTI, encoding="utf-8")
+    turn = transform(rotation_zyx(0.0, 0.5, 0.0), np.zeros(3))  # about camera 0: the one beside it moves
+    (tmp_path / "dataset" / "poses").mkdir()
+    lines = [" ".join(repr(float(x)) for x in pose[:3].ravel()) for pose in (np.eye(4), turn)]
+    (tmp_path / "dataset" / "poses" / "07.txt").write_text("\n".join(lines), encoding="utf-8")
+    recording = open_recording(directory, rate_hz=10.0, options=MountingOptions(facing="front"))
+    assert recording.poses is not None
+    beside = 0.0599  # [m], see above
+    assert np.linalg.norm(recording.poses[1][:3, 3]) == pytest.approx(2 * beside * math.sin(0.25), rel=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("facing", "x", "forward"),
+    [
+        ("rear", -14.0, (0, 0, -1)),
+        ("left", -7.0, (1, 0, 0)),
+        ("right", -7.0, (-1, 0, 0)),
+        ("front", 0.0, (0, 0, 1)),
+        ("down", -7.0, (0, -1, 0)),
+    ],
+)
+def test_what_nobody_has_said_is_assumed_and_named(
+    facing: Facing, x: float, forward: tuple[float, float, float]
+) -> None:
+    """Rear cameras over the follow point, side ones half way, front ones over the hitch; forward as they see it."""
+    placed = mounting(MountingOptions(), Rig(), 0.5, lambda: facing)
+    middle = placed.X_SC @ [0.25, 0.0, 0.0, 1.0]
+    assert middle[:3] == pytest.approx([x, 0.0, 3.0])
+    assert pytest.approx(forward, abs=1e-12) == placed.X_SC[:3, :3].T @ [1.0, 0.0, 0.0]
+    assert [line.split("(")[1] for line in placed.assumed] == [
+        "--follow-distance)",
+        "--facing)",
+        "--camera-x)",
+        "--camera-height)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("way", "facing"),
+    [
+        ((0.1, 0, 1), "front"),
+        ((0.3, 0, -1), "rear"),
+        ((1, 0, 0.2), "left"),
+        ((-1, 0, 0.2), "right"),
+        ((0.2, -1, 0), "down"),
+        ((0, 0, 0), None),
+    ],
+)
+def test_which_way_cameras_face_is_seen_by_how_they_move(
+    way: tuple[float, float, float], facing: Facing | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a vehicle that drives ahead: along their own z if they look there, to the right if they look to the left."""
+
+    class Moving:
+        def __init__(self, calibration: StereoCalibration) -> None:
+            assert calibration.X_SC[2, 3] > 0.0  # an odometry may insist on being above the ground
+
+        def init(self) -> None:
+            return None
+
+        def step(self, memory: None, frame: StereoFrame) -> tuple[None, Motion]:
+            X_PC, tracks = transform(np.eye(3), 0.4 * np.array(way)), np.zeros((0, 4), np.float32)
+            known = {"covariance": np.eye(6), "matches": 300, "inliers": 300, "health": Health.OK, "tracks": tracks}
+            return None, Motion(tick=frame.tick, previous_tick=frame.tick - 100, X_PC=X_PC, **known)
+
+    monkeypatch.setattr("scenarios.recordings.mounting.CircularOdometry", Moving)
+    grey = np.zeros((32, 64), np.uint8)
+    frames = [StereoFrame(tick=100 * k, left=grey, right=grey) for k in range(10)]
+    calibration = replace(RIG.calibration(), X_SC=np.eye(4))
+    assert facing_by_motion(calibration, frames) == facing
+
+
+def test_options_go_before_the_rig_and_leave_nothing_to_assume() -> None:
+    """Nor is anybody asked which way the cameras face."""
+    options = MountingOptions(follow_distance=9.0, facing="rear", x=-8.0, y=0.1, z=4.2)
+    rig = Rig(X_SC=RIG.calibration().X_SC, follow_distance=13.5)
+    placed = mounting(options, rig, 0.5, lambda: pytest.fail("asked"))
+    assert placed.follow_distance == 9.0
+    assert placed.assumed == ()
+    assert (placed.X_SC @ [0.25, 0.0, 0.0, 1.0])[:3] == pytest.approx([-8.0, 0.1, 4.2])
+
+
+def test_a_rig_that_is_not_above_the_ground_sits_nowhere_yet(tmp_path: Path) -> None:
+    """Whoever calibrates cameras on a table does not know their place on the trailer."""
+    table = RawStereoRig(left=CAMERA, right=CAMERA, X_ClCr=RAW.X_ClCr, X_SC=np.eye(4))
+    (tmp_path / "rig.toml").write_text(table.to_toml(), encoding="utf-8")
+    rig = read_rig(tmp_path / "rig.toml")
+    assert rig.X_SC is None
+    assert rig.follow_distance is None
+    assert rig.raw
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("X_SC = 3", "X_SC"),
+        ("follow_distance = 12.0", "key 'X_SC' is missing"),
+        ("X_SC = [[1,0,0,0],[0,2,0,0],[0,0,1,3],[0,0,0,1]]", "must be a pose"),
+        ("X_SC = [[1,0,0,0],[0,1,0,0],[0,0,1,3],[0,0,0,1]]\nfollow_distance = -1", "follow_distance = -1"),
+        ("X_SC = ", "not a TOML file"),
+    ],
+)
+def test_a_wrong_rig_is_refused(tmp_path: Path, text: str, says: str) -> None:
+    """One line with file and key."""
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"rig\.toml") as refused:
+        read_rig(tmp_path / "rig.toml")
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_options_that_can_not_be_are_refused() -> None:
+    """By the name of the option."""
+    with pytest.raises(ValueError, match="--follow-distance = 0 m must be positive"):
+        MountingOptions(follow_distance=0.0)
+    with pytest.raises(ValueError, match="--camera-height = -1 m must be positive"):
+        MountingOptions(z=-1.0)
+    with pytest.raises(ValueError, match="--facing = raer: unknown; did you mean 'rear'"):
+        facing_named("raer")

@@ -1,0 +1,249 @@
+"""Folders of images become frames with the right times, or are refused in one line that says what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from scenarios.recordings.images import Dropped, image_size, read_grey, stream
+from scenarios.recordings.sequence import LAYOUTS, Layout, find_sequence
+
+SIZE = (24, 16)  # width, height [px]
+
+
+def image(seed: int, size: tuple[int, int] = SIZE) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, size[::-1], dtype=np.uint8)
+
+
+def write_images(folder: Path, names: Iterable[str], size: tuple[int, int] = SIZE) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, name in enumerate(names):
+        assert cv2.imwrite(str(folder / name), image(k, size))
+
+
+def make(directory: Path, numbers: Iterable[int], layout: Layout = LAYOUTS[0], kind: str = "png") -> Path:
+    numbers = list(numbers)
+    for folder in layout[:2]:
+        write_images(directory / folder, [f"{n:06d}.{kind}" for n in numbers])
+    return directory
+
+
+def write_times(directory: Path, times: Iterable[float | str]) -> None:
+    (directory / "times.txt").write_text("".join(f"{t}\n" for t in times), encoding="utf-8")
+
+
+@pytest.mark.parametrize("layout", LAYOUTS, ids=[layout.left for layout in LAYOUTS])
+@pytest.mark.parametrize("kind", ["png", "jpg", "pgm"])
+def test_every_layout_and_format_is_found(tmp_path: Path, layout: Layout, kind: str) -> None:
+    """Left and right image of a frame have the same number; ticks count from the first frame."""
+    write_times(make(tmp_path, range(3), layout, kind), [7.0, 7.1, 7.25])
+    sequence = find_sequence(tmp_path)
+    assert sequence.layout == layout
+    assert [f.tick for f in sequence.frames] == [0, 100, 250]
+    assert [f.time for f in sequence.frames] == [7.0, 7.1, 7.25]
+    assert [(f.left.name, f.right.name) for f in sequence.frames] == [(f"{k:06d}.{kind}",) * 2 for k in range(3)]
+    assert image_size(sequence) == SIZE
+
+
+def test_the_grey_pair_goes_before_the_colour_pair(tmp_path: Path) -> None:
+    """KITTI has both of each frame; odometries work on grey."""
+    make(tmp_path, range(2), LAYOUTS[1])
+    make(tmp_path, range(2), LAYOUTS[0])
+    assert find_sequence(tmp_path, 10.0).layout.left == "image_0"
+
+
+def test_a_rate_takes_the_place_of_times(tmp_path: Path) -> None:
+    """At 20 Hz a frame every 50 ticks, whatever times.txt says."""
+    write_times(make(tmp_path, range(4)), ["nonsense"])
+    assert [f.tick for f in find_sequence(tmp_path, 20.0).frames] == [0, 50, 100, 150]
+
+
+def test_names_of_the_two_cameras_may_differ_but_for_their_number(tmp_path: Path) -> None:
+    """left_0001.png belongs to right_0001.png."""
+    for side in ("left", "right"):
+        write_images(tmp_path / side, [f"{side}_{n:04d}.png" for n in (1, 2, 10)])
+    frames = find_sequence(tmp_path, 10.0).frames
+    assert [(f.left.name, f.right.name) for f in frames if f.left.exists()] == [
+        (f"left_{n:04d}.png", f"right_{n:04d}.png") for n in (1, 2, 10)
+    ]
+
+
+def test_names_that_are_time_stamps_go_by_their_order(tmp_path: Path) -> None:
+    """Nanoseconds leave gaps between all numbers: none of them is a missing frame."""
+    for side in ("left", "right"):
+        write_images(tmp_path / side, [f"{1403636579763555584 + 50_000_000 * k}.png" for k in range(4)])
+    assert [f.tick for f in find_sequence(tmp_path, 20.0).frames] == [0, 50, 100, 150]
+
+
+def test_a_number_without_images_is_a_frame_that_is_missing(tmp_path: Path) -> None:
+    """Times and poses stay with their frames; the frame is dropped when it is read."""
+    write_times(make(tmp_path, [0, 1, 3]), [0.0, 0.1, 0.2, 0.3])
+    frames = find_sequence(tmp_path).frames
+    assert [f.tick for f in frames] == [0, 100, 200, 300]
+    read = [frame for _, frame in stream(frames, SIZE)]
+    assert [isinstance(frame, Dropped) for frame in read] == [False, False, True, False]
+    assert str(read[2][1]) == f"{tmp_path}/image_0/000002.png is missing"  # type: ignore[index]  # a Dropped
+
+
+def test_numbers_without_images_and_without_times_are_no_frames(tmp_path: Path) -> None:
+    """Every second image of a sequence, with a line of times for each that is left."""
+    write_times(make(tmp_path, [0, 2, 4]), [0.0, 0.2, 0.4])
+    sequence = find_sequence(tmp_path)
+    assert [(f.left.name, f.tick, f.line) for f in sequence.frames] == [
+        ("000000.png", 0, 0),
+        ("000002.png", 200, 1),
+        ("000004.png", 400, 2),
+    ]
+
+
+def test_a_piece_of_a_longer_sequence_finds_its_own_lines(tmp_path: Path) -> None:
+    """Frames 5 to 7 with the times of all ten."""
+    write_times(make(tmp_path, [5, 6, 7]), [0.1 * k for k in range(10)])
+    sequence = find_sequence(tmp_path)
+    assert [f.line for f in sequence.frames] == [5, 6, 7]
+    assert [f.time for f in sequence.frames] == pytest.approx([0.5, 0.6, 0.7])
+    assert sequence.frames[0].tick == 0
+    assert "10 lines" in sequence.notes[0]
+
+
+def test_a_recording_cut_off_within_its_last_frame_is_taken_without_it(tmp_path: Path) -> None:
+    """An interrupted writer leaves images without a time."""
+    write_times(make(tmp_path, range(4)), [0.0, 0.1, 0.2])
+    (tmp_path / "image_1" / "000003.png").unlink()
+    sequence = find_sequence(tmp_path)
+    assert len(sequence.frames) == 3
+    assert "last frame" in sequence.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("times", "says"),
+    [
+        (None, "times.txt is missing: write the time of every frame in it [s], or give --rate HZ"),
+        ([0.0, 0.1], "has 2 lines for 4 frames"),
+        ([0.0, 0.1, 0.1, 0.2], "line 3: 0.1 s must be at least 0.001 s after the line before"),
+        ([0.0, 0.1, 0.05, 0.2], "line 3"),
+        ([0.0, "later", 0.2, 0.3], "line 2: 'later' is not a time"),
+        ([0.0, "nan", 0.2, 0.3], "line 2: nan is not a time"),
+        ([0.0, 1e5, 2e5, 3e5], "times must be in seconds"),
+    ],
+)
+def test_wrong_times_are_refused(tmp_path: Path, times: list[float | str] | None, says: str) -> None:
+    """The line names the file, its line and the way out."""
+    make(tmp_path, range(4))
+    if times is not None:
+        write_times(tmp_path, times)
+    with pytest.raises(ValueError, match=r"times\.txt") as refused:
+        find_sequence(tmp_path)
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert "--rate" in str(refused.value) or "is not a time" in str(refused.value)
+
+
+def test_times_of_other_images_are_refused_where_numbers_do_not_tell(tmp_path: Path) -> None:
+    """Names without numbers: which of six times belongs to which of four images is anybody's guess."""
+    for side in ("left", "right"):
+        write_images(tmp_path / side, ["a.png", "b.png", "c.png", "d.png"])
+    write_times(tmp_path, [0.1 * k for k in range(6)])
+    with pytest.raises(ValueError, match=r"times\.txt has 6 lines for 4 frames"):
+        find_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 2000.0, float("nan")])
+def test_a_rate_that_can_not_be_is_refused(tmp_path: Path, rate: float) -> None:
+    """A tick is 1 ms."""
+    make(tmp_path, range(2))
+    with pytest.raises(ValueError, match="--rate"):
+        find_sequence(tmp_path, rate)
+
+
+def test_folders_that_are_not_there_are_named(tmp_path: Path) -> None:
+    """No folder, no images in it, no second camera."""
+    with pytest.raises(ValueError, match="nowhere is no folder"):
+        find_sequence(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="image_0 and image_1"):
+        find_sequence(tmp_path)
+    write_images(tmp_path / "image_0", ["000000.png"])
+    with pytest.raises(ValueError, match=r"image_1 is missing"):
+        find_sequence(tmp_path)
+    (tmp_path / "image_1").mkdir()
+    with pytest.raises(ValueError, match=r"image_1 holds no images"):
+        find_sequence(tmp_path)
+
+
+def test_images_of_different_sizes_are_refused_before_anything_is_estimated(tmp_path: Path) -> None:
+    """Both files are named, with their sizes."""
+    write_images(tmp_path / "left", ["0.png"])
+    write_images(tmp_path / "right", ["0.png"], (12, 8))
+    with pytest.raises(ValueError, match=r"right/0\.png has 12x8 px and .*left/0\.png 24x16 px"):
+        image_size(find_sequence(tmp_path, 10.0))
+
+
+def test_without_a_single_readable_pair_the_first_file_is_named(tmp_path: Path) -> None:
+    """Text files called images."""
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "0.png").write_text("no image", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"no pair of images can be read.*left/0\.png is broken or no image"):
+        image_size(find_sequence(tmp_path, 10.0))
+
+
+def test_broken_images_are_dropped_with_the_reason_and_the_rest_is_read(tmp_path: Path) -> None:
+    """Cut off, empty, with flipped bits, of another size: each is one frame less, and its file is named."""
+    make(tmp_path, range(12))
+    left = tmp_path / "image_0"
+    whole = (left / "000003.png").read_bytes()
+    (left / "000003.png").write_bytes(whole[: len(whole) // 2])
+    (left / "000004.png").write_bytes(b"")
+    flipped = bytearray((left / "000005.png").read_bytes())
+    flipped[len(flipped) // 2] ^= 0xFF
+    (left / "000005.png").write_bytes(bytes(flipped))
+    write_images(tmp_path / "image_1", ["000006.png"], (12, 8))
+    read = [frame for _, frame in stream(find_sequence(tmp_path, 10.0).frames, SIZE)]
+    reasons = {k: frame.reason for k, frame in enumerate(read) if isinstance(frame, Dropped)}
+    assert sorted(reasons) == [3, 4, 5, 6]
+    for k in (3, 4, 5):
+        assert reasons[k] == f"{left}/{k:06d}.png is broken or no image"
+    assert reasons[6] == f"{tmp_path}/image_1/000006.png has 12x8 px, not 24x16"
+    whole_frame = read[11]
+    assert not isinstance(whole_frame, Dropped)
+    np.testing.assert_array_equal(whole_frame.left, image(11))
+    assert whole_frame.tick == 1100
+
+
+def test_a_truncated_jpeg_is_broken_not_half_grey(tmp_path: Path) -> None:
+    """Decoders fill what is missing: an odometry would follow the edge of the filling."""
+    big = (320, 240)
+    write_images(tmp_path, ["a.jpg"], big)
+    data = (tmp_path / "a.jpg").read_bytes()
+    (tmp_path / "a.jpg").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ValueError, match=r"a\.jpg is broken or no image"):
+        read_grey(tmp_path / "a.jpg")
+
+
+def test_colour_and_16_bits_become_8_bits_of_grey(tmp_path: Path) -> None:
+    """Luminance by the weights of ITU-R BT.601, within the one level that rounding may cost; 16 bits by the upper 8."""
+    grey = image(1)
+    colour = np.random.default_rng(2).integers(0, 256, (*SIZE[::-1], 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "c.png"), colour)
+    expected = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY)
+    assert np.abs(read_grey(tmp_path / "c.png").astype(int) - expected).max() <= 1
+    for kind in ("png", "pgm"):
+        cv2.imwrite(str(tmp_path / f"d.{kind}"), grey.astype(np.uint16) * 257)
+        np.testing.assert_array_equal(read_grey(tmp_path / f"d.{kind}"), grey)
+
+
+def test_only_a_few_frames_are_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After the first of 40 frames no more than some ten have been read."""
+    from scenarios.recordings import images
+
+    make(tmp_path, range(40))
+    read: list[Path] = []
+    monkeypatch.setattr(images, "read_grey", lambda path: (read.append(path), read_grey(path))[1])
+    frames = stream(find_sequence(tmp_path, 10.0).frames, SIZE)
+    next(frames)
+    frames.close()  # type: ignore[attr-defined]  # a generator
+    assert 2 <= len(read) <= 20
