@@ -168,12 +168,14 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
 
 
 def rig_on(trailer: Unit, geometry: TrailerGeometry, options: RigOptions) -> StereoRig:
-    """The scenario's cameras on this trailer's roof.
+    """The scenario's cameras on this trailer.
 
-    Rear-facing cameras sit over the follow point; side-facing ones on their edge of the roof, half way along.
+    Those that look to the rear or down sit over the follow point; side-facing ones on their edge of the roof, half
+    way along.
     """
     x, y = {
         "rear": (-geometry.follow_distance, 0.0),
+        "down": (-geometry.follow_distance, 0.0),
         "left": (-0.5 * geometry.follow_distance, 0.5 * trailer.width),
         "right": (-0.5 * geometry.follow_distance, -0.5 * trailer.width),
     }[options.facing]

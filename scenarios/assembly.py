@@ -9,19 +9,20 @@ from typing import Any, Protocol
 
 from controllers.driver import PreviewDriver
 from controllers.trailer import TrailerGeometry, TrailerSteering
+from estimators.self_calibration import SelfCalibratedOdometry
 from scenarios.adapters import course_of, rig_on, surface_of, tractor_geometry, trailer_geometry, watched_unit
+from scenarios.cameras import Cameras, Rectified, built_world, opened_cameras
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, TRAILER_STEERING, resolve
 from scenarios.courses import Course
+from scenarios.ground_cameras import opened_ground_cameras
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.rig import RigOptions
 from scenarios.randomness import stream
 from scenarios.scenario import Parameter, Scenario
+from sensors.faults import faulty
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
-from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration, StereoRig
-from sensors.stereo_camera import StereoCamera
-from sensors.world import build_world
+from sensors.rig import StereoCalibration
 from vehicle.clock import TICK, Schedule
 from vehicle.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
@@ -32,7 +33,6 @@ from vehicle.surface import Surface
 from vehicle.truth import Truth
 
 LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call, so that everything happens on these ticks
-_SCENERY_CLEARANCE = 8.0  # trailers cut in by several metres, and nothing solid may stand there [m]
 
 
 class Motive(Protocol):
@@ -46,9 +46,9 @@ class Motive(Protocol):
 
 
 class PoseSensor(Protocol):
-    """What the off-tracking is estimated from: a stereo camera or a reference unit."""
+    """What the off-tracking is estimated from: a stereo camera or a reference unit; None: nothing arrives."""
 
-    def sample(self, truth: Truth) -> StereoFrame | BodyPose: ...
+    def sample(self, truth: Truth) -> StereoFrame | BodyPose | None: ...
 
 
 class OffTrackingSource(Protocol):
@@ -57,15 +57,6 @@ class OffTrackingSource(Protocol):
     def init(self) -> Any: ...
 
     def step(self, memory: Any, message: Any) -> tuple[Any, Any]: ...
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cameras:
-    """The stereo cameras with the renderer behind them, which has to be closed in the end."""
-
-    calibration: StereoCalibration
-    camera: StereoCamera
-    renderer: StereoRenderer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,14 +108,34 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
     sees = scenario.off_tracking != "truth"
     rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
-    cameras = _opened(scenario, seed, unit, rig, course, surface, keep_colour) if sees or record else None
+    watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
+    cameras: Cameras | None = None
+    if sees or record:
+        world = built_world(scenario.world, course, surface, stream(seed, "world"))
+        noise = stream(seed, "camera noise")
+        if watches_ground:
+            cameras = opened_ground_cameras(
+                scenario, world, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
+            )
+        else:
+            cameras = opened_cameras(scenario.rig, rig, world, unit=unit, rng=noise, keep_colour=keep_colour)
     sensor: PoseSensor
     source: OffTrackingSource
     if sees and cameras:
         calibration = cameras.calibration
-        sensor, source = cameras.camera, estimator(calibration, trailer.follow_distance, odometry(calibration))
+        needed = (calibration, trailer.follow_distance)
+        source = (
+            estimator(*needed)
+            if watches_ground
+            else estimator(*needed, _watched_over(scenario.rig, calibration, odometry))
+        )
+        sensor = cameras.camera
+        source = Rectified(source, cameras.rectifier) if cameras.rectifier else source
     else:
         sensor, source = ExactPose(unit), estimator(trailer.follow_distance)
+    for k, options in enumerate(scenario.faults):
+        seen = cameras.calibration if sees and cameras else None
+        sensor = faulty(sensor, options.fault(), unit=unit, calibration=seen, rng=stream(seed, f"fault {k}"))
     return Assembly(
         scenario=scenario,
         seed=seed,
@@ -140,6 +151,12 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
         source=source,
         cameras=cameras,
     )
+
+
+def _watched_over(rig: RigOptions, calibration: StereoCalibration, odometry: Any) -> Any:
+    """The odometry for this calibration, given straightened images if the rig calibrates itself."""
+    measuring = odometry(calibration)
+    return SelfCalibratedOdometry(calibration, measuring) if rig.self_calibration else measuring
 
 
 def _moved(
@@ -164,29 +181,6 @@ def _schedule(rig: RigOptions) -> Schedule:
         if ticks % LOG_PERIOD:
             raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {LOG_PERIOD * TICK:g} s")
     return schedule
-
-
-def _opened(
-    scenario: Scenario, seed: int, unit: int, rig: StereoRig, course: Course, surface: Surface, keep_colour: bool
-) -> Cameras:
-    calibration = rig.calibration()
-    world = build_world(
-        rng=stream(seed, "world"),
-        centreline=course.centreline,
-        road_half_width=course.road_half_width,
-        surface=surface,
-        scenery_density=scenario.world.scenery_density,
-        clearance=_SCENERY_CLEARANCE,
-    )
-    renderer = StereoRenderer(world, calibration)
-    camera = StereoCamera(
-        renderer=renderer,
-        unit=unit,
-        noise_std=scenario.rig.noise,
-        rng=stream(seed, "camera noise"),
-        keep_colour=keep_colour,
-    )
-    return Cameras(calibration=calibration, camera=camera, renderer=renderer)
 
 
 def _constructed(

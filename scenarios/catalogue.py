@@ -18,10 +18,14 @@ TRAILER_STEERING: Final = {
 }
 ODOMETRY: Final = {
     "circular": "estimators.stereo_odometry:CircularOdometry",
+    "keyframe": "estimators.keyframe_odometry:KeyframeOdometry",
+    "viso2": "estimators.viso2_odometry:Viso2Odometry",
 }
 OFF_TRACKING: Final = {
     "truth": "estimators.reference:ReferenceOffTracking",
     "viso_ot": "estimators.viso_ot:VisoOt",
+    "ground_watching": "estimators.ground_watching:GroundWatching",
+    "ground_watching_single": "estimators.ground_watching:SingleGroundWatching",
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from scenarios.commands import assess, listing, run, validate, vehicle
+from scenarios.commands import assess, calibrate, estimate, listing, run, validate, vehicle
 
 app = typer.Typer(
     name="offtrack",
@@ -30,6 +30,8 @@ app.command(epilog=run.EXAMPLES)(run.run)
 app.command(epilog=vehicle.EXAMPLES)(vehicle.vehicle)
 app.command(epilog=assess.EXAMPLES)(assess.assess)
 app.command()(validate.validate)
+app.command(epilog=calibrate.EXAMPLES)(calibrate.calibrate)
+app.add_typer(estimate.app, name="estimate")
 
 
 def main() -> None:

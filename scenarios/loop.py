@@ -107,6 +107,8 @@ class Session:
             return
         with self._timed("render"):
             message = self.parts.sensor.sample(truth)
+            if message is None:
+                return
             seen = message if isinstance(message, StereoFrame) else self._seen_for_recording(truth)
         estimate = self._worker.submit(self._estimate, message)
         self._in_flight = self._in_flight.put(self.tick + schedule.latency, estimate)
@@ -120,9 +122,11 @@ class Session:
         self._images.update(frame.left.tobytes())
         self._images.update(frame.right.tobytes())
         if self._recorder:
-            self._recorder.add(frame, truth.bodies[self.parts.trailer_unit])
-        if self._keep_frames:
-            self._frames.append((frame.tick, self._worker.submit(_jpeg, frame)))
+            then = truth if frame.tick == truth.tick else self.rows[frame.tick // LOG_PERIOD].truth  # it came late
+            self._recorder.add(frame, then.bodies[self.parts.trailer_unit])
+        if self._keep_frames and self.parts.cameras:
+            rectified = self.parts.cameras.rectified
+            self._frames.append((frame.tick, self._worker.submit(lambda: _jpeg(rectified(frame)))))
 
     def _estimate(self, message: Message) -> Estimate | None:
         """What the estimator makes of a message; called in the worker, one message after the other."""

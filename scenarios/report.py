@@ -85,7 +85,7 @@ def _drawn(result: RunResult) -> Iterable[str]:
     if result.steer_signals():
         yield section_html("Steer angles", _STEER, figures.steer(result))
     if result.frames:
-        yield section_html("What the camera saw", _caption(result), _camera(_most_telling(result)))
+        yield section_html("What the camera saw", _caption(result), camera_svg(_most_telling(result)))
     else:
         yield section_html("No pictures", "No camera image was kept in this run.")
     if np.isfinite(result.signal("matches")).any():
@@ -167,7 +167,7 @@ def _caption(result: RunResult) -> str:
     )
 
 
-def _camera(frame: CameraFrame) -> str:
+def camera_svg(frame: CameraFrame) -> str:
     """The picture with the flow of its features drawn over it."""
     image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
     height, width = (0, 0) if image is None else image.shape[:2]

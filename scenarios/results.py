@@ -151,12 +151,15 @@ def error_of_estimate(result: RunResult) -> FloatArray:
 
 def _off_tracking(result: RunResult) -> dict[str, float | int | None]:
     true, error = result.signal("off_tracking_true"), error_of_estimate(result)
+    reference = result.signal("off_tracking_reference")
     return {
         "true_rms_m": _number(metrics.rms(true)),
         "true_max_m": _number(metrics.peak(true)),
         "estimate_error_rms_m": _number(metrics.rms(error)),
         "estimate_error_max_m": _number(metrics.peak(error)),
         "valid_fraction": _number(metrics.valid_fraction(result.signal("health"), true)),
+        "reference_error_rms_m": _number(metrics.rms(reference - true)),
+        "estimate_against_reference_rms_m": _number(metrics.rms(error + true - reference)),
     }
 
 

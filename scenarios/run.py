@@ -10,8 +10,11 @@ import numpy as np
 
 from scenarios.adapters import outlines
 from scenarios.assembly import Assembly, assemble
+from scenarios.log import Log, Signal
 from scenarios.loop import Session
+from scenarios.randomness import stream
 from scenarios.recording import RecordingWriter
+from scenarios.reference import reference_off_tracking
 from scenarios.results import CameraFrame, RunResult, Timing
 from scenarios.run_log import run_log
 from scenarios.scenario import Scenario
@@ -61,7 +64,7 @@ def run(
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
-    return RecordingWriter(directory, parts.cameras.calibration, parts.trailer.follow_distance)
+    return RecordingWriter(directory, parts.cameras.calibrated, parts.trailer.follow_distance)
 
 
 def _result(session: Session) -> RunResult:
@@ -75,6 +78,8 @@ def _result(session: Session) -> RunResult:
         steers_ahead=parts.steers_ahead,
         X_SC=parts.cameras.calibration.X_SC if parts.cameras else None,
     )
+    if parts.scenario.reference_unit:
+        log = _with_reference(log, session)
     seconds = session.seconds
     return RunResult(
         scenario=parts.scenario.name,
@@ -102,6 +107,17 @@ def _result(session: Session) -> RunResult:
         },
         trailer_steer_limit=parts.trailer.max_steer or None,
     )
+
+
+def _with_reference(log: Log, session: Session) -> Log:
+    parts = session.parts
+    values = reference_off_tracking(
+        [row.truth for row in session.rows],
+        unit=parts.trailer_unit,
+        follow_distance=parts.trailer.follow_distance,
+        rng=stream(parts.seed, "reference unit"),
+    )
+    return log.with_signal(Signal("off_tracking_reference", "m", "as a GNSS-aided inertial unit has it"), values)
 
 
 def _camera_frames(session: Session) -> tuple[CameraFrame, ...]:

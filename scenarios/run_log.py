@@ -11,6 +11,7 @@ import numpy as np
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.estimates import Health, Motion, OffTracking
+from estimators.self_calibration import SelfCalibratedMotion
 from scenarios import metrics
 from scenarios.log import Log, Signal
 from vehicle.clock import TICK
@@ -37,6 +38,7 @@ _ESTIMATE = (
     Signal("odometry_dy", "m", "the same along its y"),
     Signal("odometry_dpsi", "rad", "estimated change of its yaw"),
 )
+_TURNED = ("roll about its optical axis", "yaw about its y (down)", "pitch about its x")
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +88,26 @@ def run_log(
     for estimate in estimates:
         if estimate.off_tracking.tick in index:
             table[index[estimate.off_tracking.tick], -len(_ESTIMATE) :] = _estimate_values(estimate, X_SC)
-    log = Log(signals, table)
+    log = _with_rotation(Log(signals, table), index, estimates)
     name = units[trailer_unit]
     true = metrics.true_off_tracking(log[f"x_{name}"], log[f"y_{name}"], np.unwrap(log[f"psi_{name}"]), follow_distance)
     return log.with_signal(Signal("off_tracking_true", "m", "lateral distance of the hitch's path, + left"), true)
+
+
+def _with_rotation(log: Log, index: dict[int, int], estimates: Sequence[Estimate]) -> Log:
+    """The log with how the right camera was believed to be turned, if the rig calibrates itself."""
+    table, watched = np.full((len(index), 6), np.nan), False
+    for estimate in estimates:
+        motion = estimate.motion
+        if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
+            table[index[motion.tick]], watched = (*motion.right_rotation, *motion.right_rotation_std), True
+    if not watched:
+        return log
+    for k, meaning in enumerate(_TURNED):
+        name = f"right_camera_{meaning.split()[0]}"
+        log = log.with_signal(Signal(name, "rad", f"right camera, since its calibration: {meaning}"), table[:, k])
+        log = log.with_signal(Signal(f"{name}_std", "rad", "its standard deviation"), table[:, 3 + k])
+    return log
 
 
 def _signals(units: Sequence[str], n_steered: int) -> Iterator[Signal]:

@@ -14,6 +14,8 @@ from pydantic_core import ErrorDetails
 
 from scenarios.options.base import Options, quantity
 from scenarios.options.course import COURSES, Course
+from scenarios.options.faults import FaultOptions, Faults
+from scenarios.options.ground_rig import GroundRigOptions
 from scenarios.options.rig import RigOptions, WorldOptions
 from scenarios.options.surface import PATCHES, SurfaceOptions
 from vehicle.parameter_file import nearest, read_toml
@@ -32,11 +34,14 @@ class Scenario(Options):
     speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
     steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
-    off_tracking: str = "viso_ot"  # truth, viso_ot or package.module:Name
-    odometry: str = "circular"  # a known odometry or package.module:Name
+    off_tracking: str = "viso_ot"  # truth, viso_ot, ground_watching, ground_watching_single or package.module:Name
+    odometry: str = "keyframe"  # a known odometry or package.module:Name
     surface: SurfaceOptions = SurfaceOptions()
     rig: RigOptions = RigOptions()
+    ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
     world: WorldOptions = WorldOptions()
+    faults: Faults = ()
+    reference_unit: bool = True  # carry one, to judge estimates by as field tests do
 
     @property
     def speed(self) -> float:
@@ -93,13 +98,13 @@ def _apply(table: Table, setting: str) -> None:
     table[last] = _value(text.strip())
 
 
-def _value(text: str) -> Parameter:
+def _value(text: str) -> Parameter | list[Any]:
     """A TOML value, or the text itself where it is none: names need no quotes on a command line."""
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
-    return value if isinstance(value, bool | int | float | str) else text
+    return value if isinstance(value, bool | int | float | str | list) else text
 
 
 def _validated(table: Table, source: str) -> Scenario:
@@ -123,6 +128,8 @@ def _complaint(first: ErrorDetails) -> str:
         return f"unknown key '{key}'{nearest(known, units)}"
     if first["type"] == "missing":
         return f"{key} is missing"
+    if first["type"] == "value_error":
+        return f"{key}: {first['ctx']['error']}"
     limit = first["msg"].replace("Input should be", "must be")
     unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
     return f"{key} = {first['input']!r} {limit}{unit}"
@@ -131,7 +138,7 @@ def _complaint(first: ErrorDetails) -> str:
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Dotted name and unit of every key a scenario may have."""
     for name, info in model.model_fields.items():
-        tables = {"course": COURSES, "patches": PATCHES}.get(name, (info.annotation,))
+        tables = {"course": COURSES, "patches": PATCHES, "faults": (FaultOptions,)}.get(name, (info.annotation,))
         for table in tables:
             if isinstance(table, type) and issubclass(table, BaseModel):
                 yield from _known_keys(table, f"{prefix}{name}.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from scenarios.canvas import ESTIMATED, INK, LINE, PAPER, SOFT, TRUE, Colour, Pi
 from scenarios.metrics import LOST, peak
 from scenarios.plan_view import PlanView
 from scenarios.results import CameraFrame, Progress, RunResult
-from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 _FRAME_RATE = 10  # [1/s] that of the cameras
@@ -32,8 +31,24 @@ _FLOW = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_
 def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
     """Writes the video and returns its path: H.264 where PyAV is installed, else a smaller and coarser GIF."""
     ticks = range(0, round(float(result.log["tick"][-1])) + 1, _PERIOD)
+    composition = _Composition.of_run(result)
+    reel = Reel(picture=lambda k: composition.picture(ticks[k]), count=len(ticks), rate=_FRAME_RATE)
+    return write_reel(reel, path_without_suffix, progress=progress)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reel:
+    """Pictures of one size, drawn when they are asked for by their number."""
+
+    picture: Callable[[int], Picture]
+    count: int
+    rate: int  # [1/s]
+
+
+def write_reel(reel: Reel, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
+    """Writes a video of the pictures and returns its path: H.264 where PyAV is installed, else a GIF."""
     encode = _write_h264 if importlib.util.find_spec("av") else _write_gif
-    return encode(_Composition.of_run(result), ticks, path_without_suffix, progress or (lambda done, of: None))
+    return encode(reel, path_without_suffix, progress or (lambda done, of: None))
 
 
 def still(result: RunResult, tick: int) -> Picture:
@@ -165,21 +180,22 @@ def _draw_flow(picture: Picture, tracks: FloatArray) -> None:
         cv2.circle(picture, (u1, v1), 32, colour, -1, cv2.LINE_AA, 4)
 
 
-def _pictures(composition: _Composition, ticks: range, progress: Progress) -> Iterator[Picture]:
-    for done, tick in enumerate(ticks, start=1):
-        yield composition.picture(tick)
-        progress(done, len(ticks))
+def _pictures(reel: Reel, stride: int, progress: Progress) -> Iterator[Picture]:
+    numbers = range(0, reel.count, stride)
+    for done, k in enumerate(numbers, start=1):
+        yield reel.picture(k)
+        progress(done, len(numbers))
 
 
-def _write_h264(composition: _Composition, ticks: range, path_without_suffix: Path, progress: Progress) -> Path:
+def _write_h264(reel: Reel, path_without_suffix: Path, progress: Progress) -> Path:
     import av  # an extra: absent in a lean installation
 
     path = path_without_suffix.with_name(path_without_suffix.name + ".mp4")
     with av.open(path, "w", options={"movflags": "faststart"}) as container:
         stream = None
-        for picture in _pictures(composition, ticks, progress):
+        for picture in _pictures(reel, 1, progress):
             if stream is None:
-                stream = container.add_stream("h264", rate=_FRAME_RATE, options={"crf": "26", "preset": "veryfast"})
+                stream = container.add_stream("h264", rate=reel.rate, options={"crf": "26", "preset": "veryfast"})
                 stream.thread_type = "FRAME"  # the next picture is drawn while this one is encoded
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"  # what every player can show
@@ -189,13 +205,13 @@ def _write_h264(composition: _Composition, ticks: range, path_without_suffix: Pa
     return path
 
 
-def _write_gif(composition: _Composition, ticks: range, path_without_suffix: Path, progress: Progress) -> Path:
+def _write_gif(reel: Reel, path_without_suffix: Path, progress: Progress) -> Path:
     path = path_without_suffix.with_name(path_without_suffix.name + ".gif")
-    stride = max(2, math.ceil(len(ticks) / _GIF_FRAMES))
-    frames = [_small(picture) for picture in _pictures(composition, ticks[::stride], progress)]
+    stride = max(2, math.ceil(reel.count / _GIF_FRAMES))
+    frames = [_small(picture) for picture in _pictures(reel, stride, progress)]
     palette = _palette(frames[len(frames) // 2])  # one for all: what does not move then costs nothing
     first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    duration = round(1e3 * stride * _PERIOD * TICK)
+    duration = round(1e3 * stride / reel.rate)
     first.save(path, save_all=True, append_images=others, duration=duration, loop=0, optimize=True)
     return path
 

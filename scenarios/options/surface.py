@@ -54,6 +54,8 @@ class SurfaceOptions(Options):
     friction_image_black: float = quantity(0.1, "-", ge=0.05, le=1.5)  # friction where it is black
     friction_image_white: float = quantity(0.8, "-", ge=0.05, le=1.5)
     patches: tuple[PatchTable, ...] = ()  # later ones on top
+    reformed_width: float = quantity(0.0, "m", ge=0.0, le=5.0)  # strip along a wheel's track that it leaves different
+    reformed_flow: float = quantity(0.0, "-", ge=0.0, le=1.0)  # share of the vehicle's velocity that this moves at
 
     @field_validator("friction_image")
     @classmethod

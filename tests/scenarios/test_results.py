@@ -24,7 +24,15 @@ from scenarios.results import (
 )
 
 NAMES = {
-    "off_tracking": ["true_rms_m", "true_max_m", "estimate_error_rms_m", "estimate_error_max_m", "valid_fraction"],
+    "off_tracking": [
+        "true_rms_m",
+        "true_max_m",
+        "estimate_error_rms_m",
+        "estimate_error_max_m",
+        "valid_fraction",
+        "reference_error_rms_m",
+        "estimate_against_reference_rms_m",
+    ],
     "swept_path": ["max_width_m", "min_inner_radius_m", "tail_swing_m"],
     "steer": ["max_deg", "max_rate_deg_s"],
     "odometry": ["matches_mean", "inliers_mean", "lost_frames", "drift_percent"],

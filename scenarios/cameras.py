@@ -1,0 +1,139 @@
+"""The stereo cameras of a run: the world they see, the renderer, and what their images need before they are used."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from estimators.rectification import Rectifier
+from scenarios.courses import Course
+from scenarios.options.rig import RigOptions, WorldOptions
+from sensors.exposure import AutoExposure
+from sensors.lens import UNDISTORTED, RawStereoRig, mount_rotation
+from sensors.messages import StereoFrame
+from sensors.raw_camera import Imperfections, RawStereoCamera, pinholes_for
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration, StereoRig
+from sensors.stereo_camera import StereoCamera
+from sensors.world import World, build_world
+from vehicle.surface import Surface
+
+_SCENERY_CLEARANCE = 8.0  # trailers cut in by several metres, and nothing solid may stand there [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cameras:
+    """The stereo cameras with the renderer behind them, which has to be closed in the end."""
+
+    calibrated: StereoCalibration | RawStereoRig  # what a calibration says of the images that are sent
+    calibration: StereoCalibration  # of the images that estimators work on
+    camera: StereoCamera | RawStereoCamera
+    renderer: StereoRenderer
+    rectifier: Rectifier | None  # None: images are worked on as they are sent
+
+    def rectified(self, frame: StereoFrame) -> StereoFrame:
+        """The frame as estimators work on it."""
+        return frame if self.rectifier is None else self.rectifier.step(frame)
+
+
+class Rectified:
+    """An off-tracking source that gets rectified frames of raw ones."""
+
+    def __init__(self, source: Any, rectifier: Rectifier) -> None:
+        self._source, self._rectifier = source, rectifier
+
+    def init(self) -> Any:
+        """The source's memory before any frame."""
+        return self._source.init()
+
+    def step(self, memory: Any, message: StereoFrame) -> tuple[Any, Any]:
+        """The source's step with the rectified frame."""
+        stepped: tuple[Any, Any] = self._source.step(memory, self._rectifier.step(message))
+        return stepped
+
+
+def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np.random.Generator) -> World:
+    """The world around a course."""
+    azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
+    return build_world(
+        rng=rng,
+        centreline=course.centreline,
+        road_half_width=course.road_half_width,
+        surface=surface,
+        scenery_density=options.scenery_density,
+        clearance=_SCENERY_CLEARANCE,
+        sun_azimuth=None if azimuth is None else math.radians(azimuth),
+        sun_elevation=None if elevation is None else math.radians(elevation),
+        overcast=options.overcast,
+    )
+
+
+def opened_cameras(
+    options: RigOptions, rig: StereoRig, world: World, *, unit: int, rng: np.random.Generator, keep_colour: bool
+) -> Cameras:
+    """The cameras on a unit of the vehicle: pinholes exactly where they should be, or what the options make of them.
+
+    The calibration knows of the lenses, but not of how the mount is bent: as if it had been made before.
+
+    Raises:
+        ValueError: if the lenses can not be.
+        RendererUnavailableError: if OpenGL does not work here.
+    """
+    how = _imperfections(options)
+    straight = not any(options.misrotation_deg)
+    if straight and options.distortion == UNDISTORTED and replace(how, read_noise=0.0) == Imperfections():
+        return _pinholes(rig.calibration(), world, unit=unit, noise=options.noise, rng=rng, keep_colour=keep_colour)
+    true = rig.raw(options.distortion, mount_rotation(*np.radians(options.misrotation_deg)))
+    calibrated = rig.raw(options.distortion)
+    rectifier = Rectifier(calibrated) if options.distortion != UNDISTORTED else None
+    renderer = StereoRenderer(world, pinholes_for(true, how))
+    camera = RawStereoCamera(
+        renderer=renderer,
+        rig=true,
+        imperfections=how,
+        sun=None if world.light.overcast else world.light.direction,
+        unit=unit,
+        rng=rng,
+        keep_colour=keep_colour,
+    )
+    return Cameras(
+        calibrated=calibrated if rectifier else rig.calibration(),
+        calibration=rectifier.calibration if rectifier else rig.calibration(),
+        camera=camera,
+        renderer=renderer,
+        rectifier=rectifier,
+    )
+
+
+def _pinholes(
+    calibration: StereoCalibration,
+    world: World,
+    *,
+    unit: int,
+    noise: float,
+    rng: np.random.Generator,
+    keep_colour: bool,
+) -> Cameras:
+    renderer = StereoRenderer(world, calibration)
+    camera = StereoCamera(renderer=renderer, unit=unit, noise_std=noise, rng=rng, keep_colour=keep_colour)
+    return Cameras(calibrated=calibration, calibration=calibration, camera=camera, renderer=renderer, rectifier=None)
+
+
+def _imperfections(options: RigOptions) -> Imperfections:
+    roll, yaw, pitch = (math.radians(angle) for angle in options.twist_deg)
+    automatic = AutoExposure(time_constant=options.exposure_time_constant)
+    return Imperfections(
+        twist=(roll, yaw, pitch),
+        read_noise=options.noise,
+        shot_noise=options.shot_noise,
+        exposure_time=1e-3 * options.exposure_time_ms,
+        rolling_shutter=1e-3 * options.rolling_shutter_ms,
+        auto_exposure=automatic if options.exposure == "auto" else None,
+        vignetting=options.vignetting,
+        dirt=options.dirt,
+        rain=options.rain,
+        glare=options.glare,
+    )

@@ -1,0 +1,130 @@
+"""Cameras as they are, light and faults from a scenario's keys to what the run sees."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.assembly import assemble
+from scenarios.loop import Session
+from scenarios.recording import RecordingWriter
+from scenarios.scenario import Scenario, load_scenario
+from sensors.lens import load_raw_rig
+from sensors.raw_camera import RawStereoCamera
+from sensors.stereo_camera import StereoCamera
+
+SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.2", "course.length=20")
+BARREL = "rig.distortion=[-0.15, 0.02, 0, 0, 0]"
+
+
+def scenario(*settings: str) -> Scenario:
+    return load_scenario("constant-slip", [*SMALL, *settings])
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "amount", "start", "duration"),
+    [
+        ("dropout", "dropout", (), 0.0, None),
+        ("dropout:0.2", "dropout", (0.2,), 0.0, None),
+        ("freeze@3", "freeze", (), 3.0, None),
+        ("blackout@3.5+0.5", "blackout", (), 3.5, 0.5),
+        ("decalibration:-0.15,0.1,0@2", "decalibration", (-0.15, 0.1, 0.0), 2.0, None),
+        ('[{kind = "dirt", amount = 0.4, duration = 2}]', "dirt", (0.4,), 0.0, 2.0),
+        ('["desync:0.02"]', "desync", (0.02,), 0.0, None),
+    ],
+)
+def test_faults_are_named_shortly_or_in_tables(
+    text: str, kind: str, amount: tuple[float, ...], start: float, duration: float | None
+) -> None:
+    """On the command line a text, in a file either."""
+    (fault,) = scenario(f"faults={text}").faults
+    assert (fault.kind, fault.amount, fault.start, fault.duration) == (kind, amount, start, duration)
+
+
+def test_several_faults_survive_being_written_down() -> None:
+    """The resolved scenario runs again identically."""
+    first = scenario("faults=dropout:0.1; blackout@2+0.5", BARREL, "rig.misrotation_deg=[-0.15, 0.1, 0]")
+    again = Scenario.model_validate(tomllib.loads(first.to_toml()))
+    assert [fault.kind for fault in again.faults] == ["dropout", "blackout"]
+    assert again == first
+    assert scenario("faults=none").faults == ()
+
+
+@pytest.mark.parametrize(
+    ("setting", "complaint"),
+    [
+        ("faults=dropuot:0.1", "faults: unknown fault 'dropuot'; did you mean 'dropout'"),
+        ("faults=dropout:1.5", r"faults.0: dropout: amount = \[1.5\] must be 1 of 0 to 1"),
+        ("faults=dropout@soon", "faults.0.start = 'soon' must be a valid number"),
+        ('faults=[{kind = "dropout", amuont = 1}]', "unknown key 'faults.0.amuont'; did you mean 'faults.amount'"),
+        ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 must be less than or equal to 5 \[deg\]"),
+        ("rig.misrotation_deg=[0, 0]", "rig.misrotation_deg"),
+        ("rig.exposure=manual", "rig.exposure = 'manual' must be 'fixed' or 'auto'"),
+        ("world.sun_elevation_deg=1", r"world.sun_elevation_deg = 1 must be greater than or equal to 3 \[deg\]"),
+    ],
+)
+def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None:
+    """The key, the value and its limit, or the nearest known word."""
+    with pytest.raises(ValueError, match=complaint) as refused:
+        scenario(setting)
+    assert "\n" not in str(refused.value)
+
+
+def test_perfect_cameras_stay_the_plain_ones() -> None:
+    """They cost nothing more, and their frames are those that they always were."""
+    parts = assemble(scenario("rig.noise=1.5", "world.sun_elevation_deg=20"), seed=1)
+    assert parts.cameras is not None
+    assert isinstance(parts.cameras.camera, StereoCamera)
+    assert parts.cameras.rectifier is None
+    parts.cameras.renderer.close()
+
+
+def test_the_calibration_knows_the_lenses_but_not_how_the_mount_is_bent() -> None:
+    """As if it had been made before the right camera was turned: the paper's field error."""
+    parts = assemble(scenario(BARREL, "rig.misrotation_deg=[-0.15, 0.1, 0.05]"), seed=1)
+    cameras = parts.cameras
+    assert cameras is not None
+    assert isinstance(cameras.camera, RawStereoCamera)
+    true = cameras.camera.rig
+    assert true.right.distortion == (-0.15, 0.02, 0.0, 0.0, 0.0)
+    angle = math.acos(0.5 * (np.trace(true.X_ClCr[:3, :3]) - 1.0))
+    assert math.degrees(angle) == pytest.approx(math.hypot(0.15, 0.1, 0.05), rel=1e-3)  # small angles add up as vectors
+    assert cameras.calibrated is not true
+    np.testing.assert_array_equal(cameras.calibrated.X_ClCr[:3, :3], np.eye(3))
+    frame = cameras.camera.sample(parts.motive.observe(parts.motive.initial_state(parts.course.start, 5.0), 0))
+    rectified = cameras.rectified(frame)
+    assert rectified.left.shape == (cameras.calibration.height, cameras.calibration.width)
+    assert not np.array_equal(rectified.left, frame.left)
+    cameras.renderer.close()
+
+
+def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_path: Path) -> None:
+    """Lost frames are missing, late ones stand at their own time and place, and the file describes raw images."""
+    settings = (BARREL, "faults=delay:2@0.5; dropout:0.2", "rig.latency=0.0")
+    parts = assemble(scenario(*settings), seed=1)
+    assert parts.cameras is not None
+    folder = tmp_path / "recorded"
+    with RecordingWriter(folder, parts.cameras.calibrated, parts.trailer.follow_distance) as recorder:
+        session = Session(parts, recorder=recorder)
+        while session.tick < 2000:
+            session.advance()
+        session.close()
+    parts.cameras.renderer.close()
+    times = [float(line) for line in (folder / "times.txt").read_text(encoding="utf-8").split()]
+    assert len(times) < 18
+    assert times == sorted(set(times))
+    assert max(times) <= 1.7 + 1e-9
+    poses = np.loadtxt(folder / "poses.txt").reshape(-1, 3, 4)
+    way = np.linalg.norm(poses[:, :, 3], axis=1)
+    np.testing.assert_allclose(way, 5.0 * (np.array(times) - times[0]), atol=0.02)  # [m] 5 m/s; 0.1 s would be 0.5 m
+    assert load_raw_rig(folder / "rig.toml").left.distortion == (-0.15, 0.02, 0.0, 0.0, 0.0)
+
+
+def test_faults_of_images_need_images() -> None:
+    """The reference unit has no lens to get dirty."""
+    with pytest.raises(ValueError, match="fault dirt: the off-tracking is not estimated from cameras"):
+        assemble(scenario("faults=dirt:0.3", "off_tracking=truth"), seed=1)

@@ -1,0 +1,119 @@
+"""Ground-watching and the reference unit as a scenario asks for them: from the options to the log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from scenarios.ground_cameras import wheels_near
+from scenarios.reference import reference_off_tracking
+from scenarios.results import RunResult, error_of_estimate, summary
+from scenarios.run import run
+from scenarios.scenario import load_scenario
+from vehicle.description import load_vehicle
+from vehicle.frames import rotation_zyx, transform
+from vehicle.truth import Truth
+
+# A trailer dragged along at 2 deg of slip: its rear is 0.49 m beside the hitch's path, in sight of the rear camera.
+DRAGGED = ("course.slip_angle_deg=2", "course.length=30", "off_tracking=ground_watching", "world.scenery_density=0")
+SMALL = ("ground_rig.width=320", "ground_rig.height=320")
+
+
+@pytest.fixture(scope="module")
+def dragged() -> RunResult:
+    return run(load_scenario("constant-slip", (*DRAGGED, *SMALL)), seed=1)
+
+
+def test_ground_watching_measures_a_dragged_trailer_to_20_mm(dragged: RunResult) -> None:
+    """The bar for dry tarmac, at 18 km/h with half-size images: 0.5 m between frames that show 1.4 m."""
+    error = error_of_estimate(dragged)
+    assert np.isfinite(error).sum() > 25
+    assert np.nanmax(np.abs(error)) < 0.02
+    assert summary(dragged)["off_tracking"]["valid_fraction"] == 1.0  # type: ignore[index]  # a table by its key
+    assert dragged.signal("off_tracking_true")[-1] == pytest.approx(-14.0 * np.tan(np.radians(2.0)), rel=1e-3)
+
+
+def test_the_reference_unit_stands_beside_the_truth(dragged: RunResult) -> None:
+    """Every tenth message of 100 Hz gives a value once the buffer is full; their RMS is roughly that of the unit."""
+    reference = dragged.signal("off_tracking_reference")
+    late = np.isfinite(reference) & ~np.isfinite(error_of_estimate(dragged))
+    assert np.flatnonzero(late).tolist() == [len(reference) - 1]  # the last picture's estimate is still on its way
+    numbers = summary(dragged)["off_tracking"]
+    assert isinstance(numbers, dict)
+    assert 0.002 < float(numbers["reference_error_rms_m"] or 0.0) < 0.04
+    assert 0.002 < float(numbers["estimate_against_reference_rms_m"] or 0.0) < 0.04
+
+
+def test_without_a_reference_unit_there_is_no_column() -> None:
+    """The summary then says null."""
+    settings = ("off_tracking=truth", "course.length=20", "reference_unit=false")
+    result = run(load_scenario("constant-slip", settings), seed=1)
+    assert "off_tracking_reference" not in result.log
+    numbers = summary(result)["off_tracking"]
+    assert isinstance(numbers, dict)
+    assert numbers["reference_error_rms_m"] is None
+
+
+def circle() -> Iterator[Truth]:
+    """A trailer once and a half round a circle of 20 m at 4 m/s, 10 ms apart; its yaw keeps to the path."""
+    for k in range(4700):
+        angle = 4.0 * 0.01 * k / 20.0
+        x, y = 20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle)
+        X_WS = transform(rotation_zyx(angle, 0.0, 0.0), np.array([x, y, 0.0]))
+        yield Truth(
+            tick=10 * k,
+            poses=np.array([[x, y, angle]]),
+            velocities=np.array([[4.0, 0.0, 0.2]]),
+            bodies=X_WS[None],
+            steer=np.zeros(1),
+            wheel_loads=np.ones(4),
+            wheel_slip_angles=np.zeros(4),
+            friction_used=np.zeros(4),
+            load_transfer=np.zeros(1),
+        )
+
+
+def test_the_reference_units_off_tracking_is_within_30_mm() -> None:
+    """What de Saxe & Cebon 2018, section 4.1, estimate for theirs; the RMS over seeds of 40 s of drifting each."""
+    truths = list(circle())
+    exact = 20.0 - np.sqrt(20.0**2 - 14.0**2)  # the circle beside the follow point, left of the axis
+    rms = []
+    for seed in range(4):
+        values = reference_off_tracking(truths, unit=0, follow_distance=14.0, rng=np.random.default_rng(seed))
+        assert np.isfinite(values[400::10]).all()
+        assert np.isnan(values[405])
+        rms.append(np.sqrt(np.nanmean((values - exact) ** 2)))
+    assert 0.008 < np.sqrt(np.mean(np.square(rms))) < 0.030
+
+
+def test_wheels_that_reform_the_ground_are_the_trailers_and_the_last_ahead_of_it() -> None:
+    """Three axles of the trailer and the tractor's drive axle, 0.774 m behind the kingpin; both sides of each."""
+    ahead, own = wheels_near(load_vehicle("uk_longer_semitrailer"), 1)
+    np.testing.assert_allclose(ahead, [[-0.7744762, 1.02], [-0.7744762, -1.02]])
+    np.testing.assert_allclose(own[::2], [[-8.0, 1.02], [-9.31, 1.02], [-10.62, 1.02]])
+    np.testing.assert_allclose(own[1::2], own[::2] * [1.0, -1.0])
+
+
+def test_reformed_ground_reaches_the_cameras() -> None:
+    """With strips of 2.2 m the rear camera sees other ground behind the axles, and doubts are raised throughout."""
+    result = run(load_scenario("constant-slip", (*DRAGGED, *SMALL, "surface.reformed_width=2.2")), seed=1)
+    health = result.signal("health")
+    known = health[np.isfinite(result.signal("off_tracking_estimate"))]
+    assert len(known) > 25
+    assert (known == 1.0).all()  # degraded
+
+
+@pytest.mark.parametrize(
+    ("setting", "complaint"),
+    [
+        ("ground_rig.front=20", r"ground_rig.front = 20 must be less than or equal to 10 \[m\]"),
+        ("ground_rig.camera_heigth=1", "unknown key 'ground_rig.camera_heigth'"),
+        ("surface.reformed_flow=2", "surface.reformed_flow = 2 must be less than or equal to 1"),
+    ],
+)
+def test_wrong_options_are_refused_by_name(setting: str, complaint: str) -> None:
+    """One line that names the key and its limit, or the nearest known key."""
+    with pytest.raises(ValueError, match=complaint):
+        load_scenario("constant-slip", [setting])
