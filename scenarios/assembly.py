@@ -9,20 +9,15 @@ from typing import Any, Protocol
 
 from controllers.driver import PreviewDriver
 from controllers.trailer import TrailerGeometry, TrailerSteering
-from estimators.self_calibration import SelfCalibratedOdometry
-from scenarios.adapters import course_of, rig_on, surface_of, tractor_geometry, trailer_geometry, watched_unit
-from scenarios.cameras import Cameras, Rectified, built_world, opened_cameras
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, TRAILER_STEERING, resolve
+from scenarios.adapters import course_of, surface_of, tractor_geometry, trailer_geometry, watched_unit
+from scenarios.cameras import Cameras
+from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.courses import Course
-from scenarios.ground_cameras import opened_ground_cameras
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.rig import RigOptions
 from scenarios.randomness import stream
 from scenarios.scenario import Parameter, Scenario
-from sensors.faults import faulty
-from sensors.messages import BodyPose, StereoFrame
-from sensors.navigation import ExactPose
-from sensors.rig import StereoCalibration
+from scenarios.sensing import OffTrackingSource, PoseSensor, opened_sensing
 from vehicle.clock import TICK, Schedule
 from vehicle.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
@@ -43,20 +38,6 @@ class Motive(Protocol):
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray: ...
 
     def observe(self, state: FloatArray, tick: int) -> Truth: ...
-
-
-class PoseSensor(Protocol):
-    """What the off-tracking is estimated from: a stereo camera or a reference unit; None: nothing arrives."""
-
-    def sample(self, truth: Truth) -> StereoFrame | BodyPose | None: ...
-
-
-class OffTrackingSource(Protocol):
-    """An off-tracking estimator, with the odometry (if any) that feeds it."""
-
-    def init(self) -> Any: ...
-
-    def step(self, memory: Any, message: Any) -> tuple[Any, Any]: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,38 +85,17 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     steering = _constructed("trailer_steering", scenario.trailer_steering, TRAILER_STEERING, trailer, scenario.steering)
     motive, driver = _moved(scenario, vehicle, unit, course, surface)
     schedule = _schedule(scenario.rig)
-    estimator = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
-    odometry = resolve("odometry", scenario.odometry, ODOMETRY)
-    sees = scenario.off_tracking != "truth"
-    rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
-    watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
-    cameras: Cameras | None = None
-    if sees or record:
-        world = built_world(scenario.world, course, surface, stream(seed, "world"))
-        noise = stream(seed, "camera noise")
-        if watches_ground:
-            cameras = opened_ground_cameras(
-                scenario, world, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
-            )
-        else:
-            cameras = opened_cameras(scenario.rig, rig, world, unit=unit, rng=noise, keep_colour=keep_colour)
-    sensor: PoseSensor
-    source: OffTrackingSource
-    if sees and cameras:
-        calibration = cameras.calibration
-        needed = (calibration, trailer.follow_distance)
-        source = (
-            estimator(*needed)
-            if watches_ground
-            else estimator(*needed, _watched_over(scenario.rig, calibration, odometry))
-        )
-        sensor = cameras.camera
-        source = Rectified(source, cameras.rectifier) if cameras.rectifier else source
-    else:
-        sensor, source = ExactPose(unit), estimator(trailer.follow_distance)
-    for k, options in enumerate(scenario.faults):
-        seen = cameras.calibration if sees and cameras else None
-        sensor = faulty(sensor, options.fault(), unit=unit, calibration=seen, rng=stream(seed, f"fault {k}"))
+    sensing = opened_sensing(
+        scenario,
+        seed,
+        unit=unit,
+        vehicle=vehicle,
+        trailer=trailer,
+        course=course,
+        surface=surface,
+        keep_colour=keep_colour,
+        record=record,
+    )
     return Assembly(
         scenario=scenario,
         seed=seed,
@@ -147,16 +107,10 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
         driver=driver,
         trailer_steering=steering,
         schedule=schedule,
-        sensor=sensor,
-        source=source,
-        cameras=cameras,
+        sensor=sensing.sensor,
+        source=sensing.source,
+        cameras=sensing.cameras,
     )
-
-
-def _watched_over(rig: RigOptions, calibration: StereoCalibration, odometry: Any) -> Any:
-    """The odometry for this calibration, given straightened images if the rig calibrates itself."""
-    measuring = odometry(calibration)
-    return SelfCalibratedOdometry(calibration, measuring) if rig.self_calibration else measuring
 
 
 def _moved(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,18 +16,11 @@ from scenarios.recordings.images import Dropped, stream
 from scenarios.recordings.recording import Recording
 from scenarios.recordings.sequence import FrameFiles
 from scenarios.recordings.trajectory import camera_poses
+from scenarios.sensing import OffTrackingSource
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, inverse
 
 Progress = Callable[[int, int], None]  # frames done, of how many
-
-
-class OffTrackingSource(Protocol):
-    """An estimator of the off-tracking with the odometry that feeds it."""
-
-    def init(self) -> Any: ...
-
-    def step(self, memory: Any, message: Any) -> tuple[Any, Any]: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
