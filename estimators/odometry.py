@@ -6,6 +6,7 @@ from typing import Protocol, TypeVar
 
 from estimators.estimates import Motion
 from sensors.messages import StereoFrame
+from sensors.rig import StereoCalibration
 
 Memory = TypeVar("Memory")
 
@@ -20,3 +21,15 @@ class Odometry(Protocol[Memory]):
     def step(self, memory: Memory, frame: StereoFrame) -> tuple[Memory, Motion | None]:
         """Memory with the frame in it, and the motion that ends at it; None for the first frame."""
         ...
+
+
+def above_ground(calibration: StereoCalibration) -> StereoCalibration:
+    """The calibration, if its cameras can see the ground from above.
+
+    Raises:
+        ValueError: if the left camera is not above the ground.
+    """
+    height = float(calibration.X_SC[2, 3])
+    if not height > 0.0:
+        raise ValueError(f"camera height X_SC[2, 3] = {height} m must be positive")
+    return calibration

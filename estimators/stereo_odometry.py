@@ -15,6 +15,7 @@ import numpy as np
 from estimators.estimates import Health, Motion
 from estimators.features import Points, detect_corners
 from estimators.matching import Matches, match
+from estimators.odometry import above_ground
 from estimators.pose import Sightings, Solution, point_covariance, refined
 from estimators.ransac import consensus
 from estimators.rigid_motion import stretched
@@ -50,10 +51,7 @@ class CircularOdometry:
         Raises:
             ValueError: if the left camera is not above the ground.
         """
-        height = float(calibration.X_SC[2, 3])
-        if not height > 0.0:
-            raise ValueError(f"camera height X_SC[2, 3] = {height} m must be positive")
-        self._calibration = calibration
+        self._calibration = above_ground(calibration)
         self._seed = seed
 
     def init(self) -> OdometryMemory:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimators.estimates import Health, Motion
 from estimators.matching import Matches
+from estimators.odometry import above_ground
 from estimators.ransac import consensus
 from estimators.reprojection import motion_jacobian, residuals
 from estimators.rigid_motion import UncertainMotion
@@ -50,10 +51,7 @@ class Viso2Odometry:
         Raises:
             ValueError: if the left camera is not above the ground.
         """
-        height = float(calibration.X_SC[2, 3])
-        if not height > 0.0:
-            raise ValueError(f"camera height X_SC[2, 3] = {height} m must be positive")
-        self._calibration = calibration
+        self._calibration = above_ground(calibration)
         self._seed = seed
 
     def init(self) -> Viso2Memory:
