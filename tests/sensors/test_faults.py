@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.faults import KINDS, Fault, Kind, Message, faulty
+from sensors.fault import KINDS, Fault, Kind
+from sensors.faults import Message, faulty
 from sensors.lens import mount_rotation
 from sensors.messages import BodyPose, StereoFrame
 from sensors.navigation import ExactPose
