@@ -39,13 +39,12 @@ def kernel_for_one(function: Any, numbers: FloatArray, engine: Engine, *, always
     Raises:
         ValueError: if the engine is unknown, or must be compiled and can not.
     """
-    using = _compiler(engine)
-    if using is not None:
-        try:
-            return NativeOne(_program(function), _worked_with(function, numbers), using)
-        except CompilerError as error:
-            _do_without(engine, error)
-    return Virtual(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
+    native = _native(NativeOne, function, numbers, engine)
+    return (
+        native
+        if native is not None
+        else Virtual(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
+    )
 
 
 def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
@@ -54,13 +53,20 @@ def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) 
     Raises:
         ValueError: if the engine is unknown, or must be compiled and can not.
     """
+    native = _native(NativeMany, function, numbers, engine)
+    return native if native is not None else Blocks(_program(function), _worked_with(function, numbers), n)
+
+
+def _native(kind: type[NativeOne | NativeMany], function: Any, numbers: FloatArray, engine: Engine) -> Kernel | None:
+    """The function in compiled C; None where the engine does without."""
     using = _compiler(engine)
-    if using is not None:
-        try:
-            return NativeMany(_program(function), _worked_with(function, numbers), using)
-        except CompilerError as error:
-            _do_without(engine, error)
-    return Blocks(_program(function), _worked_with(function, numbers), n)
+    if using is None:
+        return None
+    try:
+        return kind(_program(function), _worked_with(function, numbers), using)
+    except CompilerError as error:
+        _do_without(engine, error)
+        return None
 
 
 def _compiler(engine: Engine) -> Compiler | None:
