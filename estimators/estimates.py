@@ -75,3 +75,26 @@ class OffTracking:
     def age(self, tick: int) -> float:
         """How old the measurement is at ``tick`` [s]."""
         return (tick - self.tick) * TICK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SlipAngle:
+    """Slip angle of a rover from the trace of its left rear wheel, at ``tick``.
+
+    Without health (``LOST``: no trace is seen) the values are 0 and their standard deviations infinite.
+    """
+
+    tick: int
+    value: float  # beta of the body at R's origin, + left (Reina 2008, eq. 2) [rad]
+    std: float  # [rad]
+    health: Health
+    wheel_slip: float  # alpha_r of the wheel: its direction of travel against its heading, + left [rad]
+    trace_offset: float  # of the trace beside the wheel centre B, + left [m]
+    confidence: float  # 0 to 1 that the trace is the wheel's own
+    lagged_tick: int | None = None  # an earlier moment, whose slip is known better by now; None: none is
+    lagged_value: float = 0.0  # beta at that moment [rad]
+    lagged_std: float = np.inf  # [rad]
+
+    def age(self, tick: int) -> float:
+        """How old the measurement is at ``tick`` [s]."""
+        return (tick - self.tick) * TICK

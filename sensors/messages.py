@@ -63,3 +63,23 @@ class SteerAngles:
 
     tick: int
     angles: FloatArray  # (n,) [rad], + left
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoverView:
+    """What a rover has of one moment to estimate its slip from: a ground image, encoders and compass."""
+
+    tick: int
+    image: GreyImage  # of the ground behind the left rear wheel
+    heading: float  # of the compass, in W, wrapped [rad]
+    wheel_speeds: FloatArray  # (4,) of rotation, by the encoders: front left, right, rear left, right [rad/s]
+    steer: FloatArray  # (4,) by the encoders, + left [rad]
+    colour: ColourImage | None = None  # the image in colour, for people and videos only
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LaserFix:
+    """Where a laser tracker beside the field sees the rover."""
+
+    tick: int
+    p_WR: FloatArray  # (3,) of R's origin [m]
