@@ -78,6 +78,25 @@ class RoverView:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoverReadings:
+    """What a rover's encoders and compass say at one tick."""
+
+    tick: int
+    heading: float  # of the compass, in W, wrapped [rad]
+    wheel_speeds: FloatArray  # (4,) of rotation: front left, right, rear left, right [rad/s]
+    steer: FloatArray  # (4,) + left [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SlipReading:
+    """What an instrument without any error would say of a rover's slip."""
+
+    tick: int
+    slip_angle: float  # direction of travel of R's origin against the body's x axis, + left [rad]
+    wheel_slip: float  # the same of the left rear wheel against its heading [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LaserFix:
     """Where a laser tracker beside the field sees the rover."""
 

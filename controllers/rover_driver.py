@@ -1,0 +1,100 @@
+"""A rover's path following: the direction of travel that the path asks for, from wheels that slip.
+
+The rover travels ``drift`` off where its wheels point. ``heading`` turns the whole body against it, as a skid-steered
+rover has to; ``crab`` lets the body look along the path and points the wheels aside, as only four steered wheels can;
+``none`` takes the wheels at their word.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Literal, NamedTuple, get_args
+
+from controllers.path import Path
+from estimators.rover_odometry import RoverGeometry, RoverPose
+from vehicle.clock import TICK
+from vehicle.frames import wrap
+from vehicle.rover.command import RoverCommand
+
+Compensation = Literal["none", "heading", "crab"]
+
+_APPROACH: Final = 0.5  # way in which a lateral error falls to 1/e: a rover's length [m]
+_STEEPEST: Final = 0.6  # turn towards the path at most [rad]
+_HEADING_GAIN: Final = 0.8  # yaw rate per heading error [1/s]
+_TIGHTEST: Final = 0.6  # radius that a yaw demand may ask for at least: the wheelbase [m]
+_STEER_RATE: Final = 0.5  # of the demands to the wheels [rad/s]
+
+
+class RoverDriverMemory(NamedTuple):
+    """What is carried from one step to the next."""
+
+    tick: int | None
+    station: float  # along the path [m]
+    steer: tuple[float, float, float, float]  # last demand [rad]
+
+
+class RoverDriver:
+    """Keeps R's origin on a path at a set speed.
+
+    Raises:
+        ValueError: if the speed is not positive or more than the wheels can do, or wheels that are not steered are to
+            crab.
+    """
+
+    def __init__(self, rover: RoverGeometry, path: Path, speed: float, *, compensation: Compensation = "none") -> None:
+        """For the set ``speed`` [m/s] that wheels turn for; slip takes its share of it."""
+        if compensation not in get_args(Compensation):
+            raise ValueError(f"slip_compensation = {compensation} must be one of {', '.join(get_args(Compensation))}")
+        if compensation == "crab" and not rover.steered:
+            raise ValueError("slip_compensation = crab needs steered wheels; a skid-steered rover has heading")
+        fastest = rover.max_wheel_speed * rover.wheel_radius
+        if not 0.0 < speed <= fastest:
+            raise ValueError(f"speed = {speed:g} m/s must be positive and within what the wheels do, {fastest:.3g} m/s")
+        self._rover, self._path, self._speed = rover, path, speed
+        self._heading, self._crab = compensation == "heading", compensation == "crab"
+
+    def init(self) -> RoverDriverMemory:
+        """At the start of the path, wheels straight."""
+        return RoverDriverMemory(tick=None, station=0.0, steer=(0.0, 0.0, 0.0, 0.0))
+
+    def step(self, memory: RoverDriverMemory, pose: RoverPose) -> tuple[RoverDriverMemory, RoverCommand]:
+        """New memory and command at the pose's tick."""
+        station = self._path.project(pose.x, pose.y, memory.station)
+        on_path = self._path.pose(station)
+        to_path = math.cos(on_path.psi) * (on_path.y - pose.y) - math.sin(on_path.psi) * (on_path.x - pose.x)
+        towards = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / _APPROACH)))
+        crab = towards - pose.drift if self._crab else 0.0
+        aim = on_path.psi + (0.0 if self._crab else towards) - (pose.drift if self._heading else 0.0)
+        yaw_rate = self._path.curvature(station) * self._speed + _HEADING_GAIN * wrap(aim - pose.psi)
+        fastest = self._speed / _TIGHTEST
+        command = self._command(crab, max(-fastest, min(fastest, yaw_rate)))
+        elapsed = 0.0 if memory.tick is None else (pose.tick - memory.tick) * TICK
+        command = command._replace(steer=_reachable(memory.steer, command.steer, _STEER_RATE * elapsed))
+        return RoverDriverMemory(pose.tick, station, command.steer), command
+
+    def _command(self, crab: float, yaw_rate: float) -> RoverCommand:
+        """The wheels' turns and angles for going off by ``crab`` [rad] from the heading and turning at a rate [rad/s].
+
+        Steered wheels roll without slip in the rigid motion; the others turn by the difference of their sides' speeds.
+        """
+        r, limit = self._rover, self._rover.max_wheel_speed
+        if not r.steered:
+            half = 0.5 * r.effective_track * yaw_rate
+            sides = (self._speed - half, self._speed + half)
+            left, right = (max(-limit, min(limit, side / r.wheel_radius)) for side in sides)
+            return RoverCommand(wheel_speed=(left, right, left, right), steer=(0.0, 0.0, 0.0, 0.0))
+        v_x, v_y = self._speed * math.cos(crab), self._speed * math.sin(crab)
+        ways = [(v_x - yaw_rate * y, v_y + yaw_rate * x) for x, y in r.places().tolist()]
+        turns = [min(limit, math.hypot(*way) / r.wheel_radius) for way in ways]
+        angles = [max(-r.max_steer, min(r.max_steer, math.atan2(aside, ahead))) for ahead, aside in ways]
+        return RoverCommand(
+            wheel_speed=(turns[0], turns[1], turns[2], turns[3]), steer=(angles[0], angles[1], angles[2], angles[3])
+        )
+
+
+def _reachable(
+    last: tuple[float, float, float, float], wanted: tuple[float, float, float, float], reach: float
+) -> tuple[float, float, float, float]:
+    """The wanted angles as far as they can be reached [rad]."""
+    a, b, c, d = (old + max(-reach, min(reach, new - old)) for old, new in zip(last, wanted, strict=True))
+    return a, b, c, d

@@ -1,0 +1,77 @@
+"""Slip angles that rest on instruments outside of the rover: exact ones, or a laser tracker and the compass.
+
+Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
+and planetary rovers", ICRA 2008.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, SlipAngle
+from sensors.messages import LaserFix, SlipReading
+from vehicle.clock import TICK
+from vehicle.frames import wrap
+
+_SPAN: Final = 4.0  # of fixes and headings that a direction of travel is fitted to: 0.3 m of way [s]
+_LEAST_WAY: Final = 0.05  # shorter ways show the tracker's noise, not a direction [m]
+
+
+class ReferenceSlip:
+    """The slip that an exact instrument reads."""
+
+    def init(self) -> None:
+        """Nothing to remember."""
+        return
+
+    def step(self, memory: None, reading: SlipReading) -> tuple[None, SlipAngle]:
+        """The reading as an estimate without error."""
+        return None, SlipAngle(
+            tick=reading.tick,
+            value=reading.slip_angle,
+            std=0.0,
+            health=Health.OK,
+            wheel_slip=reading.wheel_slip,
+            trace_offset=0.0,
+            confidence=1.0,
+        )
+
+
+class LaserSample(NamedTuple):
+    """A fix and the heading at its moment."""
+
+    time: float  # [s]
+    x: float  # [m]
+    y: float  # [m]
+    heading: float  # [rad]
+
+
+class LaserSlip:
+    """Reina 2008's ground truth: direction of travel by the tracker less heading by the compass (eqs 5 and 6).
+
+    Both are taken over the last seconds, so that it is the slip half of them ago.
+    """
+
+    def init(self) -> tuple[LaserSample, ...]:
+        """No fix yet."""
+        return ()
+
+    def step(
+        self, memory: tuple[LaserSample, ...], fix: LaserFix, heading: float
+    ) -> tuple[tuple[LaserSample, ...], float | None]:
+        """Memory with the fix in it, and the slip angle [rad] at its middle, None while the way is too short."""
+        now = LaserSample(fix.tick * TICK, float(fix.p_WR[0]), float(fix.p_WR[1]), heading)
+        memory = (*(sample for sample in memory if sample.time > now.time - _SPAN), now)
+        time, x, y, psi = np.array(memory).T
+        if len(memory) < 3 or math.hypot(x[-1] - x[0], y[-1] - y[0]) < _LEAST_WAY:
+            return memory, None
+        x_rate, y_rate = (float(np.polyfit(time - time.mean(), at, 1)[0]) for at in (x, y))
+        mean_heading = math.atan2(float(np.sin(psi).mean()), float(np.cos(psi).mean()))
+        return memory, wrap(math.atan2(y_rate, x_rate) - mean_heading)
+
+    def delay(self) -> float:
+        """How old its slip angle is [s]."""
+        return 0.5 * _SPAN

@@ -1,0 +1,170 @@
+"""Where a rover is by its own instruments: wheel and steer encoders, compass, and, if there is one, its slip angle.
+
+Encoders take every turn of a wheel for way along its heading. With the slip angle the way points where the rover
+really went, after the idea of Reina et al. (2010, "Odometry correction using visual slip angle estimation for planetary
+exploration rovers"), of which nothing but that idea is used here. Longitudinal slip stays in the distance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, SlipAngle
+from sensors.messages import LaserFix, RoverReadings
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray, wrap
+
+_HEADING_TIME: Final = 2.0  # over which the compass corrects the heading that the wheels show [s]
+_DRIFT_TIME: Final = 1.0  # over which a new slip angle takes the place of the old one [s]
+_FIX_TIME: Final = 1.0  # over which a fix corrects the position [s]
+_HISTORY: Final = 3000  # directions kept for slip angles that come late [ticks]
+_STANDING: Final = 0.005  # slower than this the wheels show no direction [m/s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverGeometry:
+    """What a rover knows of itself.
+
+    Raises:
+        ValueError: if a length is not positive.
+    """
+
+    wheelbase: float  # front to rear wheels [m]
+    tread: float  # left to right wheels [m]
+    wheel_radius: float  # [m]
+    effective_track: float  # of turning by different wheel speeds: the tread times what scrubbing makes of it [m]
+    max_steer: float  # of every wheel; 0: none is steered [rad]
+    max_wheel_speed: float  # [rad/s]
+
+    def __post_init__(self) -> None:
+        for name in ("wheelbase", "tread", "wheel_radius", "effective_track", "max_wheel_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} = {getattr(self, name)} must be positive")
+
+    @property
+    def steered(self) -> bool:
+        """Whether every wheel is steered; if not, it turns by different speeds of its sides."""
+        return self.max_steer > 0.0
+
+    def places(self) -> FloatArray:
+        """Wheels (4, 2) in R [m], in their order."""
+        a, b = 0.5 * self.wheelbase, 0.5 * self.tread
+        return np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
+
+
+class Rolling(NamedTuple):
+    """How the wheels say that the rover moves."""
+
+    v_x: float  # along the body's axes [m/s]
+    v_y: float  # [m/s]
+    yaw_rate: float  # [rad/s]
+
+
+class Turn(NamedTuple):
+    """Where the wheels pointed at one tick."""
+
+    tick: int
+    direction: float  # of the way that they show, against the body [rad]
+
+
+class OdometryMemory(NamedTuple):
+    """What is carried from one reading to the next."""
+
+    tick: int | None
+    x: float
+    y: float
+    psi: float
+    drift: float  # by which the way turns off where the wheels point [rad]
+    slip_tick: int  # of the newest slip angle that was used
+    turns: tuple[Turn, ...]  # newest last
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverPose:
+    """Where a rover believes to be and to go."""
+
+    tick: int
+    x: float  # [m]
+    y: float  # [m]
+    psi: float  # [rad]
+    drift: float  # by which its way turns off where its wheels point, + left [rad]
+    rolling: Rolling
+
+
+class RoverOdometry:
+    """Dead reckoning, with the slip angle if one is given to it."""
+
+    def __init__(self, rover: RoverGeometry) -> None:
+        self._rover = rover
+        self._places = rover.places()
+
+    def init(self, x: float, y: float, psi: float) -> OdometryMemory:
+        """At a known pose in W [m, rad]."""
+        return OdometryMemory(tick=None, x=x, y=y, psi=psi, drift=0.0, slip_tick=-1, turns=())
+
+    def step(
+        self,
+        memory: OdometryMemory,
+        readings: RoverReadings,
+        slip: SlipAngle | None = None,
+        fix: LaserFix | None = None,
+    ) -> tuple[OdometryMemory, RoverPose]:
+        """Memory and pose at the readings' tick; ``slip`` is the newest there is, ``fix`` one taken just now."""
+        elapsed = 0.0 if memory.tick is None else (readings.tick - memory.tick) * TICK
+        rolling = self.rolling(readings)
+        memory = self._with_drift(memory, slip)
+        moved = self._moved(memory, readings, rolling, elapsed)
+        if fix is not None:
+            moved = _corrected(moved, fix, elapsed)
+        turn = Turn(readings.tick, math.atan2(rolling.v_y, rolling.v_x))
+        kept = tuple(old for old in moved.turns if old.tick > readings.tick - _HISTORY)
+        moved = moved._replace(tick=readings.tick, turns=(*kept, turn))
+        pose = RoverPose(tick=readings.tick, x=moved.x, y=moved.y, psi=moved.psi, drift=moved.drift, rolling=rolling)
+        return moved, pose
+
+    def rolling(self, readings: RoverReadings) -> Rolling:
+        """The rigid motion that the wheels' turns and angles show, without any slip of theirs."""
+        speed = self._rover.wheel_radius * readings.wheel_speeds
+        ways = np.column_stack([speed * np.cos(readings.steer), speed * np.sin(readings.steer)])
+        v_x, v_y = ways.mean(axis=0).tolist()
+        x, y = self._places.T
+        if self._rover.steered:
+            yaw_rate = float((x @ ways[:, 1] - y @ ways[:, 0]) / (x @ x + y @ y))
+        else:
+            yaw_rate = float(speed[[1, 3]].mean() - speed[[0, 2]].mean()) / self._rover.effective_track
+        return Rolling(v_x, v_y, yaw_rate)
+
+    def _moved(
+        self, memory: OdometryMemory, readings: RoverReadings, rolling: Rolling, elapsed: float
+    ) -> OdometryMemory:
+        """Carried on by the wheels, turned by the drift; the heading is drawn to the compass."""
+        psi = memory.psi + rolling.yaw_rate * elapsed
+        psi += (1.0 - math.exp(-elapsed / _HEADING_TIME)) * wrap(readings.heading - psi)
+        middle = 0.5 * (memory.psi + psi)
+        c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.drift)
+        # A wheel that goes aside still rolls its turns: what it goes along its heading is what its encoder counts.
+        ahead, aside = rolling.v_x - t * rolling.v_y, rolling.v_y + t * rolling.v_x
+        return memory._replace(
+            x=memory.x + (c * ahead - s * aside) * elapsed, y=memory.y + (s * ahead + c * aside) * elapsed, psi=psi
+        )
+
+    def _with_drift(self, memory: OdometryMemory, slip: SlipAngle | None) -> OdometryMemory:
+        """The drift drawn to a slip angle that is new; one that is lost leaves it as it was."""
+        if slip is None or slip.health is Health.LOST or slip.tick <= memory.slip_tick or not memory.turns:
+            return memory
+        then = min(memory.turns, key=lambda turn: abs(turn.tick - slip.tick))
+        measured = wrap(slip.value - then.direction)
+        since = _DRIFT_TIME if memory.slip_tick < 0 else (slip.tick - memory.slip_tick) * TICK
+        share = 1.0 - math.exp(-since / _DRIFT_TIME)
+        return memory._replace(drift=memory.drift + share * (measured - memory.drift), slip_tick=slip.tick)
+
+
+def _corrected(memory: OdometryMemory, fix: LaserFix, elapsed: float) -> OdometryMemory:
+    """The position drawn to a fix."""
+    share = 1.0 - math.exp(-max(elapsed, 0.2) / _FIX_TIME)  # fixes come five times a second
+    x, y = memory.x + share * (fix.p_WR[0] - memory.x), memory.y + share * (fix.p_WR[1] - memory.y)
+    return memory._replace(x=float(x), y=float(y))

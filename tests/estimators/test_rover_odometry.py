@@ -1,0 +1,115 @@
+"""A rover's dead reckoning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Health, SlipAngle
+from estimators.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
+from sensors.messages import LaserFix, RoverReadings
+
+STEERED = RoverGeometry(
+    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.55, max_steer=1.0, max_wheel_speed=5.0
+)
+SKID = RoverGeometry(
+    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.9, max_steer=0.0, max_wheel_speed=5.0
+)
+STEP = 50  # [ticks]
+
+
+def readings(
+    tick: int, heading: float = 0.0, speeds: tuple[float, ...] = (0.8,) * 4, steer: float = 0.0
+) -> RoverReadings:
+    return RoverReadings(tick=tick, heading=heading, wheel_speeds=np.array(speeds), steer=np.full(4, steer))
+
+
+def slip(tick: int, value: float, health: Health = Health.OK) -> SlipAngle:
+    return SlipAngle(
+        tick=tick, value=value, std=0.01, health=health, wheel_slip=value, trace_offset=0.0, confidence=1.0
+    )
+
+
+def driven(rover: RoverGeometry, until: int, drift: float | None = None, steer: float = 0.0) -> RoverPose:
+    odometry = RoverOdometry(rover)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, until + 1, STEP):
+        seen = None if drift is None else slip(tick, drift)
+        memory, pose = odometry.step(memory, readings(tick, steer=steer), seen)
+    return pose
+
+
+def test_wheels_that_do_not_slip_are_taken_at_their_word() -> None:
+    """8 cm/s for 10 s are 0.8 m ahead; exact but for rounding."""
+    pose = driven(STEERED, 10_000)
+    assert (pose.x, pose.y, pose.psi) == pytest.approx((0.8, 0.0, 0.0), abs=1e-12)
+
+
+def test_wheels_that_crab_carry_the_body_aside() -> None:
+    """All wheels at 30 degrees, compass straight: the way points where the wheels point."""
+    pose = driven(STEERED, 10_000, steer=math.radians(30.0))
+    assert math.atan2(pose.y, pose.x) == pytest.approx(math.radians(30.0), abs=1e-9)
+
+
+def test_the_slip_angle_turns_the_way() -> None:
+    """A wheel that goes aside by alpha still rolls its turns along its heading: y = x tan(alpha), once it is believed.
+
+    Within its time constant of 1 s the drift is not believed yet: 80 mm of way times tan(10 deg) at most.
+    """
+    alpha = math.radians(10.0)
+    pose = driven(STEERED, 20_000, drift=alpha)
+    assert pose.x == pytest.approx(1.6, abs=1e-9)
+    assert pose.y == pytest.approx(1.6 * math.tan(alpha), abs=0.08 * math.tan(alpha))
+    assert pose.drift == pytest.approx(alpha, abs=1e-6)
+
+
+def test_slip_is_what_turns_off_from_where_the_wheels_pointed_then() -> None:
+    """Body slip of a crabbing rover is crab and drift together: a body slip equal to the crab is no drift."""
+    crab = math.radians(12.0)
+    assert driven(STEERED, 10_000, drift=crab, steer=crab).drift == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_lost_slip_angle_changes_nothing() -> None:
+    """No trace is no news: the last known drift goes on."""
+    odometry = RoverOdometry(STEERED)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, 10_000, STEP):
+        memory, pose = odometry.step(memory, readings(tick), slip(tick, 0.1))
+    memory, after = odometry.step(memory, readings(10_000), slip(10_000, 0.0, Health.LOST))
+    assert after.drift == pose.drift
+
+
+def test_the_sides_of_a_skid_steered_rover_turn_it_by_its_effective_track() -> None:
+    """Yaw rate is the difference of the sides' speeds over the effective track, not the tread."""
+    rolling = RoverOdometry(SKID).rolling(readings(0, speeds=(0.7, 0.9, 0.7, 0.9)))
+    assert rolling.yaw_rate == pytest.approx(0.1 * 0.2 / 0.9, abs=1e-12)
+    assert rolling.v_x == pytest.approx(0.08, abs=1e-12)
+
+
+def test_the_compass_wins_over_the_wheels_in_the_long_run() -> None:
+    """Wheels that say straight, a compass that says 5 degrees: after five time constants it is 5 degrees."""
+    odometry = RoverOdometry(STEERED)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, 10_000, STEP):
+        memory, pose = odometry.step(memory, readings(tick, heading=math.radians(5.0)))
+    assert pose.psi == pytest.approx(math.radians(5.0), abs=math.radians(5.0) * 1.1 * math.exp(-5.0))
+
+
+def test_fixes_draw_the_position_to_them() -> None:
+    """A tracker that sees the rover 1 m beside where it believes to be: within a second's time constant it agrees."""
+    odometry = RoverOdometry(STEERED)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, 8_000, STEP):
+        fix = LaserFix(tick=tick, p_WR=np.array([8e-5 * tick, 1.0, 0.0])) if tick % 200 == 0 else None
+        memory, pose = odometry.step(memory, readings(tick), fix=fix)
+    assert pose.y == pytest.approx(1.0, abs=1e-3)
+
+
+def test_impossible_geometry_is_refused() -> None:
+    """One line with name and value."""
+    with pytest.raises(ValueError, match=r"tread = 0.0 must be positive"):
+        RoverGeometry(
+            wheelbase=0.6, tread=0.0, wheel_radius=0.1, effective_track=0.5, max_steer=0.0, max_wheel_speed=1.0
+        )
