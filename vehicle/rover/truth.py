@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from vehicle.frames import FloatArray
+
+_STANDING: Final = 0.01  # slower than this a rover settles, it does not travel [m/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -33,5 +36,9 @@ class RoverTruth:
 
     @property
     def slip_angle(self) -> float:
-        """Direction of travel of R's origin against the body's x axis, + left: beta of Reina 2008, eq. 1 [rad]."""
-        return math.atan2(self.velocity[1], self.velocity[0]) if self.velocity[0] or self.velocity[1] else 0.0
+        """Direction of travel of R's origin against the body's x axis, + left: beta of Reina 2008, eq. 1 [rad].
+
+        Who stands does not slip.
+        """
+        v_x, v_y, _ = self.velocity.tolist()
+        return math.atan2(v_y, v_x) if math.hypot(v_x, v_y) > _STANDING else 0.0

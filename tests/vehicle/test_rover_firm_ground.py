@@ -1,0 +1,251 @@
+"""A rover on firm ground, where closed forms say what it must do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import fsolve
+
+from vehicle.demands import spans
+from vehicle.frames import FloatArray, Pose2
+from vehicle.layout import parts
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.equations import balance
+from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
+from vehicle.rover.plant import RoverPlant
+from vehicle.rover.truth import RoverTruth
+from vehicle.terrain import Terrain, slope_towards
+
+GRAVITY = 9.81
+STRAIGHT = (0.0, 0.0, 0.0, 0.0)
+STILL = RoverCommand(STRAIGHT, STRAIGHT)
+HOME = Pose2(0.0, 0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def rover() -> Rover:
+    return load_rover("el_dorado_ii")
+
+
+@pytest.fixture(scope="module")
+def skid() -> Rover:
+    return load_rover("el_dorado_ii_skid")
+
+
+def sides(left: float, right: float) -> RoverCommand:
+    """Rotation [rad/s] of the left and of the right wheels."""
+    return RoverCommand((left, right, left, right), STRAIGHT)
+
+
+def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2 = HOME) -> RoverTruth:
+    """Where a standing rover is after a command was held for some time."""
+    state = plant.initial_state(pose)
+    for _ in range(round(10.0 * seconds)):
+        state = plant.step(state, command, 100)
+    return plant.observe(state, round(1000.0 * seconds))
+
+
+def test_a_straight_line_is_straight_and_as_long_as_the_wheels_roll(rover: Rover) -> None:
+    """Firm level ground asks no force of rolling wheels: no slip is left when the start is over."""
+    truth = driven(RoverPlant(rover, Terrain(), None), sides(0.8, 0.8), 20.0)
+    assert truth.pose[1:] == pytest.approx([0.0, 0.0], abs=1e-12)  # rounding
+    assert truth.velocity[0] == pytest.approx(0.8 * rover.radius, rel=1e-9)
+    assert truth.slip_ratios == pytest.approx(np.zeros(4), abs=1e-9)
+    # What is lost: the drive's lag, 0.1 s, and the way over which force follows slip, some mm of it.
+    assert truth.pose[0] == pytest.approx(0.8 * rover.radius * (20.0 - rover.drive_lag), abs=0.002)
+
+
+@pytest.mark.parametrize("speed", [0.2, 2.0])
+def test_a_spin_has_the_closed_form_rate(skid: Rover, speed: float) -> None:
+    """Four equal loads, four equal slips: the moment vanishes at b r omega / (a^2 + b^2) by any law of friction."""
+    truth = driven(RoverPlant(skid, Terrain(), None), sides(-speed, speed), 10.0)
+    a, b = 0.5 * skid.wheelbase, 0.5 * skid.tread
+    assert truth.velocity[2] == pytest.approx(b * skid.radius * speed / (a**2 + b**2), rel=1e-6)
+    assert truth.velocity[:2] == pytest.approx([0.0, 0.0], abs=1e-6)
+
+
+def test_a_gentle_turn_has_the_effective_track(skid: Rover) -> None:
+    """Where forces grow with slip, wheel speeds 2 % apart turn the rover as the two-wheeled cart of that track."""
+    v = 0.8 * skid.radius
+    truth = driven(RoverPlant(skid, Terrain(), None), sides(0.99 * 0.8, 1.01 * 0.8), 20.0)
+    # The brush bends by 1 % at these slips, its slope's product with the slip over three times the friction.
+    assert 0.02 * v / truth.velocity[2] == pytest.approx(skid.effective_track, rel=0.02)
+
+
+@pytest.mark.parametrize(("left", "right"), [(0.6, 1.0), (0.2, 1.4), (-0.3, 1.2)])
+def test_a_skid_turn_agrees_with_an_independent_balance(skid: Rover, left: float, right: float) -> None:
+    """Yaw rate and effective track of the balance of forces of four brushes, solved without any of the plant's code.
+
+    Equal loads there: the plant's own load transfer at these speeds, v r h / t over g, moves 0.1 % of them.
+    """
+    truth = driven(RoverPlant(skid, Terrain(), None), sides(left, right), 20.0)
+    mu, places = Terrain().friction, skid.wheel_places
+
+    def unbalanced(motion: FloatArray, /) -> list[float]:
+        v_x, v_y, yaw_rate = motion
+        X = Y = M = 0.0
+        for (x, y), omega in zip(places, (left, right, left, right), strict=True):
+            rim = omega * skid.radius
+            along, across = rim - (v_x - yaw_rate * y), -(v_y + yaw_rate * x)
+            slip = math.hypot(along, across) / abs(rim)
+            used = min(skid.slip_stiffness * slip / (3.0 * mu), 1.0)
+            F = mu * (3.0 * used - 3.0 * used**2 + used**3) / math.hypot(along, across)
+            X, Y, M = X + F * along, Y + F * across, M + F * (x * across - y * along)
+        return [X, Y - v_x * yaw_rate * 4.0 / GRAVITY, M]
+
+    rate = (right - left) * skid.radius / skid.effective_track
+    v_x, v_y, yaw_rate = fsolve(unbalanced, [0.5 * (left + right) * skid.radius, -0.01 * rate, rate])
+    assert truth.velocity[2] == pytest.approx(yaw_rate, rel=2e-3)
+    assert truth.velocity[0] == pytest.approx(v_x, rel=2e-3)
+    assert truth.velocity[1] == pytest.approx(v_y, abs=2e-3 * abs(v_x))
+
+
+@pytest.mark.parametrize("psi", [0.0, 0.5 * math.pi, 0.7])
+def test_it_stands_on_a_slope_below_the_angle_of_friction(rover: Rover, psi: float) -> None:
+    """Half a degree below, in whatever direction it looks: it comes to rest and stays there without creeping."""
+    slope_x, slope_y = slope_towards(0.0, math.atan(0.6) - math.radians(0.5))
+    plant = RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y, friction=0.6), None)
+    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, psi)), STILL, 20_000)
+    later = plant.step(state, STILL, 60_000)
+    assert later[:3] == pytest.approx(state[:3], abs=1e-6)  # what friction gives way by while it finds its balance
+
+
+@pytest.mark.parametrize("psi", [0.0, 0.5 * math.pi, 0.7])
+def test_it_slides_down_a_slope_above_the_angle_of_friction(rover: Rover, psi: float) -> None:
+    """Half a degree above, it falls by g (sin - mu cos), whatever its wheels' loads are."""
+    steepness = math.atan(0.6) + math.radians(0.5)
+    slope_x, slope_y = slope_towards(0.0, steepness)
+    plant = RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y, friction=0.6), None)
+    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, psi)), STILL, 2000)
+    later = plant.step(state, STILL, 2000)
+    gained = math.hypot(*later[3:5]) - math.hypot(*state[3:5])
+    assert gained / 2.0 == pytest.approx(GRAVITY * (math.sin(steepness) - 0.6 * math.cos(steepness)), rel=1e-3)
+
+
+def test_loads_balance_weight_and_slope(rover: Rover) -> None:
+    """Standing across a slope: the downhill wheels carry m g sin h / t more, all together m g cos."""
+    steepness = math.radians(10.0)
+    slope_x, slope_y = slope_towards(0.5 * math.pi, steepness)
+    truth = driven(RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y), None), STILL, 5.0)
+    weight = rover.mass * GRAVITY
+    front_left, front_right, rear_left, rear_right = truth.loads
+    assert np.sum(truth.loads) == pytest.approx(weight * math.cos(steepness), rel=1e-9)
+    shift = 2.0 * weight * math.sin(steepness) * rover.cg_height / rover.tread
+    assert front_right + rear_right - front_left - rear_left == pytest.approx(shift, rel=1e-6)
+
+
+def test_a_drive_follows_its_demand_with_its_lag(rover: Rover) -> None:
+    """Where the torque suffices the speed is 1 - exp(-t / lag) of the demand: 1e-3 is the midpoint rule's at 5 ms."""
+    plant = RoverPlant(rover, Terrain(), None)
+    state = plant.step(plant.initial_state(HOME), sides(0.5, 0.5), 150)
+    reached = plant.observe(state, 150).wheel_speeds / 0.5
+    assert reached == pytest.approx(np.full(4, 1.0 - math.exp(-0.15 / rover.drive_lag)), abs=1e-3)
+
+
+def test_a_weak_drive_climbs_as_fast_as_its_torque_allows(rover: Rover) -> None:
+    """On the line from stall torque to no-load speed, where it meets the weight's pull and the drag.
+
+    Rear wheels carry more and pull more; the line is straight, so the means of all wheels lie on it as well.
+    """
+    weak = rover.model_copy(update={"stall_torque": 1.0})
+    steepness = math.radians(5.0)
+    plant = RoverPlant(weak, Terrain(slope_x=math.tan(steepness)), None)
+    truth = driven(plant, sides(3.9, 3.9), 20.0)
+    weight = weak.mass * GRAVITY
+    pull = weight * math.sin(steepness) / 4.0
+    needed = weak.radius * (pull + weak.rolling_resistance * float(np.mean(truth.loads)))
+    expected = weak.no_load_speed * (1.0 - needed / weak.stall_torque)
+    assert float(np.mean(truth.wheel_speeds)) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_drive_without_the_torque_is_driven_backward(rover: Rover) -> None:
+    """20 degrees ask 2.4 N m of each drive: with 1 N m at stall the rover rolls down against its demand."""
+    weak = rover.model_copy(update={"stall_torque": 1.0})
+    truth = driven(RoverPlant(weak, Terrain(slope_x=math.tan(math.radians(20.0))), None), sides(0.5, 0.5), 3.0)
+    assert np.all(truth.wheel_speeds < 0.0)
+    assert truth.pose[0] < 0.0
+
+
+def test_four_steered_wheels_crab(rover: Rover) -> None:
+    """All wheels 20 degrees to the left: the rover goes there and does not turn."""
+    angle = math.radians(20.0)
+    truth = driven(RoverPlant(rover, Terrain(), None), RoverCommand((0.8,) * 4, (angle,) * 4), 20.0)
+    assert truth.slip_angle == pytest.approx(angle, abs=1e-9)
+    assert truth.pose[2] == pytest.approx(0.0, abs=1e-9)
+    assert truth.slip_angles == pytest.approx(np.zeros(4), abs=1e-9)
+
+
+def test_steering_stops_at_its_limit(rover: Rover) -> None:
+    truth = driven(RoverPlant(rover, Terrain(), None), RoverCommand(STRAIGHT, (2.0, -2.0, 2.0, -2.0)), 5.0)
+    limit = rover.steer_limit
+    assert truth.steer == pytest.approx([limit, -limit, limit, -limit], rel=1e-6)
+
+
+def test_locked_wheels_are_not_to_be_steered(skid: Rover) -> None:
+    plant = RoverPlant(skid, Terrain(), None)
+    with pytest.raises(ValueError, match="el_dorado_ii_skid steers no wheel"):
+        plant.step(plant.initial_state(HOME), RoverCommand(STRAIGHT, (0.1, 0.0, 0.0, 0.0)), 10)
+
+
+def test_a_demand_that_is_no_number_is_refused(rover: Rover) -> None:
+    plant = RoverPlant(rover, Terrain(), None)
+    with pytest.raises(ValueError, match="four finite wheel speeds"):
+        plant.step(plant.initial_state(HOME), RoverCommand((math.nan, 0.0, 0.0, 0.0), STRAIGHT), 10)
+
+
+def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
+    """Accelerations (3,) of a rover of v_x, v_y, yaw rate on ice that leans one way in front and the other behind."""
+    x, given = ca.SX.sym("x", sum(STATE_SIZES)), ca.SX.sym("u", sum(INPUT_SIZES))
+    rate = balance(rover, None, RoverState(*parts(x, STATE_SIZES)), RoverInput(*parts(given, INPUT_SIZES))).rate
+    state, u = np.zeros(sum(STATE_SIZES)), np.zeros(sum(INPUT_SIZES))
+    in_u = RoverInput(*spans(INPUT_SIZES))
+    state[3:6] = motion
+    u[in_u.slope_y], u[in_u.friction] = [0.1, 0.1, -0.1, -0.1], 1e-12
+    accelerations = ca.Function("motion", [x, given], [ca.vertcat(rate.v_x, rate.v_y, rate.yaw_rate)])
+    return np.array(accelerations(state, u)).ravel()
+
+
+def test_ground_that_leans_unlike_under_front_and_rear_turns_the_rover(rover: Rover) -> None:
+    """Front wheels on ground that rises to the left by 0.1, rear ones to the right: a plane through all is level.
+
+    Each wheel's load, a quarter of the weight, slides off with 0.1 of it at half a wheelbase: m g 0.1 a in all.
+    """
+    yaw = -rover.mass * GRAVITY * 0.1 * 0.5 * rover.wheelbase / rover.yaw_inertia
+    assert on_leaning_ground(rover, (0.0, 0.0, 0.0)) == pytest.approx([0.0, 0.0, yaw], abs=1e-9)
+
+
+def test_a_mass_centre_ahead_moves_as_newton_and_euler_have_it(rover: Rover) -> None:
+    """0.1 m ahead it loads the front wheels more, by m g 2 c / L in all, and they slide off with 0.1 of that.
+
+    In the turning frame of R the mass centre's acceleration is (v_x' - r v_y - r^2 c, v_y' + r v_x + r' c).
+    """
+    c, (v_x, v_y, r) = 0.1, (0.2, -0.1, 0.5)
+    nose_heavy = rover.model_copy(update={"cg_x": c})
+    got = on_leaning_ground(nose_heavy, (v_x, v_y, r))
+    weight = rover.mass * GRAVITY
+    Y = -0.1 * weight * 2.0 * c / rover.wheelbase
+    yaw = (-0.1 * weight * 0.5 * rover.wheelbase - c * Y) / rover.yaw_inertia
+    assert got == pytest.approx([r * v_y + r**2 * c, Y / rover.mass - r * v_x - yaw * c, yaw], abs=1e-9)
+
+
+def test_wheels_move_as_their_places_do(rover: Rover) -> None:
+    """On a slope, turning: the wheels' velocities are the rates of their places, turned into their headings."""
+    terrain = Terrain(slope_x=0.1, slope_y=-0.05)
+    plant = RoverPlant(rover, terrain, None)
+    command = RoverCommand((0.8, 0.9, 0.8, 0.9), (0.2, 0.2, -0.2, -0.2))
+    state = plant.step(plant.initial_state(Pose2(0.0, 0.0, 0.4)), command, 5000)
+    truth, later = plant.observe(state, 0), plant.observe(plant.step(state, command, 2), 2)
+    moved: FloatArray = (later.wheel_positions - truth.wheel_positions) / 2e-3
+    assert np.linalg.norm(truth.wheel_velocities, axis=1) == pytest.approx(np.linalg.norm(moved, axis=1), rel=1e-3)
+    x, y, z = truth.wheel_positions.T
+    assert z == pytest.approx(terrain.height(x, y), abs=1e-12)
+    turned = (later.X_WB[:3, 0] - truth.X_WB[:3, 0]) @ truth.X_WB[:3, 1] / 2e-3
+    assert turned == pytest.approx(truth.velocity[2], rel=1e-3)  # of the body about its own upright axis
+    normal = truth.X_WB[:3, 2]
+    assert normal == pytest.approx(np.array([-0.1, 0.05, 1.0]) / math.sqrt(1.0125), abs=1e-6)
+    assert truth.X_WB[:3, :3] @ truth.X_WB[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)

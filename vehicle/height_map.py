@@ -1,0 +1,73 @@
+"""Heights of the ground on a grid, smooth between its points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeightMap:
+    """Heights on a square grid, bicubic between its points; beyond its edges the ground stays as at the edge.
+
+    Raises:
+        ValueError: if there are fewer than 4 x 4 points, one is not finite, or the spacing is not positive.
+    """
+
+    heights: FloatArray  # (n_y, n_x) [m]
+    spacing: float  # of the grid [m]
+    x: float = 0.0  # of the first column, in W [m]
+    y: float = 0.0  # of the first row, in W [m]
+    _spline: Any = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.heights.ndim != 2 or min(self.heights.shape) < 4:
+            raise ValueError(f"heights must be at least 4 x 4 points, got shape {self.heights.shape}")
+        if not np.all(np.isfinite(self.heights)):
+            raise ValueError("heights [m] must all be finite")
+        if not self.spacing > 0.0:
+            raise ValueError(f"spacing = {self.spacing} m must be positive")
+        rows, columns = (np.arange(n) for n in self.heights.shape)
+        object.__setattr__(
+            self,
+            "_spline",
+            RectBivariateSpline(self.y + self.spacing * rows, self.x + self.spacing * columns, self.heights, s=0),
+        )
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height [m] at x, y [m] in W, of their common shape."""
+        z: FloatArray = self._spline.ev(*self._inside(x, y))
+        return z
+
+    def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Slope (dz/dx, dz/dy) [-] at x, y [m] in W; (..., 2)."""
+        v, u = self._inside(x, y)
+        slope = np.stack([self._spline.ev(v, u, dy=1), self._spline.ev(v, u, dx=1)], axis=-1)
+        return np.where(np.stack([u == x, v == y], axis=-1), slope, 0.0)
+
+    def _inside(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The nearest place on the grid: y, then x [m]."""
+        n_y, n_x = self.heights.shape
+        return (
+            np.clip(y, self.y, self.y + self.spacing * (n_y - 1)),
+            np.clip(x, self.x, self.x + self.spacing * (n_x - 1)),
+        )
+
+
+def load_height_map(path: str, spacing: float, *, x: float = 0.0, y: float = 0.0) -> HeightMap:
+    """The height map in a file: heights [m], rows of growing y, as ``.npy`` or as comma-separated text.
+
+    Raises:
+        ValueError: if the file is missing or is no table of numbers.
+    """
+    try:
+        heights = np.load(path) if Path(path).suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: not a table of heights: {error}") from error
+    return HeightMap(heights=np.asarray(heights, dtype=np.float64), spacing=spacing, x=x, y=y)

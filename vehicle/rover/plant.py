@@ -1,0 +1,156 @@
+"""The rover as it really moves: its equations stepped over whole ticks on a terrain."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from vehicle.clock import TICK
+from vehicle.demands import spans
+from vehicle.engine.kernels import Engine, kernel_for_one
+from vehicle.frames import FloatArray, Pose2
+from vehicle.plant import DivergedError
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.compiled import load_function, numbers, step_function
+from vehicle.rover.description import Rover
+from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
+from vehicle.rover.posture import posture, slip_angles, slip_ratios
+from vehicle.rover.settled import settled_sinkage
+from vehicle.rover.truth import RoverTruth
+from vehicle.sanity import is_sane
+from vehicle.soil import Soil
+from vehicle.terrain import Terrain
+
+_LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
+_LOOK_EVERY: Final = 0.01  # way between two looks at changing ground [m]: a tenth of a wheel's radius
+_SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s renews its contact in it
+_STATE: Final = RoverState(*spans(STATE_SIZES))
+_INPUT: Final = RoverInput(*spans(INPUT_SIZES))
+
+
+class RoverPlant:
+    """A rover on a terrain, of loose soil or (soil None) of firm ground; one per thread."""
+
+    def __init__(self, rover: Rover, terrain: Terrain, soil: Soil | None, engine: Engine = "auto") -> None:
+        self._rover, self._terrain, self._soil, self._engine = rover, terrain, soil, engine
+        values = numbers(rover, soil)
+        self._advance = kernel_for_one(step_function(rover, soil), values, engine)
+        # What is asked now and then is interpreted: a call costs more than its arithmetic.
+        self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
+        self._wheels = rover.wheel_places
+        self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
+
+    def __reduce__(self) -> tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]:
+        return (RoverPlant, (self._rover, self._terrain, self._soil, self._engine))  # memory does not travel
+
+    def initial_state(self, pose: Pose2, speed: float = 0.0) -> FloatArray:
+        """State of the rover with R at X_WR, wheels straight, as it has come to drive where the ground is as there.
+
+        Its wheels turn as for this speed [m/s]; what it really does is its slip's business.
+
+        Raises:
+            ValueError: if the soil does not carry the rover.
+        """
+        state = np.zeros(sum(STATE_SIZES))
+        state[:3] = pose
+        state[_STATE.v_x] = speed
+        state[_STATE.wheel_speed] = speed / self._rover.radius
+        u = self._input(state)
+        u[_INPUT.wheel_speed] = state[_STATE.wheel_speed]
+        u[_INPUT.step] = _LONGEST_STEP * TICK
+        if self._soil is not None:
+            sunk = [settled_sinkage(self._rover, self._soil, float(load)) for load in self._loads(state, u)]
+            state[_STATE.sinkage] = (1.0 - u[_INPUT.firm]) * sunk
+        settled = self._advance(state, u, _SETTLING // _LONGEST_STEP)
+        settled[:3] = pose
+        settled[_STATE.turn] = 0.0
+        return settled
+
+    def step(self, state: FloatArray, command: RoverCommand, ticks: int) -> FloatArray:
+        """State after whole ticks under a held command, a new array.
+
+        Raises:
+            ValueError: if there is no tick to go, a demand is not finite, or wheels shall steer that can not.
+            DivergedError: if the new state is not finite, or beyond 1e12 in any SI unit.
+        """
+        if ticks < 1:
+            raise ValueError(f"ticks = {ticks} must be at least 1 tick of {TICK * 1e3:g} ms")
+        demands = self._demands(command)
+        while ticks > 0:
+            before_next_look = ticks if self._everywhere is not None else min(ticks, _ticks_to_next_look(state))
+            state = self._stepped(state, demands, before_next_look)
+            ticks -= before_next_look
+        return state
+
+    def observe(self, state: FloatArray, tick: int) -> RoverTruth:
+        """What is really so in this state."""
+        rover, s = self._rover, _named(state)
+        at = posture(rover, self._terrain, s)
+        rim = rover.radius * s.wheel_speed
+        return RoverTruth(
+            tick=tick,
+            pose=state[:3].copy(),
+            velocity=state[3:6].copy(),
+            X_WB=at.X_WB,
+            wheel_positions=at.wheels,
+            wheel_headings=s.psi + s.steer,
+            wheel_velocities=at.wheel_velocities,
+            wheel_speeds=s.wheel_speed.copy(),
+            wheel_turns=s.turn.copy(),
+            steer=s.steer.copy(),
+            slip_ratios=slip_ratios(rim, at.wheel_velocities[:, 0]),
+            slip_angles=slip_angles(at.wheel_velocities),
+            sinkages=s.sinkage.copy(),
+            loads=self._loads(state, self._input(state)),
+        )
+
+    def entrapped(self, truth: RoverTruth) -> bool:
+        """Whether a wheel has sunk in beyond the rover's limit."""
+        return bool(np.max(truth.sinkages) > self._rover.sinkage_limit)
+
+    def _stepped(self, state: FloatArray, demands: FloatArray, ticks: int) -> FloatArray:
+        u = self._input(state)
+        steps = -(-ticks // _LONGEST_STEP)
+        u[: len(demands)] = demands
+        u[_INPUT.step] = ticks * TICK / steps
+        after = self._advance(state, u, steps)
+        if not is_sane(after):
+            raise DivergedError(state, u)
+        return after
+
+    def _demands(self, command: RoverCommand) -> FloatArray:
+        demands = np.array([*command.wheel_speed, *command.steer])
+        if demands.shape != (8,) or not np.all(np.isfinite(demands)):
+            raise ValueError(f"{command} must be of four finite wheel speeds [rad/s] and four finite angles [rad]")
+        if not self._rover.steered and np.any(demands[4:] != 0.0):
+            raise ValueError(f"steer = {command.steer} rad must be 0: {self._rover.name} steers no wheel")
+        return demands
+
+    def _input(self, state: FloatArray) -> FloatArray:
+        """``RoverInput`` of this place, without demands."""
+        if self._everywhere is not None:
+            return self._everywhere.copy()
+        return self._look(Pose2(*state[:3].tolist()))
+
+    def _look(self, pose: Pose2) -> FloatArray:
+        """The same where a rover stands on level ground; how far a slope moves its wheels on the map changes little."""
+        u = np.zeros(sum(INPUT_SIZES))
+        x, y = pose.apply(self._wheels).T
+        slope = self._terrain.gradient(x, y)
+        u[_INPUT.step] = TICK
+        u[_INPUT.slope_x], u[_INPUT.slope_y] = slope[:, 0], slope[:, 1]
+        u[_INPUT.firm] = self._terrain.is_firm(x, y)
+        u[_INPUT.friction] = self._terrain.friction
+        return u
+
+
+def _ticks_to_next_look(state: FloatArray) -> int:
+    """How long ground that changes from place to place may be taken as it is."""
+    speed = max(math.hypot(*state[3:5].tolist()), 0.1)  # whoever stands has moved off by 0.1 m/s at most [m/s]
+    return max(1, int(_LOOK_EVERY / (speed * TICK)))
+
+
+def _named(state: FloatArray) -> RoverState[FloatArray]:
+    return RoverState(*(state[span] for span in _STATE))

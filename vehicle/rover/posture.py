@@ -1,0 +1,70 @@
+"""How a rover stands on its terrain: the body's pose in space, its wheels, and how they move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from vehicle.frames import FloatArray, Pose2, transform
+from vehicle.rover.description import Rover
+from vehicle.rover.layout import RoverState
+from vehicle.terrain import Terrain
+
+_AT_REST: Final = 1e-6  # below it a velocity has no direction: a standing rover trembles by rounding [m/s]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Posture:
+    """Where body and wheels are, and the wheels' velocities."""
+
+    X_WB: FloatArray  # (4, 4)
+    wheels: FloatArray  # (4, 3) lowest points in W [m]
+    wheel_velocities: FloatArray  # (4, 2) along and across each wheel's heading [m/s]
+
+
+def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
+    """The posture in a state: the body leans as the plane nearest to its wheels' lowest points does."""
+    p, origin = rover.wheel_places, np.array([s.x[0], s.y[0]])
+    flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
+    for _ in range(2):  # a leaning body covers less of the map than a level one
+        lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
+        R_WB = _lean(lowest)
+        flat = p @ R_WB[:2, :2].T + origin
+    return Posture(
+        X_WB=transform(R_WB, np.mean(lowest, axis=0)),
+        wheels=np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage]),
+        wheel_velocities=_wheel_velocities(p, s),
+    )
+
+
+def slip_ratios(rim: FloatArray, v_x: FloatArray) -> FloatArray:
+    """(r omega - v_x) / r omega of wheels that drive, / v_x of those that skid [-]; 0 at rest.
+
+    Beyond 1 a wheel that drives is carried the other way.
+    """
+    over = np.where(rim * (rim - v_x) > 0.0, rim, v_x)
+    return np.divide(rim - v_x, over, out=np.zeros_like(rim), where=np.abs(over) > _AT_REST)
+
+
+def slip_angles(velocities: FloatArray) -> FloatArray:
+    """Direction of travel of wheels against their headings [rad], from velocities (n, 2); 0 at rest."""
+    angles = np.arctan2(velocities[:, 1], velocities[:, 0])
+    return np.where(np.hypot(velocities[:, 0], velocities[:, 1]) > _AT_REST, angles, 0.0)
+
+
+def _lean(lowest: FloatArray) -> FloatArray:
+    """R_WB of a body whose wheels have these lowest points (4, 3): it leans as the means of ends and sides do."""
+    forward = lowest[0] + lowest[1] - lowest[2] - lowest[3]
+    leftward = lowest[0] + lowest[2] - lowest[1] - lowest[3]
+    e_x = forward / np.linalg.norm(forward)
+    up = np.cross(e_x, leftward)
+    e_z = up / np.linalg.norm(up)
+    return np.column_stack([e_x, np.cross(e_z, e_x), e_z])
+
+
+def _wheel_velocities(p: FloatArray, s: RoverState[FloatArray]) -> FloatArray:
+    v_x, v_y = s.v_x - s.yaw_rate * p[:, 1], s.v_y + s.yaw_rate * p[:, 0]
+    c, d = np.cos(s.steer), np.sin(s.steer)
+    return np.column_stack([v_x * c + v_y * d, v_y * c - v_x * d])
