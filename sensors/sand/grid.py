@@ -1,0 +1,81 @@
+"""The grid of texels that the sand is kept on, and windows of it.
+
+Texel (row, column) has its centre at x = column * TEXEL, y = row * TEXEL in W; arrays are [row, column].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicle.frames import FloatArray
+
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+
+TEXEL: Final = 1e-3  # [m]
+
+
+class Window(NamedTuple):
+    """A rectangle of texels, without the last row and column."""
+
+    top: int
+    left: int
+    bottom: int
+    right: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.bottom - self.top, self.right - self.left
+
+    def grown(self, by: int) -> Window:
+        """So many texels more on each side."""
+        return Window(self.top - by, self.left - by, self.bottom + by, self.right + by)
+
+    def common(self, other: Window) -> Window:
+        """What is in both; empty windows have no positive shape."""
+        return Window(
+            max(self.top, other.top),
+            max(self.left, other.left),
+            min(self.bottom, other.bottom),
+            min(self.right, other.right),
+        )
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no texel in it."""
+        return self.bottom <= self.top or self.right <= self.left
+
+    def within(self, outer: Window) -> tuple[slice, slice]:
+        """Where its texels are in an array of the outer window."""
+        return (
+            slice(self.top - outer.top, self.bottom - outer.top),
+            slice(self.left - outer.left, self.right - outer.left),
+        )
+
+    def places(self) -> tuple[Floats, Floats]:
+        """x (1, columns) and y (rows, 1) of its texels in W, counted from the first one for the sake of precision."""
+        rows, columns = self.shape
+        x = np.arange(columns, dtype=np.float32)[None, :] * np.float32(TEXEL)
+        y = np.arange(rows, dtype=np.float32)[:, None] * np.float32(TEXEL)
+        return x, y
+
+    @property
+    def corner(self) -> FloatArray:
+        """W of the first texel (2,) [m]."""
+        return np.array([self.left * TEXEL, self.top * TEXEL])
+
+
+def window_around(points: FloatArray, margin: float) -> Window:
+    """The smallest window that has all points (n, 2) of W [m] and so much around them [m]."""
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    return Window(
+        math.floor(low[1] / TEXEL),
+        math.floor(low[0] / TEXEL),
+        math.ceil(high[1] / TEXEL) + 1,
+        math.ceil(high[0] / TEXEL) + 1,
+    )

@@ -1,0 +1,120 @@
+"""Undisturbed sand: its relief and its colour, made tile by tile from what one seed gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from sensors.sand.grid import TEXEL, Bytes, Floats, Window
+from sensors.sand.imprint import Crumbs
+from sensors.sand.kinds import SandKind
+from sensors.sand.noise_maps import COARSE, CoarseMap, FineMap
+from sensors.sand.stones import Pebbles
+from sensors.textures import sigmoid, to_bytes
+from vehicle.terrain import Terrain
+
+RIPPLE_LENGTH: Final = 0.085  # from crest to crest: wind ripples in medium sand [m]
+ALBEDO: Final = 150.0  # levels of sand that is neither dark nor bright
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """A window of sand that nobody has touched."""
+
+    height: Floats  # in W [m]
+    albedo: Bytes  # ``ALBEDO`` is that of dry sand
+    tint: Bytes  # 0 as sand, 255 as grey stone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relief:
+    """Makes the sand of any place."""
+
+    kind: SandKind
+    terrain: Terrain
+    crest: float  # direction across the ripples, in W [rad]
+    seed: int
+    low: CoarseMap
+    warp: CoarseMap
+    patches: CoarseMap
+    rough: FineMap
+    grain: FineMap
+    pebbles: Pebbles
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, kind: SandKind, terrain: Terrain, crest: float) -> Relief:
+        """A relief of a kind on a large shape."""
+        return cls(
+            kind=kind,
+            terrain=terrain,
+            crest=crest,
+            seed=int(rng.integers(1 << 48)),
+            low=CoarseMap.draw(rng, 1.9, 0.10),
+            warp=CoarseMap.draw(rng, 1.8, 0.12),
+            patches=CoarseMap.draw(rng, 1.4, 0.05),
+            rough=FineMap.draw(rng, 1.6, 0.05, 0.004, layers=2),
+            grain=FineMap.draw(rng, 0.5, 0.008, 0.0025, layers=2),
+            pebbles=Pebbles.draw(rng, kind.stones),
+        )
+
+    def ground(self, window: Window) -> Ground:
+        """The sand of a window, whose borders are multiples of the pebbles' tile."""
+        grain, patches = self.grain.over(window), self.patches.over(window)
+        height = self._waves(window) + np.float32(0.0003) * self.rough.over(window) + np.float32(0.00006) * grain
+        height += self.kind.low_relief * self.low.over(window) - self._cracks(window, patches)
+        albedo = 1.0 + 0.6 * self.kind.blotches * grain + self.kind.blotches * patches
+        albedo -= 0.35 * np.clip(3.0 * (np.abs(grain) - 2.6), 0.0, 1.0) * np.sign(grain)  # dark and bright grains
+        if self.kind.wet:
+            albedo *= 1.0 - self.kind.wet * sigmoid(6.0 * (patches - 0.8))
+        tint = np.zeros(window.shape, np.float32)
+        self._lay_pebbles(window, height, albedo, tint)
+        height += self.large(window)
+        return Ground(height.astype(np.float32), np.clip(ALBEDO * albedo, 0, 255).astype(np.uint8), to_bytes(tint))
+
+    def crumbs(self, window: Window) -> Crumbs:
+        """What makes the edges of ruts ragged in a window."""
+        return Crumbs(self.rough.over(window), self.patches.over(window))
+
+    def large(self, window: Window) -> Floats:
+        """The large shape in a window [m]."""
+        outer = window.grown(2 * COARSE)
+        rows, columns = (math.ceil(side / COARSE) for side in outer.shape)
+        x = outer.left * TEXEL + (np.arange(columns) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
+        y = outer.top * TEXEL + (np.arange(rows) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
+        coarse = np.asarray(
+            self.terrain.height(x[None, :] + 0.0 * y[:, None], y[:, None] + 0.0 * x[None, :]), np.float32
+        )
+        fine = cv2.resize(coarse, (columns * COARSE, rows * COARSE), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(fine[2 * COARSE :, 2 * COARSE :][: window.shape[0], : window.shape[1]], dtype=np.float32)
+
+    def _waves(self, window: Window) -> Floats:
+        """Wind ripples, of crests that wind and end."""
+        x, y = window.places()
+        along = math.cos(self.crest) * (x + window.corner[0]) + math.sin(self.crest) * (y + window.corner[1])
+        phase = (2.0 * math.pi / RIPPLE_LENGTH) * (along + 0.012 * self.warp.over(window))
+        strength = np.clip(0.8 + 0.35 * self.patches.over(window), 0.1, 1.6)
+        return np.asarray(self.kind.ripples * strength * (np.sin(phase) + 0.25 * np.sin(2.0 * phase + 0.9)), np.float32)
+
+    def _cracks(self, window: Window, patches: Floats) -> Floats:
+        """Depth of cracks, which run as the crests do [m]."""
+        if not self.kind.cracks:
+            return np.zeros(window.shape, np.float32)
+        x, y = window.places()
+        along = math.cos(self.crest) * (x + window.corner[0]) + math.sin(self.crest) * (y + window.corner[1])
+        place = (along + 0.02 * self.warp.over(window) + 0.0012 * self.rough.over(window)) / 0.41  # [cracks]
+        off = np.abs(place - np.round(place)) * 0.41
+        open_here = np.clip(0.6 + patches, 0.0, 1.0)
+        return np.asarray(self.kind.cracks * open_here * np.exp(-((off / 0.004) ** 2)), dtype=np.float32)
+
+    def _lay_pebbles(self, window: Window, height: Floats, albedo: Floats, tint: Floats) -> None:
+        for pebble in self.pebbles.near(self.seed, window):
+            here, part = pebble.cover(window.shape)
+            inside = pebble.shape.inside[part] > 0
+            ground = height[here]
+            ground[inside] = np.maximum(0.5 * ground[inside] + pebble.shape.height[part][inside], ground[inside])
+            albedo[here][inside] = pebble.albedo
+            tint[here][inside] = pebble.tint

@@ -1,0 +1,188 @@
+"""A rover's way over sand with a slip that is prescribed, not caused: for trying trace trackers on.
+
+Kinematics only: the body goes where speed, heading and slip angle say, wheels point ahead and follow it rigidly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray, rotation_zyx, transform
+from vehicle.rover.description import Rover
+from vehicle.rover.truth import RoverTruth
+from vehicle.terrain import Terrain
+
+SlipProfile = Literal["none", "slow", "fast"]
+
+FRAME_TICKS: Final = 200  # between images: 5 Hz (Reina 2008)
+SPEED: Final = 0.08  # (Reina 2008) [m/s]
+_SINKAGE: Final = 0.011  # of a wheel, and how it varies: between light and loaded El Dorado on beach sand, assumed [m]
+_SINKAGE_STD: Final = 0.001  # [m]
+_EDGE: Final = 0.03  # over which sand takes the place of a crust [m]
+_SHAKE: Final = (math.radians(0.22), 0.5)  # of roll and pitch over relief: deviation [rad] and time [s], assumed
+_WANDER: Final = (math.radians(1.5), 12.0)  # of the heading, likewise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverPass:
+    """What is prescribed: ``frames`` moments at ``FRAME_TICKS``, starting at W's origin along x.
+
+    ``slow`` is slip as in Fig. 8 of Reina 2008, none until the onset and then building up over a minute's part;
+    ``fast`` varies by 1.6 deg within 5 s about 6 to 11 deg.
+
+    Raises:
+        ValueError: for a profile or a number of frames that can not be.
+    """
+
+    frames: int
+    profile: SlipProfile
+    onset: float = 20.0  # of the slip, from the start [s]
+    bare: Sequence[tuple[float, float]] = ()  # stretches of x whose crust takes no imprint [m]
+
+    def __post_init__(self) -> None:
+        if self.frames < 2:
+            raise ValueError(f"frames = {self.frames} must be at least 2")
+        if self.profile not in ("none", "slow", "fast"):
+            raise ValueError(f"profile = {self.profile!r} must be none, slow or fast")
+
+    def truths(self, rover: Rover, terrain: Terrain, rng: np.random.Generator) -> list[RoverTruth]:
+        """The truth at every moment."""
+        dt = FRAME_TICKS * TICK
+        slip = self.slip_angles(rng)
+        psi = _wandering(rng, self.frames, dt, *_WANDER)
+        psi -= psi[0]
+        speed = SPEED * (1.0 + _wandering(rng, self.frames, dt, 0.03, 4.0))
+        spin = 0.10 + _wandering(rng, self.frames, dt, 0.03, 6.0)  # slip ratio of the wheels
+        shake = np.stack([_wandering(rng, self.frames, dt, *_SHAKE) for _ in range(2)], axis=-1)
+        sinkage = _SINKAGE + _wandering(rng, self.frames, dt, _SINKAGE_STD, 3.0)
+        course = psi + slip
+        ways = dt * speed[:-1, None] * _directions(0.5 * (course[:-1] + course[1:]))
+        places = np.concatenate([np.zeros((1, 2)), np.cumsum(ways, axis=0)])
+        yaw_rate = np.gradient(psi, dt)
+        velocity = np.column_stack([speed * np.cos(slip), speed * np.sin(slip), yaw_rate])
+        turns = np.concatenate([np.zeros((1, 4)), np.cumsum(dt * _wheel_speeds(rover, velocity, spin)[:-1], axis=0)])
+        return [
+            self._truth(
+                k, rover, terrain, np.append(places[k], psi[k]), velocity[k], spin[k], shake[k], sinkage[k], turns[k]
+            )
+            for k in range(self.frames)
+        ]
+
+    def slip_angles(self, rng: np.random.Generator) -> FloatArray:
+        """The body's slip angle at every moment [rad]."""
+        dt = FRAME_TICKS * TICK
+        t = dt * np.arange(self.frames)
+        still = _wandering(rng, self.frames, dt, math.radians(0.25), 4.0)
+        side = rng.choice((-1.0, 1.0))
+        if self.profile == "none":
+            return still
+        if self.profile == "slow":
+            size, rise, std, time = rng.uniform(5.0, 9.0), 8.0, 0.5, 12.0
+        else:
+            size, rise, std, time = rng.uniform(6.0, 11.0), 1.4, 1.6, 5.0
+        on = 1.0 / (1.0 + np.exp(-(t - self.onset - 2.0 * rise) / rise))
+        varying = size + _wandering(rng, self.frames, dt, std, time)
+        slip: FloatArray = still + side * np.radians(on * varying)
+        return slip
+
+    def _truth(
+        self,
+        k: int,
+        rover: Rover,
+        terrain: Terrain,
+        pose: FloatArray,
+        velocity: FloatArray,
+        spin: float,
+        shake: FloatArray,
+        sinkage: float,
+        turns: FloatArray,
+    ) -> RoverTruth:
+        x, y, psi = pose.tolist()
+        c, s = math.cos(psi), math.sin(psi)
+        places = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
+        sinkages = sinkage * self._soft(places[:, 0])
+        along, across = _wheel_velocities(rover, velocity)
+        X_WB = transform(_on(terrain, x, y, psi) @ rotation_zyx(0.0, shake[0], shake[1]), np.zeros(3))
+        X_WB[:3, 3] = x, y, float(terrain.height(x, y)) - float(sinkages.mean())
+        return RoverTruth(
+            tick=k * FRAME_TICKS,
+            pose=pose,
+            velocity=velocity,
+            X_WB=X_WB,
+            wheel_positions=np.column_stack([places, terrain.height(places[:, 0], places[:, 1]) - sinkages]),
+            wheel_headings=np.full(4, psi),
+            wheel_velocities=np.column_stack([along, across]),
+            wheel_speeds=along / (rover.radius * (1.0 - spin)),
+            wheel_turns=turns,
+            steer=np.zeros(4),
+            slip_ratios=np.full(4, spin),
+            slip_angles=np.arctan2(across, along),
+            sinkages=sinkages,
+            loads=np.full(4, 0.25 * 9.81 * rover.mass),
+        )
+
+    def _soft(self, x: FloatArray) -> FloatArray:
+        """1 on sand, 0 on crust."""
+        soft = np.ones_like(x)
+        for start, end in self.bare:
+            soft *= np.clip(np.maximum(start - x, x - end) / _EDGE, 0.0, 1.0)
+        return soft
+
+
+def bare_stretches(rng: np.random.Generator, length: float, share: float) -> tuple[tuple[float, float], ...]:
+    """Stretches of crust of 1.1 to 1.9 m that take a share of a way [m]: longer than a view."""
+    stretches = []
+    x = 0.0
+    while share > 0.0 and x < length:
+        crust = rng.uniform(1.1, 1.9)
+        sand = crust * (1.0 - share) / share
+        stretches.append((x, x + crust))
+        x += crust + sand
+    return tuple(stretches)
+
+
+def _wandering(rng: np.random.Generator, n: int, dt: float, std: float, time: float) -> FloatArray:
+    """A smooth Gauss-Markov process."""
+    kept = math.exp(-dt / time)
+    noise = rng.standard_normal(n)
+    x = np.empty(n)
+    x[0] = noise[0]
+    for k in range(1, n):
+        x[k] = kept * x[k - 1] + math.sqrt(1.0 - kept**2) * noise[k]
+    reach = max(1, round(0.35 * min(time, 5.0) / dt))  # what moves mass has no corners
+    smooth = np.convolve(np.pad(x, reach, mode="edge"), np.hanning(2 * reach + 3)[1:-1], mode="valid")
+    scaled: FloatArray = std * smooth / np.hanning(2 * reach + 3).sum()
+    return scaled
+
+
+def _directions(angle: FloatArray) -> FloatArray:
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def _wheel_velocities(rover: Rover, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Velocity of every wheel (..., 4) along and across the body [m/s]."""
+    v_x, v_y, yaw_rate = (velocity[..., k, None] for k in range(3))
+    x, y = rover.wheel_places.T
+    return v_x - yaw_rate * y, v_y + yaw_rate * x
+
+
+def _wheel_speeds(rover: Rover, velocity: FloatArray, spin: FloatArray) -> FloatArray:
+    along, _ = _wheel_velocities(rover, velocity)
+    speeds: FloatArray = along / (rover.radius * (1.0 - spin[:, None]))
+    return speeds
+
+
+def _on(terrain: Terrain, x: float, y: float, psi: float) -> FloatArray:
+    """Attitude (3, 3) of a body that stands on a slope with heading psi."""
+    slope = np.asarray(terrain.gradient(x, y)).reshape(2)
+    up = np.array([-slope[0], -slope[1], 1.0])
+    up /= np.linalg.norm(up)
+    ahead = np.array([math.cos(psi), math.sin(psi), slope[0] * math.cos(psi) + slope[1] * math.sin(psi)])
+    ahead /= np.linalg.norm(ahead)
+    return np.column_stack([ahead, np.cross(up, ahead), up])

@@ -1,0 +1,111 @@
+"""Bodies that stand on the sand and hide what is behind them: ellipsoids and wheels, hit by rays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.sand.grid import Floats
+from vehicle.frames import FloatArray, inverse
+
+
+class Hits(NamedTuple):
+    """Where rays meet a body."""
+
+    depth: Floats  # along the rays; infinite where they miss it
+    facing: Floats  # cosine of the sun over its surface, 0 where it turns away
+    sky: Floats  # share of the sky over its surface
+    albedo: Floats  # against that of sand
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ellipsoid:
+    """A rock: an ellipsoid with a rough skin."""
+
+    X_WE: FloatArray  # (4, 4) its middle and axes
+    radii: tuple[float, float, float]  # [m]
+    albedo: float
+
+    @property
+    def reach(self) -> float:
+        """Radius around the middle that has all of it [m]."""
+        return max(self.radii)
+
+    def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
+        """Rays (..., 3) from an eye, all in W."""
+        X_EW = inverse(self.X_WE)
+        radii = np.asarray(self.radii)
+        origin = (X_EW[:3, :3] @ eye + X_EW[:3, 3]) / radii
+        along = (rays @ X_EW[:3, :3].T.astype(np.float32)) / radii.astype(np.float32)
+        a, b, c = (along * along).sum(axis=-1), along @ origin.astype(np.float32), float(origin @ origin) - 1.0
+        square = b * b - a * np.float32(c)
+        depth = np.where(square > 0.0, (-b - np.sqrt(np.maximum(square, 0.0))) / a, np.inf)
+        at = origin.astype(np.float32) + np.where(square > 0.0, depth, 0.0)[..., None] * along
+        skin = _skin(at * np.float32(2.5 * max(self.radii) / 0.1))
+        normal = (at + np.float32(0.15) * skin) / radii.astype(np.float32)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        facing = np.maximum(normal @ (X_EW[:3, :3] @ sun).astype(np.float32), 0.0)
+        albedo = np.float32(self.albedo) * (1.0 + 0.12 * skin[..., 0])
+        return Hits(depth.astype(np.float32), facing, 0.6 + 0.4 * normal[..., 2], albedo)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelBody:
+    """A rover's wheel: a cylinder of dull metal with lugs across."""
+
+    X_WK: FloatArray  # (4, 4) its centre; x along its heading, y along its axle
+    radius: float  # [m]
+    width: float  # [m]
+    lugs: int
+    turned: float  # angle it has rolled [rad]
+    albedo: float
+
+    @property
+    def reach(self) -> float:
+        """Radius around the centre that has all of it [m]."""
+        return math.hypot(self.radius, 0.5 * self.width)
+
+    def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
+        """Rays (..., 3) from an eye, all in W."""
+        X_KW = inverse(self.X_WK)
+        o = (X_KW[:3, :3] @ eye + X_KW[:3, 3]).astype(np.float32)
+        d = rays @ X_KW[:3, :3].T.astype(np.float32)
+        half = np.float32(0.5 * self.width)
+        a = d[..., 0] ** 2 + d[..., 2] ** 2
+        b = d[..., 0] * o[0] + d[..., 2] * o[2]
+        square = b * b - a * (o[0] ** 2 + o[2] ** 2 - np.float32(self.radius) ** 2)
+        tread = (-b - np.sqrt(np.maximum(square, 0.0))) / np.maximum(a, 1e-9)
+        on_tread = (square > 0.0) & (np.abs(o[1] + tread * d[..., 1]) < half)
+        side = np.sign(o[1])
+        disc = (side * half - o[1]) / np.where(np.abs(d[..., 1]) > 1e-6, d[..., 1], np.float32(1e-6))
+        on_disc = (abs(o[1]) > half) & (disc > 0.0)
+        on_disc &= (o[0] + disc * d[..., 0]) ** 2 + (o[2] + disc * d[..., 2]) ** 2 < np.float32(self.radius) ** 2
+        depth = np.minimum(np.where(on_tread, tread, np.inf), np.where(on_disc, disc, np.inf)).astype(np.float32)
+        first = np.isfinite(depth) & on_tread & (depth == tread)
+        at = np.asarray(o + np.where(np.isfinite(depth), depth, 0.0)[..., None] * d, dtype=np.float32)
+        return self._shaded(depth, at, first, side, X_KW[:3, :3] @ sun)
+
+    def _shaded(self, depth: Floats, at: Floats, on_tread: NDArray[np.bool_], side: float, sun: FloatArray) -> Hits:
+        angle = np.arctan2(at[..., 0], at[..., 2])  # from the top, + ahead, as it turns
+        lug = np.cos(self.lugs * (angle - np.float32(math.remainder(self.turned, 2.0 * math.pi))))
+        slope = np.where(on_tread, -0.5 * np.sin(np.arccos(np.clip(lug, -1, 1))) * (lug > 0.3), 0.0)
+        nx = np.where(on_tread, (at[..., 0] + slope * at[..., 2]) / self.radius, 0.0)
+        nz = np.where(on_tread, (at[..., 2] - slope * at[..., 0]) / self.radius, 0.0)
+        ny = np.where(on_tread, 0.0, side)
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        facing = np.maximum((nx * sun[0] + ny * sun[1] + nz * sun[2]) / np.maximum(length, 1e-6), 0.0)
+        albedo = np.where(on_tread & (lug > 0.55), 1.5 * self.albedo, self.albedo)
+        return Hits(depth, facing.astype(np.float32), (0.5 + 0.5 * nz).astype(np.float32), albedo.astype(np.float32))
+
+
+def _skin(at: Floats) -> Floats:
+    """Bumps (..., 3), each about -1 to 1, that never repeat on one rock."""
+    x, y, z = at[..., 0], at[..., 1], at[..., 2]
+    one = np.sin(3.1 * x + 1.7 * y + 0.3) * np.sin(4.3 * y - 2.9 * z) + 0.5 * np.sin(9.7 * x - 7.3 * z + 5.1 * y)
+    two = np.sin(3.7 * y + 2.3 * z + 1.1) * np.sin(5.1 * z - 2.1 * x) + 0.5 * np.sin(11.3 * y + 8.9 * x)
+    three = np.sin(4.1 * z - 1.9 * x + 2.0) * np.sin(3.3 * x + 2.7 * y) + 0.5 * np.sin(10.1 * z + 9.1 * y - 4.7 * x)
+    return np.asarray(np.stack([one, two, three], axis=-1) * 0.67, dtype=np.float32)

@@ -1,0 +1,107 @@
+"""The wheels of a rover at work on a field: from where they really went to what they leave."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from sensors.sand.field import Field
+from sensors.sand.imprint import Roll, Sand, Tread, imprinted, strip_of, window_of
+from sensors.sand.slump import slumped
+from vehicle.frames import FloatArray, wrap
+from vehicle.rover.truth import RoverTruth
+
+_SHORTEST, _LONGEST = 0.003, 0.02  # of a way that is imprinted at once [m]
+_SHARPEST: Final = 0.5  # turn of the travel within one way, beyond which it is a new start [rad]
+_SHALLOWEST: Final = 0.0008  # sinkage that leaves a mark: below it a wheel only presses grains [m]
+_MEMORY: Final = 0.03  # way over which the berms follow what is displaced [m]
+_SWEEPS: Final = 4  # of slumping behind each way
+
+
+class Stand(NamedTuple):
+    """One wheel at one moment."""
+
+    place: FloatArray  # (2,) of its lowest point in W [m]
+    travel: float  # direction of travel in W [rad]
+    slip_angle: float  # [rad]
+    turned: float  # [rad]
+    sinkage: float  # [m]
+
+
+def stands(truth: RoverTruth) -> tuple[Stand, ...]:
+    """All wheels of a rover."""
+    return tuple(
+        Stand(
+            place=truth.wheel_positions[k, :2],
+            travel=float(truth.wheel_headings[k] + truth.slip_angles[k]),
+            slip_angle=float(truth.slip_angles[k]),
+            turned=float(truth.wheel_turns[k]),
+            sinkage=float(truth.sinkages[k]),
+        )
+        for k in range(len(truth.wheel_headings))
+    )
+
+
+@dataclass(slots=True)
+class Wheel:
+    """One wheel and what it remembers: where its imprint ends."""
+
+    tread: Tread
+    last: Stand | None = None
+    displaced: float = 0.0  # by it per length of way, smoothed [m2]
+
+    def roll_on(self, field: Field, to: Stand) -> None:
+        """Imprint the way to where the wheel is now, if it is long enough to show."""
+        if self.last is None:
+            self.last, self.displaced = to, to.sinkage * self.tread.width
+            return
+        way = float(np.hypot(*(to.place - self.last.place)))
+        if way < _SHORTEST:
+            return
+        pieces = math.ceil(way / _LONGEST)
+        for k in range(pieces):
+            self._imprint(field, _between(self.last, to, k / pieces), _between(self.last, to, (k + 1) / pieces))
+        self.last = to
+
+    def _imprint(self, field: Field, a: Stand, b: Stand) -> None:
+        roll = _roll(a, b)
+        if roll.sinkage < _SHALLOWEST:
+            return
+        reach = roll.reach(self.tread)
+        window = window_of(roll, reach)
+        strip = strip_of(roll, window, reach)
+        inside, sand, relief = strip.inside, field.sand(window), field.relief
+        large, crumbs = relief.large(window)[inside], relief.crumbs(window).texels(inside)
+        after, removed = imprinted(roll, self.tread, strip, sand.texels(inside), large, crumbs, self.displaced)
+        self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
+        new = sand.with_texels(inside, after)
+        field.mould(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
+
+
+def _between(a: Stand, b: Stand, share: float) -> Stand:
+    """A wheel on its way."""
+    mixed = [
+        p + share * (q - p) for p, q in ((a.slip_angle, b.slip_angle), (a.turned, b.turned), (a.sinkage, b.sinkage))
+    ]
+    return Stand(a.place + share * (b.place - a.place), a.travel + share * wrap(b.travel - a.travel), *mixed)
+
+
+def _roll(a: Stand, b: Stand) -> Roll:
+    """The way from a to b; its ends are square to the travel there, unless that is not where it goes."""
+    step = b.place - a.place
+    straight = math.atan2(step[1], step[0])
+    ends = [end if abs(wrap(end - straight)) < _SHARPEST else straight for end in (a.travel, b.travel)]
+    towards = [np.array([math.cos(end), math.sin(end)]) for end in ends]
+    return Roll(
+        a=a.place,
+        b=b.place,
+        towards_a=towards[0],
+        towards_b=towards[1],
+        slip_angle=0.5 * (a.slip_angle + b.slip_angle),
+        turned_a=a.turned,
+        turned_b=b.turned,
+        sinkage=0.5 * (a.sinkage + b.sinkage),
+    )

@@ -1,0 +1,226 @@
+"""What a wheel leaves in sand follows from how it went: depth, width, side, and the marks of its lugs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sensors.sand.field import Field
+from sensors.sand.grid import TEXEL, Floats, Window
+from sensors.sand.imprint import Tread
+from sensors.sand.kinds import SandKind
+from sensors.sand.light import Reach, around, came_back, sent_back, sunlit
+from sensors.sand.relief import ALBEDO, Relief
+from sensors.sand.slump import slumped
+from sensors.sand.wheels import Stand, Wheel
+from sensors.sunlight import daylight
+from vehicle.terrain import Terrain
+
+TREAD = Tread(radius=0.102, width=0.100, lugs=20, lug_height=0.005)
+SUN = daylight(0.6, elevation=math.radians(35.0))
+AROUND = Window(-150, 0, 150, 600)  # of the wheel's way along x [texels]
+MIDDLE = slice(200, 400)  # columns far from where the way begins and ends
+SINKAGE = 0.012  # [m]
+
+
+@pytest.fixture(scope="module")
+def relief() -> Relief:
+    """Level sand with nothing on it but its own roughness of 0.3 mm."""
+    smooth = SandKind(ripples=0.0, low_relief=0.0, stones=0.0, blotches=0.0)
+    return Relief.draw(np.random.default_rng(1), smooth, Terrain(), 0.0)
+
+
+def field_of(relief: Relief) -> Field:
+    return Field(relief=relief, sun=SUN, tracks=(), rocks=(), reach=Reach.of(SUN))
+
+
+def roll(
+    field: Field,
+    *,
+    slip_angle: float = 0.0,
+    slip: float = 0.0,
+    sinkage: float = SINKAGE,
+    y: float = 0.0,
+    watched: bool = False,
+) -> None:
+    """Let a wheel roll 0.6 m along x, and look at it all the while; with a slip angle it points off its way."""
+    wheel = Wheel(TREAD)
+    for x in np.arange(0.0, 0.6, 0.016):
+        turned = x * math.cos(slip_angle) / (TREAD.radius * (1.0 - slip))
+        wheel.roll_on(field, Stand(np.array([x, y]), 0.0, slip_angle, turned, sinkage))
+        if watched:
+            field.light(AROUND)
+
+
+def changed(relief: Relief, **how: float) -> Floats:
+    """How much higher the ground is after a wheel has rolled over it [m]."""
+    field = field_of(relief)
+    before = field.height(AROUND)
+    roll(field, **how)
+    return field.height(AROUND) - before
+
+
+def width_of(change: Floats, depth: float) -> float:
+    """Mean width of what lies deeper than a depth in the middle of the way [m]."""
+    return float((change[:, MIDDLE] < -depth).sum(axis=0).mean()) * TEXEL
+
+
+def lug_marks(change: Floats, across: float) -> Floats:
+    """Relief along the rut's floor, so far beside its middle, as a mean over 5 mm [m]."""
+    row = round(across / TEXEL) - AROUND.top
+    return change[row - 2 : row + 3, MIDDLE].mean(axis=0)
+
+
+def spacing_of(marks: Floats) -> float:
+    """Shift that brings the relief best onto itself [m]."""
+    shifts = range(12, 60)
+    likeness = [np.corrcoef(marks[shift:], marks[:-shift])[0, 1] for shift in shifts]
+    return shifts[int(np.argmax(likeness))] * TEXEL
+
+
+@pytest.mark.parametrize("sinkage", [0.006, 0.012, 0.020])
+def test_rut_is_as_deep_as_the_wheel_sinks(relief: Relief, sinkage: float) -> None:
+    """The lowest point of a wheel is the floor of its rut."""
+    floor = changed(relief, sinkage=sinkage)[140:160, MIDDLE]
+    assert -floor.mean() == pytest.approx(sinkage, abs=0.001)  # lugs press 5 mm deeper and heap as much behind them
+
+
+def test_rut_lies_where_the_wheel_went(relief: Relief) -> None:
+    """The middle of the rut is the way of the wheel's lowest point, whatever the slip."""
+    for slip_angle in (-0.2, 0.0, 0.2):
+        change = changed(relief, slip_angle=slip_angle, y=0.0123)
+        rows, _ = np.nonzero(change[:, MIDDLE] < -0.4 * SINKAGE)
+        middle = (rows.mean() + AROUND.top) * TEXEL
+        assert middle == pytest.approx(0.0123, abs=0.002)  # edges are ragged by that, and the berms lean in
+
+
+def test_side_slip_widens_the_rut(relief: Relief) -> None:
+    """Front and rear of the sunken part sweep flanks: it gains 2 l sin(alpha) and loses b (1 - cos(alpha))."""
+    straight, slipping = (width_of(changed(relief, slip_angle=a), 0.25 * SINKAGE) for a in (0.0, 0.3))
+    at_depth = math.sqrt(0.75 * SINKAGE * (2.0 * TREAD.radius - 0.75 * SINKAGE))  # half chord above the floor [m]
+    swept = 2.0 * at_depth * math.sin(0.3) - TREAD.width * (1.0 - math.cos(0.3))
+    assert straight == pytest.approx(TREAD.width, abs=0.008)  # walls slump by half the depth at most to each side
+    assert slipping - straight == pytest.approx(swept, rel=0.5)  # walls slump, and round the corners off
+
+
+def test_berm_is_higher_where_the_wheel_slides_to(relief: Relief) -> None:
+    """A wheel that travels to the left of where it points pushes sand to its left; mirrored, to its right."""
+    left, right = (
+        np.clip(changed(relief, slip_angle=sign * 0.2)[rows, MIDDLE], 0.0, None).sum()
+        for sign, rows in ((1.0, slice(150, 300)), (-1.0, slice(0, 150)))
+    )
+    lee = np.clip(changed(relief, slip_angle=0.2)[:150, MIDDLE], 0.0, None).sum()
+    assert left > 1.5 * lee
+    assert right == pytest.approx(left, rel=0.25)  # the same but for the raggedness of either side
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.15, 0.3])
+def test_lug_marks_lie_as_far_apart_as_the_wheel_turns(relief: Relief, slip: float) -> None:
+    """From mark to mark the wheel turns by a lug and goes 2 pi r (1 - s) / n."""
+    marks = lug_marks(changed(relief, slip=slip), 0.0)
+    expected = 2.0 * math.pi * TREAD.radius * (1.0 - slip) / TREAD.lugs
+    assert spacing_of(marks) == pytest.approx(expected, abs=0.0015)  # a texel, and raggedness
+
+
+def test_a_spinning_wheel_smears_its_marks(relief: Relief) -> None:
+    """A lug that slides while it is in the sand leaves a blurred slot."""
+    clear, smeared = (float(lug_marks(changed(relief, slip=slip), 0.0).std()) for slip in (0.0, 0.4))
+    assert smeared < 0.6 * clear
+
+
+@pytest.mark.parametrize("slip_angle", [-0.15, 0.0, 0.15])
+def test_lug_marks_lie_across_the_heading_not_across_the_way(relief: Relief, slip_angle: float) -> None:
+    """Along the axle marks are at the same phase: 40 mm farther left they lie 40 mm tan(alpha) farther ahead."""
+    change = changed(relief, slip_angle=slip_angle)
+    right, left = lug_marks(change, -0.02), lug_marks(change, 0.02)
+    shifts = np.arange(-12, 13)
+    likeness = [np.corrcoef(right[12:-12], np.roll(left, -shift)[12:-12])[0, 1] for shift in shifts]
+    ahead = float(shifts[int(np.argmax(likeness))]) * TEXEL
+    assert ahead == pytest.approx(0.04 * math.tan(slip_angle), abs=0.0025)  # raggedness; 0.15 rad would be 6 mm
+
+
+def test_what_does_not_sink_leaves_nothing(relief: Relief) -> None:
+    """A crust carries the wheel."""
+    assert not changed(relief, sinkage=0.0).any()
+
+
+def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
+    """What is gone can not be pushed aside again: the rear wheel finds the front wheel's rut."""
+    field = field_of(relief)
+    before = field.height(AROUND)
+    roll(field)
+    once = np.clip(field.height(AROUND) - before, 0.0, None)[:, MIDDLE].sum()
+    roll(field)
+    twice = np.clip(field.height(AROUND) - before, 0.0, None)[:, MIDDLE].sum()
+    assert twice < 1.5 * once
+
+
+def test_a_track_stays_where_another_crosses_it(relief: Relief) -> None:
+    """The later rut lies in the earlier one; beside the crossing the earlier one is as it was."""
+    field = field_of(relief)
+    roll(field)
+    first = field.height(AROUND)
+    across = Wheel(TREAD)
+    for y in np.arange(-0.3, 0.3, 0.016):
+        across.roll_on(field, Stand(np.array([0.3, y]), 0.5 * math.pi, 0.0, y / TREAD.radius, SINKAGE))
+    second = field.height(AROUND)
+    beside = slice(0, 150)  # columns 0.15 m and more before the crossing
+    assert np.array_equal(first[:, beside], second[:, beside])
+    assert (second[20:80, 290:310].mean() - first[20:80, 290:310].mean()) < -0.8 * SINKAGE
+
+
+def test_sand_slides_to_its_repose_and_none_is_lost() -> None:
+    """A wall slumps to 37 deg; what goes down there comes to lie here."""
+    wall = np.zeros((40, 60), np.float32)
+    wall[:, 30:] = 0.01
+    inside = np.ones(wall.shape, dtype=bool)
+    after = slumped(wall, inside, 400)
+    assert np.abs(np.diff(after, axis=1)).max() < 0.78 * TEXEL  # repose is 0.75, reached from above
+    assert after.sum() == pytest.approx(wall.sum(), rel=1e-5)  # single precision over 2400 texels
+
+
+def test_level_sand_is_lit_by_the_cosine_of_the_sun() -> None:
+    """Lambert: n . s = sin(elevation), and all of the sky."""
+    reach = Reach.of(SUN)
+    sun, sky = sunlit(np.zeros(around(Window(0, 0, 20, 20), reach.before).shape, np.float32), reach, SUN)
+    np.testing.assert_allclose(sun, math.sin(math.radians(35.0)), atol=1e-6)
+    np.testing.assert_allclose(sky, 1.0, atol=1e-6)
+
+
+def test_light_that_comes_back_is_albedo_times_light() -> None:
+    """Bytes keep the root of it: they are good to 1 % where it matters."""
+    albedo, packed = np.full((1, 3), round(0.8 * ALBEDO), np.uint8), np.zeros((1, 3), np.uint8)
+    sun, sky = np.array([[0.0, 0.4, 0.9]], np.float32), np.array([[1.0, 0.7, 0.5]], np.float32)
+    direct, ambient = came_back(sent_back(albedo, packed, sun, sky))
+    np.testing.assert_allclose(direct, 0.8 * sun, atol=0.015)
+    np.testing.assert_allclose(ambient, 0.8 * sky, atol=0.015)
+
+
+@pytest.mark.parametrize(("azimuth", "axis"), [(0.0, 1), (math.pi, 1), (0.5 * math.pi, 0), (-0.5 * math.pi, 0)])
+def test_a_wall_throws_a_shadow_of_its_height_over_the_tangent_of_the_sun(azimuth: float, axis: int) -> None:
+    """A wall of 10 mm towards the sun shades 10 mm / tan(elevation) of the ground behind it, whatever the direction."""
+    light = daylight(azimuth, elevation=math.radians(30.0))
+    reach = Reach.of(light)
+    whole = around(Window(0, 0, 100, 100), reach.before)
+    height = np.zeros(whole.shape, np.float32)
+    towards = light.direction[1 - axis] > 0.0
+    lit_from = slice(reach.before[axis] + 50, None) if towards else slice(None, reach.before[axis] + 50)
+    height[(slice(None), lit_from) if axis else (lit_from, slice(None))] = 0.01
+    sun, _ = sunlit(height, reach, light)
+    line = sun[50] if axis else sun[:, 50]
+    dark = (line[:50] if towards else line[50:]) < 0.25
+    assert dark.sum() == pytest.approx(10.0 / math.tan(math.radians(30.0)), abs=2.5)  # [texels], a step of the search
+
+
+def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
+    """A wheel that is watched leaves the same picture as one that nobody has seen."""
+    seen, unseen = field_of(relief), field_of(relief)
+    before = seen.light(AROUND)
+    roll(seen, watched=True)
+    roll(unseen)
+    after = seen.light(AROUND).astype(int)
+    assert (after != before).mean() > 0.1
+    # Sums of single precision over different windows may round to another byte; a forgotten shadow is 20 and more.
+    assert np.abs(after - unseen.light(AROUND)).max() <= 1

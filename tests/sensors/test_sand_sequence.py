@@ -1,0 +1,221 @@
+"""Labelled sequences: kinematics that hold together, and worlds that are what their names say."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sensors.sand.field import TILE, Field
+from sensors.sand.grid import Window
+from sensors.sand.kinds import KINDS, SandKind
+from sensors.sand.light import Reach
+from sensors.sand.relief import Relief
+from sensors.sand.rig import nominal_rig
+from sensors.sand.rocks import scattered
+from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches
+from sensors.sand.sequence import labelled_sequence, route_of
+from sensors.sand.stones import Pebbles
+from sensors.sand.tracks import foreign_tracks
+from sensors.sand.world import SandWorld
+from sensors.sunlight import daylight
+from sensors.trace_camera import TraceCamera, Webcam
+from vehicle.clock import TICK
+from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.truth import RoverTruth
+from vehicle.terrain import Mound, Terrain
+
+SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
+
+
+@pytest.fixture(scope="module")
+def rover() -> Rover:
+    return load_rover("el_dorado_ii")
+
+
+@pytest.fixture(scope="module")
+def truths(rover: Rover) -> list[RoverTruth]:
+    return RoverPass(frames=300, profile="fast", onset=10.0).truths(rover, SIDE_SLOPE, np.random.default_rng(2))
+
+
+def test_wheels_go_where_their_slip_angles_say(rover: Rover, truths: list[RoverTruth]) -> None:
+    """Direction of travel = heading + slip angle, for every wheel: what the trace shows is what the label says."""
+    places = np.array([t.wheel_positions[:, :2] for t in truths])
+    steps = places[2:] - places[:-2]
+    went = np.arctan2(steps[..., 1], steps[..., 0])
+    told = np.array([t.wheel_headings + t.slip_angles for t in truths])[1:-1]
+    error = np.degrees(went - told)
+    assert np.abs(error).max() < 0.3  # central differences over 0.4 s of a slip that changes by 1 deg/s at most
+    assert np.sqrt(np.mean(error**2)) < 0.05
+
+
+def test_wheels_turn_as_their_slip_ratios_say(rover: Rover, truths: list[RoverTruth]) -> None:
+    """s = (r omega - v) / (r omega), and the angles rolled are the integral of omega."""
+    truth = truths[100]
+    rolling = rover.radius * truth.wheel_speeds
+    np.testing.assert_allclose((rolling - truth.wheel_velocities[:, 0]) / rolling, truth.slip_ratios, atol=1e-9)
+    turned = truths[101].wheel_turns - truth.wheel_turns
+    np.testing.assert_allclose(turned, FRAME_TICKS * TICK * truth.wheel_speeds, rtol=1e-9)
+
+
+def test_body_stands_on_the_slope(truths: list[RoverTruth]) -> None:
+    """Its z axis is the ground's normal but for the shake of 0.2 deg, and it lies below the ground by the sinkage."""
+    up = np.array([t.X_WB[:3, 2] for t in truths])
+    normal = np.array([0.0, -math.sin(math.radians(5.0)), math.cos(math.radians(5.0))])
+    assert np.degrees(np.arccos(np.clip(up @ normal, -1.0, 1.0))).max() < 1.5  # 5 sigma of two axes
+    truth = truths[0]
+    ground = SIDE_SLOPE.height(*truth.wheel_positions[:, :2].T)
+    np.testing.assert_allclose(ground - truth.wheel_positions[:, 2], truth.sinkages, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_slow_slip_is_none_until_its_onset_and_then_builds_up(seed: int) -> None:
+    """As in Fig. 8 of Reina 2008: no drift on the first part of the way, then a drift of some degrees."""
+    slip = np.degrees(
+        np.abs(RoverPass(frames=435, profile="slow", onset=40.0).slip_angles(np.random.default_rng(seed)))
+    )
+    assert slip[:150].max() < 1.2  # 0.25 deg of noise about nothing
+    assert slip[-50:].min() > 3.0
+    rate = np.abs(np.diff(np.convolve(slip, np.ones(5) / 5.0, "valid"))) / (FRAME_TICKS * TICK)
+    assert rate.max() < 0.6  # [deg/s]
+
+
+def test_fast_slip_varies_as_prescribed() -> None:
+    """6 to 11 deg, with 1.6 deg about the mean of one way; over 20 ways of 120 s."""
+    ways = [
+        np.degrees(RoverPass(frames=600, profile="fast", onset=0.0).slip_angles(np.random.default_rng(seed)))[100:]
+        for seed in range(20)
+    ]
+    means = np.abs([way.mean() for way in ways])
+    assert 5.0 < means.min() < means.max() < 12.0
+    assert np.mean([way.std() for way in ways]) == pytest.approx(1.5, abs=0.4)  # smoothing takes some
+    assert {float(np.sign(way.mean())) for way in ways} == {-1.0, 1.0}
+
+
+def test_bare_stretches_take_their_share() -> None:
+    """On long ways, and each longer than a view."""
+    stretches = bare_stretches(np.random.default_rng(1), 400.0, 0.3)
+    assert sum(end - start for start, end in stretches) / 400.0 == pytest.approx(0.3, abs=0.03)
+    assert min(end - start for start, end in stretches) > 1.0
+    assert bare_stretches(np.random.default_rng(1), 400.0, 0.0) == ()
+
+
+def test_labels_and_images_agree_whether_there_is_a_trace(rover: Rover) -> None:
+    """A wheel that does not sink leaves no trace; lug marks are what is rough in uniform sand."""
+    way = RoverPass(frames=120, profile="none", bare=((0.9, 3.0),))
+    truths = way.truths(rover, Terrain(), np.random.default_rng(1))
+    world = SandWorld("uniform", rng=np.random.default_rng(2), rover=rover, terrain=Terrain(), route=route_of(truths))
+    camera = TraceCamera(world, nominal_rig(rover), Webcam(), np.random.default_rng(3))
+    shares, roughness = [], []
+    for start, end in ((0, 50), (50, 97), (97, 120)):
+        world.drive(truths[start:end])
+        shares.append(world.trace_truth(truths[end - 1]).share)
+        stripe = camera.sample(truths[end - 1])[100:300, 290:350].astype(float)
+        roughness.append(np.abs(stripe[4:] - stripe[:-4]).mean())
+    assert shares[0] == 1.0
+    assert 0.3 < shares[1] < 0.8  # the crust began 0.33 m behind where the wheel is now
+    assert shares[2] == 0.0
+    assert roughness[0] > roughness[1] > roughness[2]
+    assert roughness[0] > 2.0 * roughness[2]
+
+
+def test_a_sequence_is_labelled_frame_by_frame(rover: Rover) -> None:
+    """View, truth and trace of one tick, 5 Hz apart; the same seed gives the same bits."""
+    frames, again = (list(labelled_sequence("uniform", seed=5, frames=2, rover=rover, bare=0.0)) for _ in range(2))
+    for frame in frames:
+        assert frame.view.tick == frame.truth.tick == frame.trace.tick
+        assert frame.trace.present
+        assert frame.trace.wheel_slip == frame.truth.slip_angles[2]
+    assert frames[1].view.tick - frames[0].view.tick == FRAME_TICKS
+    assert np.array_equal(frames[1].view.image, again[1].view.image)
+    assert frames[1].view.heading == again[1].view.heading
+
+
+def test_ground_goes_on_from_tile_to_tile() -> None:
+    """Relief, pebbles and foreign tracks know nothing of tiles: steps across a border are as anywhere else."""
+    light, route = daylight(0.4), np.array([[-1.0, 0.0], [1.5, 0.2]])
+    kind = SandKind(stones=2500.0, ripples=0.002)
+    rng = np.random.default_rng(3)
+    field = Field(
+        relief=Relief.draw(rng, kind, Terrain(mounds=(Mound(x=0.5, y=0.4, height=0.2, radius=0.5),)), 0.3),
+        sun=light,
+        tracks=foreign_tracks(rng, route, 0.0),
+        rocks=(),
+        reach=Reach.of(light),
+    )
+    height = field.height(Window(0, TILE - 100, TILE, TILE + 100))
+    steps = np.abs(np.diff(height, axis=1)).mean(axis=0)
+    assert steps[99] < 1.5 * np.median(steps)  # the mean of 512 rows, of which any column has its own pebbles
+
+
+def test_pebbles_of_a_tile_are_those_that_its_neighbours_know() -> None:
+    """One that lies across a border is in both tiles, at the same place."""
+    pebbles = Pebbles.draw(np.random.default_rng(1), 3000.0)
+    left, right = Window(0, 0, TILE, TILE), Window(0, TILE, TILE, 2 * TILE)
+    in_left = {(p.row, p.column - TILE) for p in pebbles.near(9, left) if p.column > TILE - 4}
+    in_right = {(p.row, p.column) for p in pebbles.near(9, right) if p.column < 4}
+    both = {(p.row, p.column) for p in pebbles.near(9, right) if abs(p.column) < 1}
+    assert both
+    assert both <= in_left | {(row, column - TILE) for row, column in in_left}
+    assert both <= in_right
+
+
+def test_rocks_leave_the_way_free() -> None:
+    """A rover that keeps to its route does not meet them."""
+    route = np.column_stack([np.linspace(0.0, 8.0, 200), 0.3 * np.sin(np.linspace(0.0, 6.0, 200))])
+    rocks = scattered(np.random.default_rng(1), 4.0, route, Terrain())
+    assert len(rocks) > 10
+    for rock in rocks:
+        away = np.hypot(*(route - rock.place[:2]).T).min() - max(rock.radii[:2])
+        assert away > 0.44  # half the tread, half a wheel and some [m]
+
+
+def test_a_tile_takes_ten_bytes_a_texel() -> None:
+    """A figure of eight over 10 m by 5 m has some 60 m2 in reach: 60e6 texels must fit in 1.5 GB."""
+    light = daylight(0.4)
+    kind = SandKind(stones=0.0)
+    relief = Relief.draw(np.random.default_rng(1), kind, Terrain(), 0.0)
+    field = Field(relief=relief, sun=light, tracks=(), rocks=(), reach=Reach.of(light))
+    field.light(Window(0, 0, TILE, TILE))
+    tile = field.tiles[0, 0]
+    layers = (tile.height, tile.albedo, tile.tint, tile.packed, tile.light, tile.stale)
+    assert sum(layer.nbytes for layer in layers) <= 10 * TILE**2
+
+
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
+    """What a kind promises is there: stones, rocks, tracks of others, a sun from where it shows them."""
+    route = np.array([[0.0, 0.0], [4.0, 0.0]])
+    world = SandWorld(name, rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
+    kind = KINDS[name]
+    assert kind.azimuth[0] <= world.sun.azimuth <= kind.azimuth[1]
+    assert kind.elevation[0] <= world.sun.elevation <= kind.elevation[1]
+    assert bool(world.rocks) == bool(kind.rocks)
+
+
+def test_foreign_tracks_lie_in_view_all_along_the_way() -> None:
+    """Every metre of the left wheels' way has ground that others have pressed."""
+    light, route = daylight(0.4), np.array([[0.0, 0.0], [4.0, 0.0]])
+    relief = Relief.draw(np.random.default_rng(1), SandKind(stones=0.0), Terrain(), 0.0)
+    tracks = foreign_tracks(np.random.default_rng(2), route, 0.275)
+    field = Field(relief=relief, sun=light, tracks=tracks, rocks=(), reach=Reach.of(light))
+    for start in (400, 1400, 2400):
+        assert field.sand(Window(0, start, 550, start + 1000)).packed.mean() > 10.0  # of 255: a track takes a tenth
+
+
+def test_unknown_kinds_and_ways_are_refused(rover: Rover) -> None:
+    """One line says what there is."""
+    route = np.array([[0.0, 0.0], [4.0, 0.0]])
+    with pytest.raises(ValueError, match="terrain = 'snow' must be one of uniform"):
+        SandWorld("snow", rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
+    with pytest.raises(ValueError, match="frames = 1 must be at least 2"):
+        RoverPass(frames=1, profile="none")
+    with pytest.raises(ValueError, match="sun elevation"):
+        daylight(0.0, elevation=0.0)
+
+
+def test_route_is_the_way_of_the_middle(truths: list[RoverTruth]) -> None:
+    """In W, one point a moment."""
+    assert route_of(truths).shape == (300, 2)
+    np.testing.assert_array_equal(route_of(truths)[7], truths[7].pose[:2])
