@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from controllers.actuator import settle
 from controllers.path import Path
+from controllers.speed_profile import SpeedProfile
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
@@ -20,6 +21,7 @@ _SPEED_GAIN = 2.0  # acceleration demand per speed error [1/s]
 _SPEED_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above, and still with the lag of a driveline
 _CROSSOVER = 7.0  # of the lateral loop at most: the steering's lag and the tractor's yaw leave no phase beyond [rad/s]
 _MAX_ACCELERATION = 1.5  # comfortable for a standing load [m/s2]
+_COMFORTABLE = 0.7  # planned braking and speeding up: half of it, which leaves room to control [m/s2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,10 +73,19 @@ class PreviewDriver:
         ValueError: if the speed or the gain is not positive.
     """
 
-    def __init__(self, tractor: TractorGeometry, path: Path, speed: float, *, gain: float = 0.6) -> None:
+    def __init__(
+        self,
+        tractor: TractorGeometry,
+        path: Path,
+        speed: float,
+        *,
+        gain: float = 0.6,
+        max_lateral_acceleration: float = math.inf,
+    ) -> None:
         """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m].
 
-        At speed he turns back more gently: the lateral error decays at the rate gain times speed.
+        At speed he turns back more gently: the lateral error decays at the rate gain times speed. He slows down in time
+        for turns that would take more than ``max_lateral_acceleration`` [m/s2].
         """
         if not speed > 0.0:
             raise ValueError(f"speed = {speed} m/s must be positive")
@@ -82,6 +93,14 @@ class PreviewDriver:
             raise ValueError(f"gain = {gain} rad/m must be positive")
         self._tractor, self._path, self._speed = tractor, path, speed
         self._gain = min(gain, _CROSSOVER / speed)
+        self._profile: SpeedProfile | None = None
+        if math.isfinite(max_lateral_acceleration):
+            self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
+
+    @property
+    def duration(self) -> float:
+        """How long he means to take for the path [s]."""
+        return self._path.length / self._speed if self._profile is None else self._profile.duration
 
     def init(self) -> DriverMemory:
         """Memory at the start of the path, wheels straight."""
@@ -93,7 +112,8 @@ class PreviewDriver:
         steer = self._settled(memory.steer, memory.demand, elapsed)
         front_slip = self._front_slip(memory.front_slip, steer, ego, elapsed)
         station, demand = self._steer_demand(memory._replace(steer=steer, front_slip=front_slip), ego)
-        integral, acceleration = self._speed_control(memory.speed_integral, ego.v_x, elapsed)
+        wanted = self._speed if self._profile is None else self._profile.at(station)
+        integral, acceleration = self._speed_control(memory.speed_integral, wanted - ego.v_x, elapsed)
         after = DriverMemory(tick, station, demand, steer, front_slip, integral)
         return after, DriverCommand(steer=demand, acceleration=acceleration)
 
@@ -134,9 +154,8 @@ class PreviewDriver:
         step = Pose2(horizon * (c * ego.v_x - s * ego.v_y), horizon * (s * ego.v_x + c * ego.v_y), 2.0 * turned)
         return Pose2(ego.x, ego.y, ego.psi) @ step
 
-    def _speed_control(self, integral: float, speed: float, elapsed: float) -> tuple[float, float]:
+    def _speed_control(self, integral: float, error: float, elapsed: float) -> tuple[float, float]:
         """New integral and acceleration demand, both [m/s2]; the integral waits while the demand is at its limit."""
-        error = self._speed - speed
         wanted = integral + _SPEED_INTEGRAL * error * elapsed
         demand = _SPEED_GAIN * error + wanted
         if abs(demand) <= _MAX_ACCELERATION:

@@ -91,6 +91,7 @@ class SlipAngle:
     wheel_slip: float  # alpha_r of the wheel: its direction of travel against its heading, + left [rad]
     trace_offset: float  # of the trace beside the wheel centre B, + left [m]
     confidence: float  # 0 to 1 that the trace is the wheel's own
+    way: float = 0.0  # before now, over which the values are means: a straight line through a trace has its length [m]
     lagged_tick: int | None = None  # an earlier moment, whose slip is known better by now; None: none is
     lagged_value: float = 0.0  # beta at that moment [rad]
     lagged_std: float = np.inf  # [rad]

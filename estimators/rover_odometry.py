@@ -19,9 +19,12 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
 
 _HEADING_TIME: Final = 2.0  # over which the compass corrects the heading that the wheels show [s]
-_DRIFT_TIME: Final = 1.0  # over which a new slip angle takes the place of the old one [s]
+# Over which a new slip angle takes the place of the old one: slopes change over some seconds of way, and what a trace
+# shows of a moment is known to a degree only [s]
+_DRIFT_TIME: Final = 3.0
 _FIX_TIME: Final = 1.0  # over which a fix corrects the position [s]
-_HISTORY: Final = 3000  # directions kept for slip angles that come late [ticks]
+_HISTORY: Final = 20_000  # directions kept for slip angles that come late, or are of a long way [ticks]
+_NEAR: Final = 100  # between a slip angle and the reading that it goes with [ticks]
 _STANDING: Final = 0.005  # slower than this the wheels show no direction [m/s]
 
 
@@ -68,6 +71,7 @@ class Turn(NamedTuple):
     """Where the wheels pointed at one tick."""
 
     tick: int
+    way: float  # made by then [m]
     direction: float  # of the way that they show, against the body [rad]
 
 
@@ -120,9 +124,12 @@ class RoverOdometry:
         moved = self._moved(memory, readings, rolling, elapsed)
         if fix is not None:
             moved = _corrected(moved, fix, elapsed)
-        turn = Turn(readings.tick, math.atan2(rolling.v_y, rolling.v_x))
         kept = tuple(old for old in moved.turns if old.tick > readings.tick - _HISTORY)
-        moved = moved._replace(tick=readings.tick, turns=(*kept, turn))
+        speed = math.hypot(rolling.v_x, rolling.v_y)
+        if speed > _STANDING:
+            way = (kept[-1].way if kept else 0.0) + speed * elapsed
+            kept = (*kept, Turn(readings.tick, way, math.atan2(rolling.v_y, rolling.v_x)))
+        moved = moved._replace(tick=readings.tick, turns=kept)
         pose = RoverPose(tick=readings.tick, x=moved.x, y=moved.y, psi=moved.psi, drift=moved.drift, rolling=rolling)
         return moved, pose
 
@@ -156,11 +163,22 @@ class RoverOdometry:
         """The drift drawn to a slip angle that is new; one that is lost leaves it as it was."""
         if slip is None or slip.health is Health.LOST or slip.tick <= memory.slip_tick or not memory.turns:
             return memory
-        then = min(memory.turns, key=lambda turn: abs(turn.tick - slip.tick))
-        measured = wrap(slip.value - then.direction)
+        pointed = _pointed(memory.turns, slip)
+        if pointed is None:  # the rover stood
+            return memory
+        measured = wrap(slip.value - pointed)
         since = _DRIFT_TIME if memory.slip_tick < 0 else (slip.tick - memory.slip_tick) * TICK
         share = 1.0 - math.exp(-since / _DRIFT_TIME)
         return memory._replace(drift=memory.drift + share * (measured - memory.drift), slip_tick=slip.tick)
+
+
+def _pointed(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:
+    """Where the wheels pointed over the way that the slip angle is of [rad]; None if that is not known."""
+    then = min(turns, key=lambda turn: abs(turn.tick - slip.tick))
+    if abs(then.tick - slip.tick) > _NEAR:
+        return None
+    meant = [turn.direction for turn in turns if then.way - slip.way <= turn.way <= then.way]
+    return math.fsum(meant) / len(meant)
 
 
 def _corrected(memory: OdometryMemory, fix: LaserFix, elapsed: float) -> OdometryMemory:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from controllers.driver import TractorGeometry
-from controllers.trailer import TrailerGeometry
+from controllers.trailer import Linkage, TrailerGeometry
 from scenarios import courses
 from scenarios.courses import Course
 from scenarios.ground_friction import ground_friction
@@ -15,6 +15,7 @@ from scenarios.options.course import (
     ConstantSlipOptions,
     LaneChangeOptions,
     RoundaboutOptions,
+    SegmentsOptions,
     StraightOptions,
     TurnOptions,
 )
@@ -22,7 +23,7 @@ from scenarios.options.rig import RigOptions
 from scenarios.scenario import Scenario
 from scenarios.swept_path import UnitOutline
 from sensors.rig import StereoRig
-from vehicle.description import Unit, Vehicle
+from vehicle.description import Unit, Vehicle, load_vehicle
 from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
 
 _TYRE_WIDTH = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
@@ -47,18 +48,53 @@ def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
         max_steer=steering.limit if steering else 0.0,
         max_steer_rate=steering.rate_limit if steering else 0.0,
         actuator_lag=steering.lag if steering else 0.0,
+        linkages=_linkages(trailer),
     )
 
 
-def watched_unit(vehicle: Vehicle, scenario: Scenario) -> int:
-    """Which unit is watched and steered: the last one.
+def _linkages(trailer: Unit) -> tuple[Linkage, ...]:
+    """The actuators that do more than turn one axle by their own angle."""
+    place = {axle: n for n, axle in enumerate(k for k, axle in enumerate(trailer.axles) if axle.steered)}
+    plain = (1.0,)
+    return tuple(
+        Linkage(tuple(place[axle] for axle in actuator.axles), actuator.ratios)
+        for actuator in trailer.actuators
+        if actuator.ratios != plain
+    )
+
+
+def vehicle_of(scenario: Scenario) -> Vehicle:
+    """The scenario's vehicle, the steered axles of its trailers grouped as asked.
+
+    Raises:
+        ValueError: one line, if there is no such vehicle.
+    """
+    vehicle = load_vehicle(scenario.vehicle)
+    if scenario.steer_groups == "vehicle":
+        return vehicle
+    group = {"single": "all", "common_centre": None}[scenario.steer_groups]
+    towed = (_grouped(unit, group) for unit in vehicle.units[1:])
+    return vehicle.model_copy(update={"units": (vehicle.units[0], *towed)})
+
+
+def _grouped(unit: Unit, group: str | None) -> Unit:
+    """The unit with all its steered axles in one steer group, or each with an actuator of its own."""
+    change = {"steer_group": group, "steer_ratio": 1.0}
+    axles = tuple(axle.model_copy(update=change) if axle.steered else axle for axle in unit.axles)
+    return unit.model_copy(update={"axles": axles})
+
+
+def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
+    """Which units are watched, and steered if they can be: those with a follow point and steered axles, and the last.
 
     Raises:
         ValueError: if the vehicle tows nothing.
     """
     if len(vehicle.units) < 2:
         raise ValueError(f"vehicle {vehicle.name} tows nothing: scenario {scenario.name} needs a trailer")
-    return len(vehicle.units) - 1
+    last = len(vehicle.units) - 1
+    towed = ((i, vehicle.units[i]) for i in range(1, last))
+    return (*(i for i, unit in towed if unit.steered_axles and unit.follow_x is not None), last)
 
 
 def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
@@ -70,6 +106,9 @@ def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
     if isinstance(options, StraightOptions):
         guided = max(tractor.front_x, axle_x + courses.PREVIEW * scenario.speed)
         return courses.straight(front_x=guided, length=options.length)
+    if isinstance(options, SegmentsOptions):
+        table = [courses.Turn(t.direction, t.radius, math.radians(t.turn_deg), t.straight) for t in options.turns]
+        return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=options.entry)
     if isinstance(options, TurnOptions):
         return courses.corner(
             wheel_x=axle_x,

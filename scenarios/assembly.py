@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 from controllers.driver import PreviewDriver
-from controllers.trailer import TrailerGeometry, TrailerSteering
-from scenarios.adapters import course_of, surface_of, tractor_geometry, trailer_geometry, watched_unit
-from scenarios.cameras import Cameras
-from scenarios.catalogue import TRAILER_STEERING, resolve
+from controllers.driver_trace import TraceDriver
+from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.unsteered import Unsteered
+from scenarios.adapters import course_of, surface_of, tractor_geometry, trailer_geometry, vehicle_of, watched_units
+from scenarios.cameras import Cameras, Views, built_world
 from scenarios.courses import Course
+from scenarios.driver_file import read_trace
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.rig import RigOptions
 from scenarios.randomness import stream
-from scenarios.scenario import Parameter, Scenario
-from scenarios.sensing import OffTrackingSource, PoseSensor, opened_sensing
+from scenarios.scenario import Scenario
+from scenarios.sensing import OffTrackingSource, Sensing, Sensor, opened_sensing
+from scenarios.trailer_law import trailer_law
+from sensors.combination import CombinationSensors
 from vehicle.clock import TICK, Schedule
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.description import Vehicle
 from vehicle.frames import FloatArray, Pose2
-from vehicle.parameter_file import nearest
 from vehicle.plant import Plant, VehicleCommand
 from vehicle.prescribed import ConstantSlipPlant
 from vehicle.surface import Surface
@@ -41,27 +44,72 @@ class Motive(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class WatchedTrailer:
+    """A trailer whose off-tracking is estimated and judged, with its own steering law if it has steered axles."""
+
+    unit: int  # its number in the vehicle
+    name: str
+    geometry: TrailerGeometry
+    steers_ahead: int  # number of steered axles in front of its own, as they come first in ``Truth.steer``
+    law: TrailerSteering[Any]
+    signals: CombinationSensors
+    sensing: Sensing
+
+    @property
+    def n_steered(self) -> int:
+        """Number of its steered axles."""
+        return sum(self.geometry.steered)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Assembly:
-    """The parts of one run."""
+    """The parts of one run; ``trailer`` and what else there is one of belong to the last trailer."""
 
     scenario: Scenario
     seed: int
     vehicle: Vehicle
-    trailer_unit: int  # which unit is watched and steered
-    trailer: TrailerGeometry
+    trailers: tuple[WatchedTrailer, ...]  # front to rear; the last is the vehicle's last unit
     course: Course
     motive: Motive
-    driver: PreviewDriver | None  # None: the motion is prescribed
-    trailer_steering: TrailerSteering[Any]
-    schedule: Schedule  # of the camera, or of the reference unit in its place
-    sensor: PoseSensor
-    source: OffTrackingSource
-    cameras: Cameras | None  # None: nothing is rendered
+    driver: PreviewDriver | TraceDriver | None  # None: the motion is prescribed
+    schedule: Schedule  # of the cameras, or of the reference units in their place
+    duration: float  # how long the drive should take [s]
 
     @property
-    def steers_ahead(self) -> int:
-        """Number of steered axles in front of the watched trailer's, as they come first in ``Truth.steer``."""
-        return sum(len(unit.steered_axles) for unit in self.vehicle.units[: self.trailer_unit])
+    def is_recorded(self) -> bool:
+        """Whether a recorded drive is repeated, wherever this leads."""
+        return isinstance(self.driver, TraceDriver)
+
+    @property
+    def start_speed(self) -> float:
+        """How fast the combination rolls at the start [m/s]."""
+        told = self.driver.start_speed if isinstance(self.driver, TraceDriver) else None
+        return self.scenario.speed if told is None else told
+
+    @property
+    def trailer_unit(self) -> int:
+        """The last unit's number."""
+        return self.trailers[-1].unit
+
+    @property
+    def trailer(self) -> TrailerGeometry:
+        """The last trailer's data sheet."""
+        return self.trailers[-1].geometry
+
+    @property
+    def sensor(self) -> Sensor:
+        """What its off-tracking is estimated from."""
+        return self.trailers[-1].sensing.sensor
+
+    @property
+    def source(self) -> OffTrackingSource:
+        """What estimates it."""
+        return self.trailers[-1].sensing.source
+
+    @property
+    def cameras(self) -> Cameras | None:
+        """Its cameras, which own the renderer; None: nothing is rendered."""
+        return self.trailers[-1].sensing.cameras
 
 
 def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record: bool = False) -> Assembly:
@@ -70,56 +118,78 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     Args:
         scenario: what to run.
         seed: decides world and noise.
-        keep_colour: let frames carry what the left camera saw in colour.
-        record: have cameras even if the off-tracking is not estimated from them.
+        keep_colour: let frames of the last trailer carry what the left camera saw in colour.
+        record: have cameras on the last trailer even if the off-tracking is not estimated from them.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
-    vehicle = load_vehicle(scenario.vehicle)
-    unit = watched_unit(vehicle, scenario)
-    trailer = trailer_geometry(vehicle, unit)
+    vehicle = vehicle_of(scenario)
+    units = watched_units(vehicle, scenario)
     course = course_of(scenario, vehicle)
     surface = surface_of(scenario, course, stream(seed, "surface"))
-    steering = _constructed("trailer_steering", scenario.trailer_steering, TRAILER_STEERING, trailer, scenario.steering)
-    motive, driver = _moved(scenario, vehicle, unit, course, surface)
+    geometries = {unit: trailer_geometry(vehicle, unit) for unit in units}
+    laws = {unit: _law(scenario, vehicle, unit, geometry) for unit, geometry in geometries.items()}
+    motive, driver = _moved(scenario, vehicle, units[-1], course, surface)
     schedule = _schedule(scenario.rig)
-    sensing = opened_sensing(
-        scenario,
-        seed,
-        unit=unit,
-        vehicle=vehicle,
-        trailer=trailer,
-        course=course,
-        surface=surface,
-        keep_colour=keep_colour,
-        record=record,
-    )
+    views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")))
+    trailers = []
+    for unit, geometry in reversed(geometries.items()):  # the last trailer's cameras own the renderer
+        told = stream(seed, f"signals of {vehicle.units[unit].name}")
+        signals = CombinationSensors(vehicle, unit, rng=told, noise=scenario.signals.noise)
+        sensing = opened_sensing(
+            scenario,
+            seed,
+            unit=unit,
+            vehicle=vehicle,
+            trailer=geometry,
+            signals=signals,
+            surface=surface,
+            views=views,
+            schedule=schedule,
+            keep_colour=keep_colour and unit == units[-1],
+            record=record and unit == units[-1],
+        )
+        trailers.append(
+            WatchedTrailer(
+                unit=unit,
+                name=vehicle.units[unit].name,
+                geometry=geometry,
+                steers_ahead=sum(len(ahead.steered_axles) for ahead in vehicle.units[:unit]),
+                law=laws[unit],
+                signals=signals,
+                sensing=sensing,
+            )
+        )
     return Assembly(
         scenario=scenario,
         seed=seed,
         vehicle=vehicle,
-        trailer_unit=unit,
-        trailer=trailer,
+        trailers=tuple(reversed(trailers)),
         course=course,
         motive=motive,
         driver=driver,
-        trailer_steering=steering,
         schedule=schedule,
-        sensor=sensing.sensor,
-        source=sensing.source,
-        cameras=sensing.cameras,
+        duration=driver.duration if driver else course.length / scenario.speed,
     )
+
+
+def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> TrailerSteering[Any]:
+    """The scenario's law for one trailer; one without steered axles behind others that are steered stays as it is."""
+    steered_ahead = any(ahead.steered_axles for ahead in vehicle.units[1:unit])
+    if steered_ahead and not any(trailer.steered):
+        return Unsteered(trailer)
+    combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
+    return trailer_law(scenario.trailer_steering, trailer, combination, scenario.steering, degradation)
 
 
 def _moved(
     scenario: Scenario, vehicle: Vehicle, unit: int, course: Course, surface: Surface
-) -> tuple[Motive, PreviewDriver | None]:
+) -> tuple[Motive, PreviewDriver | TraceDriver | None]:
     """What moves the vehicle, and who drives it."""
     if not isinstance(scenario.course, ConstantSlipOptions):
-        driver = PreviewDriver(tractor_geometry(vehicle, course), course.path, scenario.speed)
-        return Plant(vehicle, surface), driver
+        return Plant(vehicle, surface), _driver(scenario, vehicle, course)
     if scenario.trailer_steering != "none":
         raise ValueError(
             f"trailer_steering = {scenario.trailer_steering}: the trailer of {scenario.name} is dragged at a constant "
@@ -129,24 +199,19 @@ def _moved(
     return ConstantSlipPlant(vehicle, surface, unit=unit, slip_angle=slip_angle, speed=scenario.speed), None
 
 
+def _driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> PreviewDriver | TraceDriver:
+    """Who drives: along the course, or as recorded."""
+    options = scenario.driver
+    if options.trace is not None:
+        return TraceDriver(read_trace(Path(options.trace)))
+    limit = math.inf if options.max_lateral_acceleration is None else options.max_lateral_acceleration
+    tractor = tractor_geometry(vehicle, course)
+    return PreviewDriver(tractor, course.path, scenario.speed, max_lateral_acceleration=limit)
+
+
 def _schedule(rig: RigOptions) -> Schedule:
     schedule = Schedule.at_rate(rig.rate_hz, latency=rig.latency, name="rig.rate_hz")
     for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
         if ticks % LOG_PERIOD:
             raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {LOG_PERIOD * TICK:g} s")
     return schedule
-
-
-def _constructed(
-    key: str, name: str, catalogue: dict[str, str], trailer: TrailerGeometry, parameters: dict[str, Parameter]
-) -> Any:
-    """The part of that name, given its own parameters by keyword; one it does not have is refused."""
-    part = resolve(key, name, catalogue)
-    known = [p.name for p in inspect.signature(part).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
-    for parameter in parameters:
-        if parameter not in known:
-            raise ValueError(f"steering.{parameter}: {name} has no such parameter{nearest(parameter, known)}")
-    try:
-        return part(trailer, **parameters)
-    except TypeError as error:
-        raise ValueError(f"{key} = {name}: can not be constructed as {part.__name__}(trailer, ...): {error}") from error

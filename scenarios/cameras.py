@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +40,32 @@ class Cameras:
         return frame if self.rectifier is None else self.rectifier.step(frame)
 
 
+class Views:
+    """What the cameras of all trailers see: one world and one renderer, built when the first of them is opened."""
+
+    def __init__(self, built: Callable[[], World]) -> None:
+        self._built = built
+        self._world: World | None = None
+        self._renderer: StereoRenderer | None = None
+
+    @property
+    def world(self) -> World:
+        """The world of the run."""
+        self._world = self._world or self._built()
+        return self._world
+
+    def seen_by(self, calibration: StereoCalibration) -> StereoRenderer:
+        """A renderer for the cameras of this calibration; the first one owns OpenGL's context.
+
+        Raises:
+            RendererUnavailableError: if OpenGL does not work here.
+        """
+        if self._renderer is None:
+            self._renderer = StereoRenderer(self.world, calibration)
+            return self._renderer
+        return self._renderer.on(calibration)
+
+
 class Rectified:
     """An off-tracking source that gets rectified frames of raw ones."""
 
@@ -72,7 +99,7 @@ def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np
 
 
 def opened_cameras(
-    options: RigOptions, rig: StereoRig, world: World, *, unit: int, rng: np.random.Generator, keep_colour: bool
+    options: RigOptions, rig: StereoRig, views: Views, *, unit: int, rng: np.random.Generator, keep_colour: bool
 ) -> Cameras:
     """The cameras on a unit of the vehicle: pinholes exactly where they should be, or what the options make of them.
 
@@ -85,16 +112,16 @@ def opened_cameras(
     how = _imperfections(options)
     straight = not any(options.misrotation_deg)
     if straight and options.distortion == UNDISTORTED and replace(how, read_noise=0.0) == Imperfections():
-        return _pinholes(rig.calibration(), world, unit=unit, noise=options.noise, rng=rng, keep_colour=keep_colour)
+        return _pinholes(rig.calibration(), views, unit=unit, noise=options.noise, rng=rng, keep_colour=keep_colour)
     true = rig.raw(options.distortion, mount_rotation(*np.radians(options.misrotation_deg)))
     calibrated = rig.raw(options.distortion)
     rectifier = Rectifier(calibrated) if options.distortion != UNDISTORTED else None
-    renderer = StereoRenderer(world, pinholes_for(true, how))
+    renderer, light = views.seen_by(pinholes_for(true, how)), views.world.light
     camera = RawStereoCamera(
         renderer=renderer,
         rig=true,
         imperfections=how,
-        sun=None if world.light.overcast else world.light.direction,
+        sun=None if light.overcast else light.direction,
         unit=unit,
         rng=rng,
         keep_colour=keep_colour,
@@ -110,14 +137,14 @@ def opened_cameras(
 
 def _pinholes(
     calibration: StereoCalibration,
-    world: World,
+    views: Views,
     *,
     unit: int,
     noise: float,
     rng: np.random.Generator,
     keep_colour: bool,
 ) -> Cameras:
-    renderer = StereoRenderer(world, calibration)
+    renderer = views.seen_by(calibration)
     camera = StereoCamera(renderer=renderer, unit=unit, noise_std=noise, rng=rng, keep_colour=keep_colour)
     return Cameras(calibrated=calibration, calibration=calibration, camera=camera, renderer=renderer, rectifier=None)
 

@@ -14,7 +14,13 @@ from vehicle.parameter_file import nearest
 
 TRAILER_STEERING: Final = {
     "none": "controllers.trailer_steering.unsteered:Unsteered",
+    "combined": "controllers.trailer_steering.combined:Combined",
+    "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
+    "ct_at": "controllers.trailer_steering.ct_at:CtAt",
+    "lqr": "controllers.trailer_steering.lqr:Lqr",
+    "mpc": "controllers.trailer_steering.mpc.law:Mpc",
     "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
+    "virtual_driver": "controllers.trailer_steering.virtual_driver:VirtualDriver",
 }
 ODOMETRY: Final = {
     "circular": "estimators.stereo_odometry:CircularOdometry",
@@ -23,9 +29,15 @@ ODOMETRY: Final = {
 }
 OFF_TRACKING: Final = {
     "truth": "estimators.reference:ReferenceOffTracking",
+    "kinematic": "estimators.kinematic:KinematicOffTracking",
     "viso_ot": "estimators.viso_ot:VisoOt",
     "ground_watching": "estimators.ground_watching:GroundWatching",
     "ground_watching_single": "estimators.ground_watching:SingleGroundWatching",
+}
+SLIP_ESTIMATOR: Final = {
+    "truth": "estimators.reference_slip:ReferenceSlip",
+    "ftrace": "estimators.wheel_trace.ftrace:FTrace",
+    "ftrace_plus": "estimators.trace_tracker.tracker:FTracePlus",
 }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from scenarios.commands import assess, calibrate, estimate, listing, run, validate, vehicle
+from scenarios.commands import assess, calibrate, estimate, listing, reproduce, run, study, tune, validate, vehicle
 
 app = typer.Typer(
     name="offtrack",
@@ -31,6 +31,10 @@ app.command(epilog=vehicle.EXAMPLES)(vehicle.vehicle)
 app.command(epilog=assess.EXAMPLES)(assess.assess)
 app.command()(validate.validate)
 app.command(epilog=calibrate.EXAMPLES)(calibrate.calibrate)
+app.command(epilog=study.COMPARE_EXAMPLES)(study.compare)
+app.command(epilog=study.SWEEP_EXAMPLES)(study.sweep)
+app.command(epilog=tune.EXAMPLES)(tune.tune)
+app.command(epilog=reproduce.EXAMPLES)(reproduce.reproduce)
 app.add_typer(estimate.app, name="estimate")
 
 

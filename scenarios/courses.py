@@ -8,9 +8,10 @@ Builders take the tractor's front end and width [m] as numbers; the defaults of 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -106,6 +107,38 @@ def figure_of_eight(
         line(exit),
     )
     return _course((front_x, 0.0), segments)
+
+
+class Turn(NamedTuple):
+    """A turn of the guided point, and the straight behind it."""
+
+    direction: Direction
+    radius: float  # [m]
+    angle: float  # [rad]
+    straight: float  # [m]
+
+
+def turns(*, front_x: float, width: float, sequence: Sequence[Turn], entry: float = _ENTRY) -> Course:
+    """The middle of the front goes round one turn after the other, with straights between them.
+
+    Curvature ramps up and down as in a figure of eight; the ramps are part of the turns.
+
+    Raises:
+        ValueError: if there is no turn, a length is not positive, a direction is none, or a turn is too tight or short.
+    """
+    if not sequence:
+        raise ValueError("turns is empty: a course needs at least one")
+    segments = [line(entry)]
+    for turn in sequence:
+        if turn.direction not in _SIDE:
+            raise ValueError(f"direction = {turn.direction!r} must be 'left' or 'right'")
+        _check(front_x, width, turn.radius, entry=entry, straight=turn.straight)
+        round_ = turn.radius * turn.angle - _RAMP  # each of the two ramps beside it turns by half of such an arc
+        if not round_ > 0.0:
+            raise ValueError(f"turn of {turn.radius * turn.angle:.2f} m: must be longer than {_RAMP:g} m of its ramps")
+        kappa = _SIDE[turn.direction] / turn.radius
+        segments += [Segment(_RAMP, 0.0, kappa), arc(round_, kappa), Segment(_RAMP, kappa, 0.0), line(turn.straight)]
+    return _course((front_x, 0.0), tuple(segments))
 
 
 def corner(

@@ -7,13 +7,11 @@ import math
 import numpy as np
 
 from controllers.trailer import TrailerGeometry
-from scenarios.cameras import Cameras
+from scenarios.cameras import Cameras, Views
 from scenarios.scenario import Scenario
 from sensors.ground_rig import GroundRig
 from sensors.reformed_ground import ReformedGround
-from sensors.render import StereoRenderer
 from sensors.stereo_camera import PairSource, StereoCamera
-from sensors.world import World
 from vehicle.description import Vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -21,7 +19,7 @@ from vehicle.surface import Surface
 
 def opened_ground_cameras(
     scenario: Scenario,
-    world: World,
+    views: Views,
     surface: Surface,
     vehicle: Vehicle,
     trailer: TrailerGeometry,
@@ -46,7 +44,7 @@ def opened_ground_cameras(
         z=options.camera_height,
     )
     calibration = rig.calibration()
-    renderer = StereoRenderer(world, calibration)
+    renderer = views.seen_by(calibration)
     source: PairSource = renderer
     if ground.reformed_width > 0.0:
         wheels = wheels_near(vehicle, unit)

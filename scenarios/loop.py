@@ -1,9 +1,4 @@
-"""The closed loop: one mutable Session that samples, delivers, controls, logs and integrates, always in that order.
-
-What an estimator makes of a message depends on nothing but the messages before it, so it is worked out beside the loop,
-in one thread of its own, between the message's capture and its delivery: the second core would idle otherwise. The
-results are the same to the bit.
-"""
+"""The closed loop: one mutable Session that samples, delivers, controls, logs and integrates, always in that order."""
 
 from __future__ import annotations
 
@@ -19,16 +14,14 @@ import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverCommand
-from controllers.trailer import SteerCommand
-from estimators.estimates import OffTracking
-from estimators.viso_ot import VisoOtEstimate
 from scenarios.assembly import LOG_PERIOD, Assembly
 from scenarios.outcomes import Referee
 from scenarios.recording import RecordingWriter
 from scenarios.run_log import Estimate, Row
-from sensors.messages import BodyPose, StereoFrame
-from sensors.navigation import DriverPerception, SteerEncoders
-from vehicle.clock import TICK, Pipe, Schedule, to_ticks
+from scenarios.trailer_loop import TrailerLoop
+from sensors.messages import StereoFrame
+from sensors.navigation import DriverPerception
+from vehicle.clock import TICK, Schedule, to_ticks
 from vehicle.frames import Pose2
 from vehicle.plant import DivergedError, VehicleCommand
 from vehicle.truth import Truth
@@ -38,7 +31,6 @@ _PATIENCE = 1.5  # a run that takes so much longer than its path at set speed ha
 _GRACE = 10.0  # and some time for a start on a slope [s]
 
 Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry, which runs beside
-Message = StereoFrame | BodyPose
 
 
 class Session:
@@ -50,25 +42,27 @@ class Session:
         self.tick = 0
         self.outcome: str | None = None  # None while the run goes on
         self.rows: list[Row] = []
-        self.estimates: list[Estimate] = []
         self.seconds: dict[Stage, float] = dict.fromkeys(get_args(Stage), 0.0)
         self._keep_frames = keep_frames
         self._recorder = recorder
         self._images = hashlib.sha256()
-        self._state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
-        self._referee = Referee(parts.vehicle, parts.course.centreline, parts.course.road_half_width)
+        self._records_only = parts.cameras is not None and not parts.trailers[-1].sensing.sees
+        self._state = parts.motive.initial_state(parts.course.start, parts.start_speed)
+        road = None if parts.is_recorded else parts.course.centreline  # where a recorded drive's was is not known
+        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
         self._lifted = self._referee.init()
         self._station = 0.0  # of the guided point along the course [m]
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
         self._frames: list[tuple[int, Future[bytes]]] = []
-        self._in_flight: Pipe[Future[Estimate | None]] = Pipe()
-        self._newest: OffTracking | None = None
-        self._source = parts.source.init()
-        self._steering = parts.trailer_steering.init()
+        self.trailers = tuple(TrailerLoop(trailer, self._worker, self._timed) for trailer in parts.trailers)
         self._driver: Any = parts.driver.init() if parts.driver else None
-        self._encoders = SteerEncoders(parts.steers_ahead, len(parts.trailer.steered_distances))
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
-        self._steer_demand = SteerCommand(angles=np.zeros(len(parts.trailer.steered_distances)))
+        self._n_trailer_axles = sum(len(unit.steered_axles) for unit in parts.vehicle.units[1:])
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Those of the last trailer that have been delivered."""
+        return self.trailers[-1].estimates
 
     def close(self) -> None:
         """Ends the estimator's thread; what has been delivered and kept stays."""
@@ -81,7 +75,9 @@ class Session:
 
     @property
     def progress(self) -> float:
-        """How much of the course is done, 0 to 1."""
+        """How much of the course, or of a recorded drive, is done, 0 to 1."""
+        if self.parts.is_recorded:
+            return min(1.0, self.tick * TICK / self.parts.duration)
         return min(1.0, self._station / self.parts.course.length)
 
     @property
@@ -95,32 +91,42 @@ class Session:
             with self._timed("physics"):
                 truth = self.parts.motive.observe(self._state, self.tick)
             self._sample(truth)
-            self._deliver()
+            for trailer in self.trailers:
+                trailer.deliver(self.tick)
             self._control(truth)
-            self.rows.append(Row(truth, self._driver_demand, self._steer_demand))
+            demands = tuple(trailer.demand for trailer in self.trailers)
+            self.rows.append(Row(truth, self._driver_demand, demands))
             self._integrate()
             self._judge(truth)
 
     def _sample(self, truth: Truth) -> None:
-        schedule = self.parts.schedule
-        if not schedule.due(self.tick):
-            return
-        with self._timed("render"):
-            message = self.parts.sensor.sample(truth)
-            if message is None:
-                return
-            seen = message if isinstance(message, StereoFrame) else self._seen_for_recording(truth)
-        estimate = self._worker.submit(self._estimate, message)
-        self._in_flight = self._in_flight.put(self.tick + schedule.latency, estimate)
+        seen: StereoFrame | None = None
+        for trailer in self.trailers:
+            if not trailer.watched.sensing.schedule.due(self.tick):
+                continue
+            with self._timed("render"):
+                message = trailer.watched.sensing.sensor.sample(truth)
+            if message is not None:
+                trailer.send(message, self.tick)
+            seen = message if isinstance(message, StereoFrame) else None
+            if seen is not None:
+                self._images.update(seen.left.tobytes())
+                self._images.update(seen.right.tobytes())
+        if seen is None and self._records_only and self.parts.schedule.due(self.tick):
+            seen = self._seen_for_recording(truth)
         if seen is not None:
             self._keep(seen, truth)
 
     def _seen_for_recording(self, truth: Truth) -> StereoFrame | None:
-        return self.parts.cameras.camera.sample(truth) if self.parts.cameras else None
+        if self.parts.cameras is None:
+            return None
+        with self._timed("render"):
+            seen = self.parts.cameras.camera.sample(truth)
+        self._images.update(seen.left.tobytes())
+        self._images.update(seen.right.tobytes())
+        return seen
 
     def _keep(self, frame: StereoFrame, truth: Truth) -> None:
-        self._images.update(frame.left.tobytes())
-        self._images.update(frame.right.tobytes())
         if self._recorder:
             then = truth if frame.tick == truth.tick else self.rows[frame.tick // LOG_PERIOD].truth  # it came late
             self._recorder.add(frame, then.bodies[self.parts.trailer_unit])
@@ -128,38 +134,29 @@ class Session:
             rectified = self.parts.cameras.rectified
             self._frames.append((frame.tick, self._worker.submit(lambda: _jpeg(rectified(frame)))))
 
-    def _estimate(self, message: Message) -> Estimate | None:
-        """What the estimator makes of a message; called in the worker, one message after the other."""
-        with self._timed("odometry"):
-            self._source, estimate = self.parts.source.step(self._source, message)
-        if isinstance(estimate, VisoOtEstimate):
-            return Estimate(estimate.off_tracking, estimate.motion)
-        return None if estimate is None else Estimate(estimate)
-
-    def _deliver(self) -> None:
-        self._in_flight, due = self._in_flight.deliver(self.tick)
-        for future in due:
-            with self._timed("wait"):
-                estimate = future.result()
-            if estimate is not None:
-                self.estimates.append(estimate)
-                self._newest = estimate.off_tracking
-
     def _control(self, truth: Truth) -> None:
         if not _CONTROL.due(self.tick):
             return
         if self.parts.driver:
             ego = DriverPerception().sample(truth)
             self._driver, self._driver_demand = self.parts.driver.step(self._driver, self.tick, ego)
-        self._steering, self._steer_demand = self.parts.trailer_steering.step(
-            self._steering, self.tick, self._newest, self._encoders.sample(truth)
-        )
+        for trailer in self.trailers:
+            trailer.control(truth)
+
+    def _trailer_steer(self) -> tuple[float, ...]:
+        """Demands for every steered trailer axle [rad]; those of trailers that nothing is to follow stay straight."""
+        angles = np.zeros(self._n_trailer_axles)
+        of_tractor = len(self.parts.vehicle.units[0].steered_axles)
+        for trailer in self.trailers:
+            first = trailer.watched.steers_ahead - of_tractor
+            angles[first : first + trailer.watched.n_steered] = trailer.demand.angles
+        return tuple(angles.tolist())
 
     def _integrate(self) -> None:
         command = VehicleCommand(
             steer=self._driver_demand.steer,
             acceleration=self._driver_demand.acceleration,
-            trailer_steer=tuple(self._steer_demand.angles.tolist()),
+            trailer_steer=self._trailer_steer(),
         )
         try:
             with self._timed("physics"):
@@ -170,12 +167,16 @@ class Session:
 
     def _judge(self, truth: Truth) -> None:
         """Where on the course the tractor is, and whether that or what befell the combination ends the run."""
+        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        self.outcome = self.outcome or mishap
+        if self.parts.is_recorded:
+            if self.outcome is None and self.tick * TICK >= self.parts.duration:
+                self.outcome = "completed"
+            return
         course = self.parts.course
         point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
         self._station = course.path.project(point.x, point.y, self._station)
-        allowed = _GRACE + _PATIENCE * course.length / self.parts.scenario.speed
-        self._lifted, mishap = self._referee.step(self._lifted, truth)
-        self.outcome = self.outcome or mishap
+        allowed = _GRACE + _PATIENCE * self.parts.duration
         if self.outcome is None and self._station >= course.length - 1e-6:
             self.outcome = "completed"
         elif self.outcome is None and self.tick * TICK > allowed:

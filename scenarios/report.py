@@ -11,7 +11,7 @@ import numpy as np
 
 from scenarios import figures
 from scenarios.page import html_page, section_html
-from scenarios.results import CameraFrame, RunResult, Summary, manifest
+from scenarios.results import CameraFrame, RunResult, Summary, manifest, trailer_summaries
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
@@ -69,6 +69,8 @@ def _sections(result: RunResult, summary: Summary) -> Iterable[str]:
     else:
         yield section_html("Nothing to draw", "The run ended before the vehicle had moved.")
     yield section_html("All numbers", "", _table(summary))
+    if result.trailers_ahead:
+        yield section_html("Trailers", _TRAILERS, _trailers(result))
     yield section_html("Where the time went", _timing_line(result), _timing(result))
     yield _details(result)
 
@@ -102,6 +104,10 @@ _OFF_TRACKING = (
 )
 _ERROR = "About 95 of 100 errors should lie inside the band; if they do, the estimator knows how good it is."
 _STEER = "Solid: the road wheels as they stand. Dashed: what the controller asked for."
+_TRAILERS = (
+    "Each trailer follows its own hitch. The plots above are of the last one; the numbers of off-tracking and steering "
+    "are those of the trailer that runs farthest beside its path."
+)
 _MATCHES = "Features found again in all images of a frame, and those of them that agree on one motion of the camera."
 
 
@@ -139,9 +145,24 @@ def _table(summary: Summary) -> str:
     return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
 
 
+def _trailers(result: RunResult) -> str:
+    """Off-tracking and steering of every watched trailer side by side."""
+    of_each = trailer_summaries(result)
+    head = "".join(f'<th class="value">{escape(name)}</th>' for name in of_each)
+    lines = [f"<tr><th></th>{head}</tr>"]
+    for group, name, label, unit, factor, digits, _ in _NUMBERS:
+        key = f"steer_{name}" if group == "steer" else name
+        values = [numbers.get(key) for numbers in of_each.values()]
+        if any(value is not None for value in values):
+            cells = "".join(f'<td class="value">{_text(value, factor, digits)} {unit}</td>' for value in values)
+            lines.append(f"<tr><th>{label}</th>{cells}</tr>")
+    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+
+
 def _value(summary: Summary, group: str, name: str) -> float | int | None:
     numbers = summary[group]
-    return numbers[name] if isinstance(numbers, dict) else None
+    value = numbers[name] if isinstance(numbers, dict) else None
+    return None if isinstance(value, dict) else value
 
 
 def _text(value: float | int | None, factor: float, digits: int) -> str:

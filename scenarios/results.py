@@ -28,7 +28,8 @@ from scenarios.swept_path import SweptPath, swept_path
 from scenarios.swept_path import UnitOutline as UnitOutline  # part of this module's words: a RunResult is built from it
 from vehicle.frames import FloatArray
 
-Summary = dict[str, str | int | dict[str, float | int | None]]
+Numbers = dict[str, float | int | None]
+Summary = dict[str, str | int | Numbers | dict[str, Numbers]]
 Progress = Callable[[int, int], None]  # done so far, of how many
 
 
@@ -66,6 +67,14 @@ class CameraFrame:
     inliers: int
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrailerAhead:
+    """A trailer in front of the last that is watched, too; its signals end with its name."""
+
+    name: str
+    follow_distance: float  # hitch to follow point [m]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RunResult:
     """Everything a finished run has to tell."""
@@ -84,6 +93,7 @@ class RunResult:
     frames: tuple[CameraFrame, ...]  # empty without cameras
     manifest: Mapping[str, str]  # what only the run knows: OpenGL renderer, hash of the sensor images, …
     trailer_steer_limit: float | None = None  # for the plots [rad]; None where the trailer is not steered
+    trailers_ahead: tuple[TrailerAhead, ...] = ()  # front to rear
 
     @property
     def trailer(self) -> UnitOutline:
@@ -98,20 +108,25 @@ class RunResult:
         """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
         return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
 
-    def steer_signals(self) -> tuple[str, ...]:
-        """Names of the signals that hold the trailer's steer angles, front to rear; demands have ``_command`` added."""
-        return tuple(name for name in self.log.names if name.removeprefix("steer_trailer_").isdigit())
+    def steer_signals(self, ahead: str = "") -> tuple[str, ...]:
+        """Names of the signals that hold the last trailer's steer angles, or those of one ``ahead``, front to rear.
+
+        Demands have ``_command`` added after the axle's number.
+        """
+        ending = f"_{ahead}" if ahead else ""
+        own = (name.removesuffix(ending) for name in self.log.names if name.endswith(ending))
+        return tuple(f"{name}{ending}" for name in own if name.removeprefix("steer_trailer_").isdigit())
 
     def axle_steer(self, unit: UnitOutline) -> FloatArray:
         """Steer of each axle of a unit over time, shape (n_rows, n_axles) [rad], for drawings.
 
-        The log does not say which axles are steered: the tractor's foremost, and the trailer's rearmost ones are.
+        The log does not say which axles are steered: the tractor's foremost, and a trailer's rearmost ones are.
         """
         steer = np.zeros((len(self.log), len(unit.axles)))
         if unit is self.units[0] and unit.axles:
             steer[:, int(np.argmax(unit.axles))] = self.signal("steer_tractor")
-        elif unit is self.trailer:
-            names = self.steer_signals()[-len(unit.axles) :]
+        else:
+            names = self.steer_signals("" if unit is self.trailer else unit.name)[-len(unit.axles) :]
             order = np.argsort(unit.axles)[: len(names)][::-1]  # rearmost axles, front to rear
             for axle, name in zip(order, names, strict=True):
                 steer[:, axle] = self.log[name]
@@ -123,16 +138,37 @@ def summary(result: RunResult) -> Summary:
 
     Names, and the units in them, are fixed; users and checks rely on them.
     """
+    worst, of_each = _worst(result), trailer_summaries(result)
     return {
         "outcome": result.outcome,
         "scenario": result.scenario,
         "seed": result.seed,
-        "off_tracking": _off_tracking(result),
+        "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
-        "steer": _steer(result),
+        "steer": _steer(result, worst),
         "odometry": _odometry(result),
         "timing": _timing(result.timing),
+        **({"trailers": of_each} if of_each else {}),
     }
+
+
+def trailer_summaries(result: RunResult) -> dict[str, Numbers]:
+    """Off-tracking and steering of every watched trailer by its name, front to rear; of one alone nothing."""
+    if not result.trailers_ahead:
+        return {}
+    names = [(trailer.name, trailer.name) for trailer in result.trailers_ahead] + [(result.trailer.name, "")]
+    return {
+        name: _off_tracking(result, ahead) | {f"steer_{key}": value for key, value in _steer(result, ahead).items()}
+        for name, ahead in names
+    }
+
+
+def _worst(result: RunResult) -> str:
+    """The trailer ahead with the largest off-tracking, or nothing if it is the last one's."""
+    largest = {"": metrics.peak(result.signal("off_tracking_true"))}
+    for trailer in result.trailers_ahead:
+        largest[trailer.name] = metrics.peak(result.signal(f"off_tracking_true_{trailer.name}"))
+    return max(largest, key=lambda name: np.nan_to_num(largest[name]))
 
 
 def swept(result: RunResult) -> SweptPath:
@@ -142,28 +178,34 @@ def swept(result: RunResult) -> SweptPath:
     return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
 
 
-def error_of_estimate(result: RunResult) -> FloatArray:
-    """Estimated minus true off-tracking at the estimate's own time [m], shape (n_rows,); NaN where there is none."""
-    return metrics.estimate_error(
-        result.signal("off_tracking_estimate"), result.signal("off_tracking_true"), result.signal("health")
+def error_of_estimate(result: RunResult, ahead: str = "") -> FloatArray:
+    """Estimated minus true off-tracking at the estimate's own time [m], shape (n_rows,); NaN where there is none.
+
+    Of the last trailer, or of one ``ahead``.
+    """
+    ending = f"_{ahead}" if ahead else ""
+    estimate, true, health = (
+        result.signal(f"{name}{ending}") for name in ("off_tracking_estimate", "off_tracking_true", "health")
     )
+    return metrics.estimate_error(estimate, true, health)
 
 
-def _off_tracking(result: RunResult) -> dict[str, float | int | None]:
-    true, error = result.signal("off_tracking_true"), error_of_estimate(result)
-    reference = result.signal("off_tracking_reference")
+def _off_tracking(result: RunResult, ahead: str) -> Numbers:
+    ending = f"_{ahead}" if ahead else ""
+    true, error = result.signal(f"off_tracking_true{ending}"), error_of_estimate(result, ahead)
+    reference = result.signal(f"off_tracking_reference{ending}")
     return {
         "true_rms_m": _number(metrics.rms(true)),
         "true_max_m": _number(metrics.peak(true)),
         "estimate_error_rms_m": _number(metrics.rms(error)),
         "estimate_error_max_m": _number(metrics.peak(error)),
-        "valid_fraction": _number(metrics.valid_fraction(result.signal("health"), true)),
+        "valid_fraction": _number(metrics.valid_fraction(result.signal(f"health{ending}"), true)),
         "reference_error_rms_m": _number(metrics.rms(reference - true)),
         "estimate_against_reference_rms_m": _number(metrics.rms(error + true - reference)),
     }
 
 
-def _swept_path(room: SweptPath) -> dict[str, float | int | None]:
+def _swept_path(room: SweptPath) -> Numbers:
     return {
         "max_width_m": _number(room.max_width),
         "min_inner_radius_m": _number(room.min_inner_radius),
@@ -171,14 +213,14 @@ def _swept_path(room: SweptPath) -> dict[str, float | int | None]:
     }
 
 
-def _steer(result: RunResult) -> dict[str, float | int | None]:
-    angles = [result.log[name] for name in result.steer_signals()]
+def _steer(result: RunResult, ahead: str) -> Numbers:
+    angles = [result.log[name] for name in result.steer_signals(ahead)]
     largest = max((metrics.peak(angle) for angle in angles), default=math.nan)
     fastest = max((metrics.peak(metrics.rate(angle, result.log["time"])) for angle in angles), default=math.nan)
     return {"max_deg": _number(math.degrees(largest)), "max_rate_deg_s": _number(math.degrees(fastest))}
 
 
-def _odometry(result: RunResult) -> dict[str, float | int | None]:
+def _odometry(result: RunResult) -> Numbers:
     health = result.signal("odometry_health")
     captures = np.isfinite(health)
     drift = metrics.odometry_drift(
@@ -195,7 +237,7 @@ def _odometry(result: RunResult) -> dict[str, float | int | None]:
     }
 
 
-def _timing(timing: Timing) -> dict[str, float | int | None]:
+def _timing(timing: Timing) -> Numbers:
     names = ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
     return {name: _number(getattr(timing, name)) for name in names}
 

@@ -15,8 +15,8 @@ from scenarios.loop import Session
 from scenarios.randomness import stream
 from scenarios.recording import RecordingWriter
 from scenarios.reference import reference_off_tracking
-from scenarios.results import CameraFrame, RunResult, Timing
-from scenarios.run_log import run_log
+from scenarios.results import CameraFrame, RunResult, Timing, TrailerAhead
+from scenarios.run_log import run_log, with_trailer_ahead
 from scenarios.scenario import Scenario
 from vehicle.clock import TICK
 
@@ -75,9 +75,19 @@ def _result(session: Session) -> RunResult:
         units=[unit.name for unit in parts.vehicle.units],
         trailer_unit=parts.trailer_unit,
         follow_distance=parts.trailer.follow_distance,
-        steers_ahead=parts.steers_ahead,
+        steers_ahead=parts.trailers[-1].steers_ahead,
         X_SC=parts.cameras.calibration.X_SC if parts.cameras else None,
     )
+    for place, trailer in enumerate(parts.trailers[:-1]):
+        log = with_trailer_ahead(
+            log,
+            session.rows,
+            session.trailers[place].estimates,
+            place=place,
+            unit=trailer.name,
+            follow_distance=trailer.geometry.follow_distance,
+            steers_ahead=trailer.steers_ahead,
+        )
     if parts.scenario.reference_unit:
         log = _with_reference(log, session)
     seconds = session.seconds
@@ -106,6 +116,10 @@ def _result(session: Session) -> RunResult:
             "frames_sha256": session.images_sha256 if parts.cameras else "none",
         },
         trailer_steer_limit=parts.trailer.max_steer or None,
+        trailers_ahead=tuple(
+            TrailerAhead(name=trailer.name, follow_distance=trailer.geometry.follow_distance)
+            for trailer in parts.trailers[:-1]
+        ),
     )
 
 

@@ -47,7 +47,7 @@ class Row:
 
     truth: Truth
     driver: DriverCommand
-    steering: SteerCommand
+    steering: tuple[SteerCommand, ...]  # of every watched trailer, front to rear
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +74,12 @@ def run_log(
         rows: one every log period, in order.
         estimates: those delivered, in order; captures fall on rows.
         units: names of the units, tractor first.
-        trailer_unit: which of them is watched.
+        trailer_unit: which of them is the last trailer that is watched.
         follow_distance: hitch to follow point of that trailer [m].
         steers_ahead: number of steered axles in front of the watched trailer's.
         X_SC: pose of the left camera in the trailer body (4, 4), if there are cameras.
     """
-    n_steered = len(rows[0].steering.angles) if rows else 0
+    n_steered = len(rows[0].steering[-1].angles) if rows else 0
     signals = tuple(_signals(units, n_steered))
     table = np.full((len(rows), len(signals)), np.nan)
     for line, row in zip(table, rows, strict=True):
@@ -89,9 +89,49 @@ def run_log(
         if estimate.off_tracking.tick in index:
             table[index[estimate.off_tracking.tick], -len(_ESTIMATE) :] = _estimate_values(estimate, X_SC)
     log = _with_rotation(Log(signals, table), index, estimates)
-    name = units[trailer_unit]
-    true = metrics.true_off_tracking(log[f"x_{name}"], log[f"y_{name}"], np.unwrap(log[f"psi_{name}"]), follow_distance)
-    return log.with_signal(Signal("off_tracking_true", "m", "lateral distance of the hitch's path, + left"), true)
+    return _with_truth(log, units[trailer_unit], follow_distance, "off_tracking_true")
+
+
+def with_trailer_ahead(
+    log: Log,
+    rows: Sequence[Row],
+    estimates: Sequence[Estimate],
+    *,
+    place: int,
+    unit: str,
+    follow_distance: float,
+    steers_ahead: int,
+) -> Log:
+    """The log with what there is to know of a watched trailer in front of the last; its name ends every signal's.
+
+    Args:
+        log: of the same rows.
+        rows: one every log period, in order.
+        estimates: those delivered of this trailer's off-tracking, in order.
+        place: the trailer's among the watched ones.
+        unit: its name.
+        follow_distance: its hitch to its follow point [m].
+        steers_ahead: number of steered axles in front of its own.
+    """
+    for k in range(len(rows[0].steering[place].angles) if rows else 0):
+        angles = np.array([row.truth.steer[steers_ahead + k] for row in rows])
+        asked = np.array([row.steering[place].angles[k] for row in rows])
+        name = f"steer_trailer_{k + 1}"
+        log = log.with_signal(Signal(f"{name}_{unit}", "rad", f"{unit}: angle of steered axle {k + 1}, + left"), angles)
+        log = log.with_signal(Signal(f"{name}_command_{unit}", "rad", "the controller's demand for it"), asked)
+    told = np.full((len(rows), 3), np.nan)
+    index = {row.truth.tick: k for k, row in enumerate(rows)}
+    for estimate in estimates:
+        if estimate.off_tracking.tick in index:
+            told[index[estimate.off_tracking.tick]] = _estimate_values(estimate, None)[:3]
+    for column, signal in zip(told.T, _ESTIMATE, strict=False):
+        log = log.with_signal(Signal(f"{signal.name}_{unit}", signal.unit, f"{unit}: {signal.description}"), column)
+    return _with_truth(log, unit, follow_distance, f"off_tracking_true_{unit}")
+
+
+def _with_truth(log: Log, unit: str, follow_distance: float, name: str) -> Log:
+    true = metrics.true_off_tracking(log[f"x_{unit}"], log[f"y_{unit}"], np.unwrap(log[f"psi_{unit}"]), follow_distance)
+    return log.with_signal(Signal(name, "m", "lateral distance of the hitch's path, + left"), true)
 
 
 def _with_rotation(log: Log, index: dict[int, int], estimates: Sequence[Estimate]) -> Log:
@@ -139,8 +179,8 @@ def _values(row: Row, steers_ahead: int) -> Iterator[float]:
         yield float(-np.arcsin(X_WB[2, 0]))
     yield truth.steer[0]
     yield row.driver.steer
-    yield from truth.steer[steers_ahead : steers_ahead + len(row.steering.angles)]
-    yield from row.steering.angles
+    yield from truth.steer[steers_ahead : steers_ahead + len(row.steering[-1].angles)]
+    yield from row.steering[-1].angles
     yield row.driver.acceleration
     yield float(truth.friction_used.max())
     yield float(truth.wheel_loads.min())

@@ -13,11 +13,15 @@ from pydantic import BaseModel, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from scenarios.options.base import Options, quantity
-from scenarios.options.course import COURSES, Course
+from scenarios.options.course import COURSES, Course, TurnTable
+from scenarios.options.degradation import DegradationOptions
+from scenarios.options.driver import DriverOptions
 from scenarios.options.faults import FaultOptions, Faults
 from scenarios.options.ground_rig import GroundRigOptions
 from scenarios.options.rig import RigOptions, WorldOptions
+from scenarios.options.signals import SignalOptions, SteerGroups
 from scenarios.options.surface import PATCHES, SurfaceOptions
+from scenarios.rover.scenario import ROVER_COURSES, MoundOptions, RoverScenario
 from vehicle.parameter_file import nearest, read_toml
 
 Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
@@ -32,15 +36,19 @@ class Scenario(Options):
     course: Course
     vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
     speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
+    driver: DriverOptions = DriverOptions()
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
     steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
-    off_tracking: str = "viso_ot"  # truth, viso_ot, ground_watching, ground_watching_single or package.module:Name
+    off_tracking: str = "viso_ot"  # a known estimator (offtrack run --help lists them) or package.module:Name
     odometry: str = "keyframe"  # a known odometry or package.module:Name
+    steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle
+    signals: SignalOptions = SignalOptions()
     surface: SurfaceOptions = SurfaceOptions()
     rig: RigOptions = RigOptions()
     ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
     world: WorldOptions = WorldOptions()
     faults: Faults = ()
+    degradation: DegradationOptions = DegradationOptions()  # what bad estimates are answered by
     reference_unit: bool = True  # carry one, to judge estimates by as field tests do
 
     @property
@@ -59,7 +67,19 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
-    """The scenario of that name or file, with ``KEY=VALUE`` settings applied.
+    """The trailer's scenario of that name or file, with ``KEY=VALUE`` settings applied.
+
+    Raises:
+        ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
+    """
+    scenario = load_any_scenario(name_or_path, settings)
+    if isinstance(scenario, Scenario):
+        return scenario
+    raise ValueError(f"scenario {name_or_path} is a rover's: this is for trailers")
+
+
+def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RoverScenario:
+    """The scenario of that name or file, a trailer's or a rover's, with ``KEY=VALUE`` settings applied.
 
     Raises:
         ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
@@ -70,7 +90,7 @@ def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     vehicle = table.get("vehicle")
     if isinstance(vehicle, str) and vehicle.endswith(".toml"):
         table["vehicle"] = str(Path(vehicle).resolve())  # the resolved scenario runs again from any folder
-    return _validated(table, name_or_path)
+    return _validated(RoverScenario if table.get("kind") == "rover" else Scenario, table, name_or_path)
 
 
 def _data() -> resources.abc.Traversable:
@@ -107,19 +127,20 @@ def _value(text: str) -> Parameter | list[Any]:
     return value if isinstance(value, bool | int | float | str | list) else text
 
 
-def _validated(table: Table, source: str) -> Scenario:
+def _validated(model: type[Scenario] | type[RoverScenario], table: Table, source: str) -> Scenario | RoverScenario:
     try:
-        return Scenario.model_validate(table)
+        return model.model_validate(table)
     except ValidationError as error:
-        raise ValueError(f"scenario {source}: {_complaint(error.errors(include_url=False)[0])}") from None
+        raise ValueError(f"scenario {source}: {_complaint(model, error.errors(include_url=False)[0])}") from None
 
 
-def _complaint(first: ErrorDetails) -> str:
+def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> str:
     """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
-    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in (*COURSES, *PATCHES)]
+    courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
+    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in (*courses, *PATCHES)]
     parts = [str(part) for part in first["loc"] if part not in kinds]
     key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
-    units = dict(_known_keys(Scenario))
+    units = dict(_known_keys(model))
     if first["type"] == "union_tag_invalid":
         return f"{key}.kind = '{first['ctx']['tag']}'{nearest(first['ctx']['tag'], kinds)}"
     if first["type"] == "union_tag_not_found":
@@ -138,7 +159,10 @@ def _complaint(first: ErrorDetails) -> str:
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Dotted name and unit of every key a scenario may have."""
     for name, info in model.model_fields.items():
-        tables = {"course": COURSES, "patches": PATCHES, "faults": (FaultOptions,)}.get(name, (info.annotation,))
+        courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
+        lists: dict[str, tuple[type[Options], ...]] = {"course": courses, "patches": PATCHES}
+        lists |= {"turns": (TurnTable,)} | {"faults": (FaultOptions,)} | {"mounds": (MoundOptions,)}
+        tables = lists.get(name, (info.annotation,))
         for table in tables:
             if isinstance(table, type) and issubclass(table, BaseModel):
                 yield from _known_keys(table, f"{prefix}{name}.")

@@ -8,24 +8,30 @@ from typing import Any, Protocol
 from controllers.trailer import TrailerGeometry
 from estimators.self_calibration import SelfCalibratedOdometry
 from scenarios.adapters import rig_on
-from scenarios.cameras import Cameras, Rectified, built_world, opened_cameras
+from scenarios.cameras import Cameras, Rectified, Views, opened_cameras
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
-from scenarios.courses import Course
 from scenarios.ground_cameras import opened_ground_cameras
 from scenarios.randomness import stream
 from scenarios.scenario import Scenario
+from sensors.combination import CombinationSensors
 from sensors.faults import faulty
-from sensors.messages import BodyPose, StereoFrame
+from sensors.messages import BodyPose, CombinationSignals, StereoFrame
 from sensors.navigation import ExactPose
+from vehicle.clock import Schedule
 from vehicle.description import Vehicle
 from vehicle.surface import Surface
 from vehicle.truth import Truth
 
+Message = StereoFrame | BodyPose | CombinationSignals
 
-class PoseSensor(Protocol):
-    """What the off-tracking is estimated from: a stereo camera or a reference unit; None: nothing arrives."""
+# assumed: gyros and angle sensors send every 20 ms, and so long it takes until their message has been worked on
+_SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 
-    def sample(self, truth: Truth) -> StereoFrame | BodyPose | None: ...
+
+class Sensor(Protocol):
+    """What the off-tracking is estimated from; None: nothing arrives."""
+
+    def sample(self, truth: Truth) -> Message | None: ...
 
 
 class OffTrackingSource(Protocol):
@@ -40,9 +46,11 @@ class OffTrackingSource(Protocol):
 class Sensing:
     """A sensor, with its faults, and what estimates the off-tracking from its messages."""
 
-    sensor: PoseSensor
+    sensor: Sensor
+    schedule: Schedule
     source: OffTrackingSource
     cameras: Cameras | None  # None: nothing is rendered
+    sees: bool  # whether the off-tracking is estimated from what the cameras send
 
 
 def opened_sensing(
@@ -52,12 +60,27 @@ def opened_sensing(
     unit: int,
     vehicle: Vehicle,
     trailer: TrailerGeometry,
-    course: Course,
+    signals: CombinationSensors,
     surface: Surface,
+    views: Views,
+    schedule: Schedule,
     keep_colour: bool,
     record: bool,
 ) -> Sensing:
     """What senses the trailer of this ``unit``; cameras are opened if they are estimated from, or to be recorded.
+
+    Args:
+        scenario: says how.
+        seed: decides noise and faults.
+        unit: the trailer's number in the vehicle.
+        vehicle: the combination.
+        trailer: the trailer's data sheet.
+        signals: what the combination's sensors say for this trailer.
+        surface: of the ground.
+        views: what cameras see.
+        schedule: of cameras, or of a reference unit in their place.
+        keep_colour: let frames carry what the left camera saw in colour.
+        record: have cameras even if the off-tracking is not estimated from them.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
@@ -66,21 +89,26 @@ def opened_sensing(
     estimator = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
     watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
-    sees = scenario.off_tracking != "truth"
+    reads = getattr(estimator, "reads_signals", False)  # of the combination, and needs to know this
+    sees = scenario.off_tracking != "truth" and not reads
     cameras: Cameras | None = None
     if sees or record:
-        world = built_world(scenario.world, course, surface, stream(seed, "world"))
-        noise = stream(seed, "camera noise")
+        noise = stream(seed, f"camera noise{_own(vehicle, unit)}")
         if watches_ground:
             cameras = opened_ground_cameras(
-                scenario, world, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
+                scenario, views, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
             )
         else:
             rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
-            cameras = opened_cameras(scenario.rig, rig, world, unit=unit, rng=noise, keep_colour=keep_colour)
+            cameras = opened_cameras(scenario.rig, rig, views, unit=unit, rng=noise, keep_colour=keep_colour)
+    if reads:
+        heard = _with_faults(signals, scenario, seed, vehicle, unit, None)
+        source = estimator(vehicle, unit, trailer.follow_distance)
+        return Sensing(sensor=heard, schedule=_SIGNALS, source=source, cameras=cameras, sees=False)
     if cameras is None or not sees:
-        sensor = _with_faults(ExactPose(unit), scenario, seed, unit, None)
-        return Sensing(sensor=sensor, source=estimator(trailer.follow_distance), cameras=cameras)
+        sensor = _with_faults(ExactPose(unit), scenario, seed, vehicle, unit, None)
+        source = estimator(trailer.follow_distance)
+        return Sensing(sensor=sensor, schedule=schedule, source=source, cameras=cameras, sees=False)
     arguments = [cameras.calibration, trailer.follow_distance]
     if not watches_ground:
         measuring = odometry(cameras.calibration)
@@ -88,17 +116,26 @@ def opened_sensing(
         arguments.append(SelfCalibratedOdometry(cameras.calibration, measuring) if own else measuring)
     source = estimator(*arguments)
     return Sensing(
-        sensor=_with_faults(cameras.camera, scenario, seed, unit, cameras),
+        sensor=_with_faults(cameras.camera, scenario, seed, vehicle, unit, cameras),
+        schedule=schedule,
         source=Rectified(source, cameras.rectifier) if cameras.rectifier else source,
         cameras=cameras,
+        sees=True,
     )
 
 
-def _with_faults(sensor: Any, scenario: Scenario, seed: int, unit: int, cameras: Cameras | None) -> PoseSensor:
+def _own(vehicle: Vehicle, unit: int) -> str:
+    """What tells the random streams of a trailer from those of the last one."""
+    return "" if unit == len(vehicle.units) - 1 else f" of {vehicle.units[unit].name}"
+
+
+def _with_faults(
+    sensor: Any, scenario: Scenario, seed: int, vehicle: Vehicle, unit: int, cameras: Cameras | None
+) -> Sensor:
     """The sensor as the scenario's faults leave it, the first of them nearest to it."""
     calibration = cameras.calibration if cameras else None
     for k, options in enumerate(scenario.faults):
-        rng = stream(seed, f"fault {k}")
+        rng = stream(seed, f"fault {k}{_own(vehicle, unit)}")
         sensor = faulty(sensor, options.fault(), unit=unit, calibration=calibration, rng=rng)
-    faulted: PoseSensor = sensor
+    faulted: Sensor = sensor
     return faulted

@@ -13,14 +13,14 @@ from sensors.fault import Fault
 from sensors.lens import mount_rotation
 from sensors.lens_map import Floats
 from sensors.lens_surface import crusted, dirtied, veil_of_light
-from sensors.messages import BodyPose, GreyImage, StereoFrame
+from sensors.messages import BodyPose, CombinationSignals, GreyImage, StereoFrame
 from sensors.rig import StereoCalibration
 from sensors.shutter import STILL, Twist, moved, twist_between
 from vehicle.clock import TICK, to_ticks
 from vehicle.frames import FloatArray
 from vehicle.truth import Truth
 
-Message = StereoFrame | BodyPose
+Message = StereoFrame | BodyPose | CombinationSignals
 
 
 class Sensor(Protocol):

@@ -58,11 +58,16 @@ class EgoState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SteerAngles:
-    """Angle encoders on a unit's steered axles, front to rear."""
+class CombinationSignals:
+    """What the sensors of a combination of N units say for the steering of one of its trailers."""
 
     tick: int
-    angles: FloatArray  # (n,) [rad], + left
+    angles: FloatArray  # (n_steered,) encoders of that trailer's steered axles, front to rear, + left [rad]
+    speed: float  # of the tractor's rear axle, from the wheels of its foremost steered one [m/s]
+    steer: float  # road-wheel angle of that axle, + left [rad]
+    articulation: FloatArray  # (N-1,) at each hitch, psi of the unit ahead less that of the unit behind [rad]
+    yaw_rates: FloatArray  # (N,) gyros, tractor first [rad/s]
+    lateral_acceleration: float  # accelerometer on the body above that trailer's axle group, + left [m/s2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,10 +1,10 @@
-"""Sensors of motion: the driver's own perception, an exact reference unit, and steering-angle encoders."""
+"""Sensors of motion: the driver's own perception, and an exact reference unit."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sensors.messages import BodyPose, EgoState, SteerAngles
+from sensors.messages import BodyPose, EgoState
 from vehicle.truth import Truth
 
 
@@ -28,15 +28,3 @@ class ExactPose:
     def sample(self, truth: Truth) -> BodyPose:
         """Pose of the unit's body."""
         return BodyPose(tick=truth.tick, X_WB=truth.bodies[self.unit].copy())
-
-
-@dataclass(frozen=True, slots=True)
-class SteerEncoders:
-    """Angle encoders on a unit's steered axles: entries ``first`` to ``first + count`` of the combination's."""
-
-    first: int
-    count: int
-
-    def sample(self, truth: Truth) -> SteerAngles:
-        """Road-wheel angles of the unit's steered axles, front to rear."""
-        return SteerAngles(tick=truth.tick, angles=truth.steer[self.first : self.first + self.count].copy())

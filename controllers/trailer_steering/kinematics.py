@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.trailer import TrailerGeometry
+from controllers.trailer import Linkage, TrailerGeometry
 from vehicle.frames import FloatArray
 
+_NEWTON_STEPS = 5  # from the solution for small angles: 1e-12 rad at any angle that axles are turned by
 _STEEPEST = 1.3  # directions of travel are held within this, 74 deg: the tangent stays finite [rad]
 
 
@@ -36,7 +37,8 @@ class AxleGroup:
     first_moment: float  # sum of all distances [m]
     second_moment: float  # sum of their squares [m2]
     follow_distance: float  # [m]
-    max_steer: float  # [rad]
+    max_steer: float  # of the actuators [rad]
+    linkages: tuple[Linkage, ...]  # steered axles that an actuator turns together
 
     @classmethod
     def of(cls, trailer: TrailerGeometry) -> AxleGroup:
@@ -50,6 +52,7 @@ class AxleGroup:
             second_moment=float(every @ every),
             follow_distance=trailer.follow_distance,
             max_steer=trailer.max_steer,
+            linkages=trailer.linkages,
         )
 
     def mean_slip(self, v_x: float, v_y: float, yaw_rate: float, angles: FloatArray) -> float:
@@ -74,14 +77,39 @@ class AxleGroup:
         """Angles (n_steered,) [rad] that send the follow point along ``follow_direction`` [rad], within the limit.
 
         The steered axles share equally what slip is asked for and what the fixed axles' scrub costs; what one
-        of them cannot give at its limit the others take over.
+        of them cannot give at its limit the others take over. Linked axles turn as their actuator lets them.
         """
         lead, follow = math.tan(held(hitch_direction)), math.tan(held(follow_direction))
         slope = (follow - lead) / self.follow_distance
         scrub = float(self.fixed @ (lead + slope * self.fixed))
         tangents = lead + slope * self.steered
         missing = scrub - self.first_moment * mean_slip  # of the steer moment [m]
-        return np.arctan(self._shared(tangents, missing))
+        return self.linked(np.arctan(self._shared(tangents, missing)))
+
+    def slip_angles(self, mean_slip: float) -> FloatArray:
+        """Angles (n_steered,) [rad], equal for all, that let a trailer roll as if its axles did not slip."""
+        missing = -self.first_moment * mean_slip
+        return self.linked(np.arctan(self._shared(np.zeros(len(self.steered)), missing)))
+
+    def linked(self, angles: FloatArray) -> FloatArray:
+        """Angles (n_steered,) [rad] as the linkages let them be, each with the steer moment it was asked for."""
+        if not self.linkages:
+            return angles
+        turned = angles.copy()
+        for linkage in self.linkages:
+            axles, ratios = list(linkage.axles), np.array(linkage.ratios)
+            turned[axles] = ratios * self._actuator_angle(self.steered[axles], ratios, angles[axles])
+        return turned
+
+    def _actuator_angle(self, distances: FloatArray, ratios: FloatArray, angles: FloatArray) -> float:
+        """The actuator's angle [rad], within its limit, at which its axles have the moment that the angles ask for."""
+        moment = float(distances @ np.tan(angles))
+        angle = moment / float(distances @ ratios)
+        for _ in range(_NEWTON_STEPS):
+            tangents = np.tan(ratios * held(angle))
+            slope = float((distances * ratios) @ (1.0 + tangents**2))
+            angle = held(angle) - (float(distances @ tangents) - moment) / slope
+        return max(-self.max_steer, min(self.max_steer, angle))
 
     def _shared(self, tangents: FloatArray, missing: float) -> FloatArray:
         """Tangents with the missing moment [m] added in equal parts to those not at the limit."""

@@ -5,6 +5,10 @@ direction beside the follow point say where the follow point has to go, its newe
 trailer's kinematics then leave one angle for every axle. Three things make it good enough to be closed in a loop: the
 estimate, 0.1 to 0.2 s old, is carried on to the moment when the axles will have answered; the slip of the axles is
 estimated and given to them, its inertial part beforehand; an integral over the distance takes what is left.
+
+Until the buffer reaches back to the follow point there is no path to follow, but the slip is seen already: the axles
+take it away, so that the trailer does not begin beside its path. At speed the trailer's own dynamics, which a rolling
+trailer's kinematics know nothing of, are as slow as the estimate is old: the law hands over to straight wheels.
 """
 
 from __future__ import annotations
@@ -20,16 +24,20 @@ from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_path import chord_lengths, crossing, tangent
-from sensors.messages import SteerAngles
+from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _MEASURABLE = 0.5  # slower than this the odometry's noise of some mm a frame is all that a slip shows [m/s]
-_HISTORY = 3000  # of the steer encoders: age of an estimate and the hold, with room for slow cameras [ticks]
+_HISTORY = 3000  # of the steer encoders: age of an estimate and a gap in them, with room for slow cameras [ticks]
+_OLDEST = 2000  # an estimate says nothing of where the trailer is after that, and the axles stay where they are [ticks]
 _REACH = 0.75  # half window of the fit to the path beside the follow point [m]
 _MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is larger [rad]
+# The loop with its 0.3 s of delay is well damped at 30 km/h and swings on at 40 km/h: the law is whole up to the one
+# and gone at the other [m/s].
+_WHOLE, _GONE = 7.0, 11.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +52,6 @@ class PathPreviewParameters:
     integral: float  # the same per offset and metre travelled [rad/m2]
     compliance: float  # slip of the axles per lateral acceleration [rad s2/m]
     slip_distance: float  # low-pass on the rest of the axles' slip [m]
-    hold: float  # how long the last usable estimate is steered by [s]
-    fade_rate: float  # at which the axles go straight after that [rad/s]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -59,8 +65,6 @@ _LIMITS = {
     "integral": (0.0, 0.5, "rad/m2"),
     "compliance": (0.0, 0.1, "rad s2/m"),
     "slip_distance": (0.1, 100.0, "m"),
-    "hold": (0.0, 2.0, "s"),
-    "fade_rate": (0.001, 1.0, "rad/s"),
 }
 
 
@@ -77,7 +81,6 @@ class PathPreviewMemory(NamedTuple):
 
     tick: int | None  # of the last step; None before the first
     seen: OffTracking | None  # newest usable estimate
-    seen_at: int  # when it arrived [ticks]
     history: SteerHistory
     demand: tuple[float, ...]  # last command [rad]
     slip: float  # mean slip of the axles at that estimate [-]
@@ -96,8 +99,6 @@ class PathPreview:
         integral: float = 0.03,
         compliance: float = 0.022,  # 1/(4.6 g): cornering stiffness of a truck tyre over its load
         slip_distance: float = 1.5,
-        hold: float = 1.0,
-        fade_rate: float = 0.05,
     ) -> None:
         """A controller for the trailer; the parameters are those of `PathPreviewParameters`.
 
@@ -108,12 +109,7 @@ class PathPreview:
             raise ValueError("path_preview: the trailer has no steered axle")
         self._trailer = trailer
         self._parameters = PathPreviewParameters(
-            gain=gain,
-            integral=integral,
-            compliance=compliance,
-            slip_distance=slip_distance,
-            hold=hold,
-            fade_rate=fade_rate,
+            gain=gain, integral=integral, compliance=compliance, slip_distance=slip_distance
         )
         self._axles = AxleGroup.of(trailer)
         self._predictor = Predictor(trailer, self._axles)
@@ -121,39 +117,38 @@ class PathPreview:
     def init(self) -> PathPreviewMemory:
         """Nothing seen yet, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return PathPreviewMemory(
-            tick=None, seen=None, seen_at=0, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0
-        )
+        return PathPreviewMemory(tick=None, seen=None, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0)
 
     def step(
-        self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, steer: SteerAngles
+        self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PathPreviewMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        memory = memory._replace(tick=tick, history=recorded(memory.history, steer, _HISTORY))
-        if off_tracking is not None and off_tracking.health is not Health.LOST:
-            memory = self._noticed(memory, tick, off_tracking)
+        memory = memory._replace(tick=tick, history=recorded(memory.history, signals, _HISTORY))
+        if off_tracking is not None and self._usable(off_tracking):
+            memory = self._noticed(memory, off_tracking)
         memory, wanted = self._wanted(memory, tick, elapsed)
         demand = self._reachable(np.array(memory.demand), wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _noticed(self, memory: PathPreviewMemory, tick: int, seen: OffTracking) -> PathPreviewMemory:
+    def _usable(self, seen: OffTracking) -> bool:
+        """Whether the estimate is good, or without health for no other reason than that its path is short yet."""
+        return seen.health is not Health.LOST or self._target(seen.path) is None
+
+    def _noticed(self, memory: PathPreviewMemory, seen: OffTracking) -> PathPreviewMemory:
         """Memory with a usable estimate; a new one shows how much the axles slipped on the way to it."""
         before = memory.seen
         if before is not None and seen.tick <= before.tick:
             return memory
-        target = self._target(seen.path)
-        if target is None:
-            return memory
-        inertial, other = self._inertial_slip(seen, target), memory.other_slip
+        inertial, other = self._inertial_slip(seen, self._target(seen.path)), memory.other_slip
         if before is not None:
             other += self._share(before, seen) * (self._measured_slip(memory, before, seen) - inertial - other)
-        return memory._replace(seen=seen, seen_at=tick, slip=inertial + other, other_slip=other)
+        return memory._replace(seen=seen, slip=inertial + other, other_slip=other)
 
     def _share(self, before: OffTracking, seen: OffTracking) -> float:
         """Weight of a new measurement of slip against the old ones: of the way made since the estimate before."""
         interval = (seen.tick - before.tick) * TICK
-        if seen.v_x < _MEASURABLE or interval > self._parameters.hold:
+        if seen.v_x < _MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
         return 1.0 - math.exp(-seen.v_x * interval / self._parameters.slip_distance)
 
@@ -167,20 +162,19 @@ class PathPreview:
     def _wanted(self, memory: PathPreviewMemory, tick: int, elapsed: float) -> tuple[PathPreviewMemory, FloatArray]:
         """The angles wanted now [rad], not yet limited in rate."""
         last, seen = np.array(memory.demand), memory.seen
-        if seen is None or (tick - memory.seen_at) * TICK > self._parameters.hold:
-            fade = self._parameters.fade_rate * elapsed
-            return memory._replace(bias=0.0), np.clip(0.0, last - fade, last + fade)
-        if seen.v_x < _CREEP:
+        if seen is None or tick - seen.tick > _OLDEST or seen.v_x < _CREEP:
             return memory, last
         until = tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD
         ahead = self._predictor.ahead(seen, memory.slip, memory.history, last, until)
         target = self._target(ahead.frame.inverse().apply(seen.path))
+        share = min(1.0, max(0.0, (_GONE - seen.v_x) / (_GONE - _WHOLE)))
         if target is None:
-            return memory, last
+            return memory, share * self._axles.slip_angles(memory.slip)
         slip = memory.other_slip + self._inertial_slip(seen, target)
-        bias = self._integrated(memory, target.offset * seen.v_x * elapsed)
+        bias = self._integrated(memory, share * target.offset * seen.v_x * elapsed)
         follow_direction = target.direction + math.atan(self._parameters.gain * target.offset + bias)
-        return memory._replace(bias=bias), self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
+        angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
+        return memory._replace(bias=bias), share * angles
 
     def _target(self, path: FloatArray) -> Target | None:
         """Where a path (n, 2) passes the follow point; None if it does not reach back that far."""
@@ -191,12 +185,14 @@ class PathPreview:
         beside = tangent(path, s, passed.s, _REACH)
         return Target(passed.y, held(beside.direction), beside.curvature)
 
-    def _inertial_slip(self, seen: OffTracking, target: Target) -> float:
-        """Mean slip [-] that carries the trailer round, with its follow point at the target.
+    def _inertial_slip(self, seen: OffTracking, target: Target | None) -> float:
+        """Mean slip [-] that carries the trailer round, with its follow point at the target; 0 without one.
 
         The moment of a trailer's inertia about the hitch is that of its mass at the centre of percussion; loaded
         semitrailers have their axles about there. Lateral acceleration is linear along the axis, as the direction is.
         """
+        if target is None:
+            return 0.0
         speed = math.hypot(seen.v_x, seen.v_y)
         at_hitch = speed * (seen.hitch_direction_rate + seen.yaw_rate)
         at_follow_point = speed**2 * target.curvature

@@ -11,7 +11,7 @@ from controllers.actuator import settle
 from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
 from estimators.estimates import OffTracking
-from sensors.messages import SteerAngles
+from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, wrap
 
@@ -28,12 +28,12 @@ class SteerReading(NamedTuple):
 SteerHistory = tuple[SteerReading, ...]  # oldest first
 
 
-def recorded(history: SteerHistory, steer: SteerAngles, span: int) -> SteerHistory:
+def recorded(history: SteerHistory, signals: CombinationSignals, span: int) -> SteerHistory:
     """The history with a new reading, kept ``span`` ticks back from it."""
-    if history and steer.tick <= history[-1].tick:
+    if history and signals.tick <= history[-1].tick:
         return history
-    kept = tuple(reading for reading in history if reading.tick >= steer.tick - span)
-    return (*kept, SteerReading(steer.tick, tuple(steer.angles.tolist())))
+    kept = tuple(reading for reading in history if reading.tick >= signals.tick - span)
+    return (*kept, SteerReading(signals.tick, tuple(signals.angles.tolist())))
 
 
 def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:

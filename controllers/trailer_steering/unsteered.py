@@ -6,11 +6,13 @@ import numpy as np
 
 from controllers.trailer import SteerCommand, TrailerGeometry
 from estimators.estimates import OffTracking
-from sensors.messages import SteerAngles
+from sensors.messages import CombinationSignals
 
 
 class Unsteered:
     """Zero demand on every steered axle, whatever is seen."""
+
+    uses_off_tracking = False
 
     def __init__(self, trailer: TrailerGeometry) -> None:
         self._axles = len(trailer.steered_distances)
@@ -20,7 +22,7 @@ class Unsteered:
         return
 
     def step(
-        self, memory: None, tick: int, off_tracking: OffTracking | None, steer: SteerAngles
+        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[None, SteerCommand]:
         """Straight wheels."""
         return None, SteerCommand(angles=np.zeros(self._axles))

@@ -26,6 +26,10 @@ EXAMPLES = (
     "offtrack estimate off-tracking kitti/sequences/00 --follow-distance 12   "
     "offtrack estimate off-tracking photos --calibration rig.toml --rate 10 --facing rear --camera-height 4.2"
 )
+SLIP_EXAMPLES = (
+    "Examples: offtrack run rover-slope --record runs/traces, then offtrack estimate slip runs/traces   "
+    "offtrack estimate slip beach --rig webcam.toml --estimator ftrace"
+)
 _SHOWN = 5  # dropped frames named on the terminal; the summary names all
 
 
@@ -117,6 +121,78 @@ def off_tracking(
             _print(numbers, results)
     if numbers["outcome"] == "interrupted":
         raise typer.Exit(INTERRUPTED)
+
+
+@app.command("slip", epilog=SLIP_EXAMPLES)
+def slip(
+    directory: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder with images/, readings.csv (time_s, heading_deg, wheel speeds in rad/s, steer angles in deg) "
+            "and rig.toml, as `offtrack run rover-slope --record` writes them. Compared with slip.csv if it is there.",
+        ),
+    ],
+    rig: Annotated[Path | None, typer.Option(help="In place of the folder's rig.toml.")] = None,
+    estimator: Annotated[
+        str, typer.Option(help="ftrace, ftrace_plus or package.module:Name.", show_default=True)
+    ] = "ftrace_plus",
+    out: Annotated[
+        Path | None, typer.Option(help="Directory of the results; must not exist yet.", show_default="runs/DIR-N")
+    ] = None,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+) -> None:
+    """Estimate the slip angle of a rover from images of its wheel's trace.
+
+    Writes slip.csv and .parquet, report.html, a video and summary.json. An image that is missing or broken is
+    dropped and reported.
+    """
+    from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+    from scenarios.results import check_run_directory, next_run_directory
+    from scenarios.rover.estimation import estimate_slip
+    from scenarios.rover.estimation_files import write_slip_estimation
+    from scenarios.rover.recording import open_rover_recording
+
+    with one_line_errors():
+        results = out or next_run_directory(directory.resolve().name)
+        check_run_directory(results)
+        if estimator == "truth":
+            raise ValueError("--estimator truth: a recording's images do not hold the truth; use ftrace or ftrace_plus")
+        source = resolve("--estimator", estimator, SLIP_ESTIMATOR)
+        recording = open_rover_recording(directory, rig)
+        with progress_display(shown=not (quiet or as_json)) as display:
+            estimation = estimate_slip(recording, estimator, source(recording.rig), _bar(display, "slip angle"))
+            numbers = write_slip_estimation(
+                estimation,
+                results,
+                video=video and estimation.outcome == "completed",
+                progress=_bar(display, "video"),
+            )
+        if as_json:
+            print(json.dumps(numbers, indent=2))
+        elif not quiet:
+            _print_slip(numbers, results)
+    if numbers["outcome"] == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+def _print_slip(numbers: dict[str, Any], directory: Path) -> None:
+    console = Console()
+    table = Table(title=f"{escape(numbers['recording'])}: {numbers['outcome']}", title_justify="left")
+    for column, justify in (("", "left"), ("quantity", "left"), ("value", "right")):
+        table.add_column(column, justify="right" if justify == "right" else "left")
+    for group in ("frames", "slip", "timing"):
+        rows = [(name, value) for name, value in numbers[group].items() if value is not None]
+        for k, (name, value) in enumerate(rows):
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
+    console.print(table)
+    for entry in numbers["dropped_images"][:_SHOWN]:
+        line = f"Image {entry['image']} dropped: {entry['reason']}"
+        console.print(line, soft_wrap=True, highlight=False, markup=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _bar(display: ProgressDisplay, title: str) -> Progress:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.scenario import load_scenario, scenario_names
+from scenarios.scenario import load_any_scenario, scenario_names
 
 
 def scenarios() -> None:
     """List the scenarios, a line each. Run one with: offtrack run NAME."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for name in scenario_names():
-        table.add_row(name, load_scenario(name).description)
+        table.add_row(name, load_any_scenario(name).description)
     Console().print(table)

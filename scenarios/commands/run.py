@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,12 +14,17 @@ from rich.progress import Progress
 from rich.table import Table
 
 from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
-from scenarios.scenario import load_scenario
+from scenarios.rover.scenario import RoverScenario
+from scenarios.scenario import Scenario, load_any_scenario
+
+if TYPE_CHECKING:
+    from scenarios.results import Summary
 
 EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
     "offtrack run figure-of-eight --set off_tracking=truth --no-video   "
-    "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025"
+    "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025   "
+    "offtrack run rover-slope --set slip_compensation=none"
 )
 
 
@@ -40,31 +45,47 @@ def run(
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
     record: Annotated[
-        Path | None, typer.Option(help="Also write the stereo images there, as a KITTI-style sequence.")
+        Path | None, typer.Option(help="Also write the camera's images there: for offtrack estimate.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
-    from scenarios.results import check_run_directory, next_run_directory, summary, write_run
-    from scenarios.run import run as run_scenario
+    from scenarios.results import check_run_directory, next_run_directory
 
     with one_line_errors():
-        chosen = load_scenario(scenario, settings or [])
+        chosen = load_any_scenario(scenario, settings or [])
         directory = out or next_run_directory(chosen.name)
         check_run_directory(directory)
         if record:
             check_run_directory(record)
         with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
-            result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
-            write_run(result, directory, video=video, progress=bar.video)
-        numbers = summary(result)
+            numbers = _ran(chosen, seed, directory, record=record, video=video, bar=bar)
         if as_json:
             print(json.dumps(numbers, indent=2))
         elif not quiet:
             _print_summary(numbers, directory)
-    if result.outcome == "interrupted":
+    if numbers["outcome"] == "interrupted":
         raise typer.Exit(INTERRUPTED)
+
+
+def _ran(
+    chosen: Scenario | RoverScenario, seed: int, directory: Path, *, record: Path | None, video: bool, bar: _Bar
+) -> Summary:
+    """Runs the scenario, writes its directory, and gives its numbers."""
+    if isinstance(chosen, RoverScenario):
+        from scenarios.rover.results import rover_summary, write_rover_run
+        from scenarios.rover.run import run_rover
+
+        driven = run_rover(chosen, seed, keep_frames=True, record=record, progress=bar.run)
+        write_rover_run(driven, directory, video=video, progress=bar.video)
+        return rover_summary(driven)
+    from scenarios.results import summary, write_run
+    from scenarios.run import run as run_scenario
+
+    result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
+    write_run(result, directory, video=video, progress=bar.video)
+    return summary(result)
 
 
 class _Bar:
@@ -92,7 +113,8 @@ def _progress(title: str, *, shown: bool) -> Iterator[_Bar]:
     try:
         yield _Bar(progress, title)
     finally:
-        progress.stop()
+        if progress.live.is_started:  # one that has shown nothing would leave an empty line
+            progress.stop()
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
@@ -101,8 +123,9 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
     table.add_column("")
     table.add_column("quantity")
     table.add_column("value", justify="right")
-    for group, values in numbers.items():
-        if isinstance(values, dict):
+    groups = {**numbers, **numbers.get("trailers", {})}
+    for group, values in groups.items():
+        if isinstance(values, dict) and group != "trailers":
             for k, (name, value) in enumerate(values.items()):
                 shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
                 table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)

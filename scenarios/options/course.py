@@ -66,6 +66,23 @@ class StraightOptions(Options):
     length: float = quantity(200.0, "m", ge=20.0, le=5000.0)
 
 
+class TurnTable(Options):
+    """A turn, and the straight behind it."""
+
+    direction: Literal["left", "right"]
+    radius: float = quantity(12.5, "m", ge=8.0, le=5000.0)  # of the way of the front's middle
+    turn_deg: float = quantity(90.0, "deg", ge=10.0, le=720.0)
+    straight: float = quantity(10.0, "m", ge=0.1, le=5000.0)
+
+
+class SegmentsOptions(Options):
+    """One turn after the other, with straights between them; the middle of the tractor's front is guided."""
+
+    kind: Literal["segments"]
+    entry: float = quantity(30.0, "m", ge=20.0, le=500.0)  # straight before the first
+    turns: tuple[TurnTable, ...] = Field(min_length=1)
+
+
 COURSES = (
     RoundaboutOptions,
     FigureOfEightOptions,
@@ -73,8 +90,15 @@ COURSES = (
     TurnOptions,
     LaneChangeOptions,
     StraightOptions,
+    SegmentsOptions,
 )
 Course = Annotated[
-    RoundaboutOptions | FigureOfEightOptions | ConstantSlipOptions | TurnOptions | LaneChangeOptions | StraightOptions,
+    RoundaboutOptions
+    | FigureOfEightOptions
+    | ConstantSlipOptions
+    | TurnOptions
+    | LaneChangeOptions
+    | StraightOptions
+    | SegmentsOptions,
     Field(discriminator="kind"),
 ]

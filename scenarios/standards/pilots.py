@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from controllers.driver import DriverCommand, DriverMemory, PreviewDriver
+from controllers.trailer import Combination
 from estimators.estimates import OffTracking
 from estimators.reference import ReferenceOffTracking
 from scenarios.adapters import tractor_geometry, trailer_geometry
-from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.courses import Course
 from scenarios.standards.proving_ground import PERIOD
-from sensors.navigation import DriverPerception, ExactPose, SteerEncoders
+from scenarios.trailer_law import trailer_law
+from sensors.combination import CombinationSensors
+from sensors.navigation import DriverPerception, ExactPose
 from vehicle.clock import TICK, to_ticks
 from vehicle.description import Vehicle
 from vehicle.frames import FloatArray
@@ -41,12 +43,12 @@ class TrailerPilot:
             return
         if not vehicle.units[-1].steered_axles or len(vehicle.units) < 2:
             raise ValueError(f"trailer_steering = {law}: the last unit of {vehicle.name} has no steered axle")
-        trailer = trailer_geometry(vehicle, len(vehicle.units) - 1)
-        steered = len(vehicle.units[-1].steered_axles)
-        self._law = resolve("trailer_steering", law, TRAILER_STEERING)(trailer)
+        last = len(vehicle.units) - 1
+        trailer = trailer_geometry(vehicle, last)
+        self._law = trailer_law(law, trailer, Combination(vehicle, last), {})
         self._source = ReferenceOffTracking(trailer.follow_distance)
-        self._sensor = ExactPose(len(vehicle.units) - 1)
-        self._encoders = SteerEncoders(sum(len(unit.steered_axles) for unit in vehicle.units[:-1]), steered)
+        self._sensor = ExactPose(last)
+        self._signals = CombinationSensors(vehicle, last, rng=np.random.default_rng(0), noise=0.0)
 
     def init(self) -> Any:
         """Memory before the first step."""
@@ -61,7 +63,7 @@ class TrailerPilot:
         if truth.tick % _ESTIMATES == 0:
             source, told = self._source.step(source, self._sensor.sample(truth))
         newest = told or newest
-        law, demand = self._law.step(law, truth.tick, newest, self._encoders.sample(truth))
+        law, demand = self._law.step(law, truth.tick, newest, self._signals.sample(truth))
         ahead = (0.0,) * (self._count - len(demand.angles))
         return (law, source, newest), (*ahead, *demand.angles.tolist())
 

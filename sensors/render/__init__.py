@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+from copy import copy
 from typing import TYPE_CHECKING
 
 from sensors.messages import ColourImage, NearnessImage
@@ -53,6 +54,18 @@ class StereoRenderer:
         self._calibration = calibration
         self._pair: PairRenderer | None = _opened(world, calibration)
         self._name = self._pair.name
+
+    def on(self, calibration: StereoCalibration) -> StereoRenderer:
+        """Another rig of the same pinholes in the same world, drawn by the same OpenGL objects; it ends with this one.
+
+        Raises:
+            ValueError: if its pinholes are others.
+        """
+        if _pinhole(calibration) != _pinhole(self._calibration):
+            raise ValueError("a renderer can be shared by rigs of the same pinhole cameras only")
+        shared = copy(self)
+        shared._calibration = calibration
+        return shared
 
     @property
     def calibration(self) -> StereoCalibration:
@@ -102,6 +115,10 @@ class StereoRenderer:
         """X_WC of the left and of the right camera."""
         X_WCl = X_WB @ self._calibration.X_SC
         return X_WCl, X_WCl @ self._calibration.X_ClCr
+
+
+def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
+    return c.width, c.height, c.focal_length, c.cx, c.cy
 
 
 def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:

@@ -15,7 +15,7 @@ from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking
 from estimators.reference import ReferenceOffTracking
 from scenarios.courses import Course
-from sensors.messages import BodyPose, EgoState, SteerAngles
+from sensors.messages import BodyPose, CombinationSignals, EgoState
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 
@@ -99,7 +99,16 @@ def _drive(
             ego = EgoState(tick=tick, x=X_WT.x, y=X_WT.y, psi=X_WT.psi, v_x=v, v_y=0.0, yaw_rate=yaw_rate_T)
             driving, command = driver.step(driving, tick, ego)
             delta_demand = command.steer
-            steering, steer_command = law.step(steering, tick, newest, SteerAngles(tick=tick, angles=angles.copy()))
+            signals = CombinationSignals(
+                tick=tick,
+                angles=angles.copy(),
+                speed=v,
+                steer=delta,
+                articulation=np.array([X_WT.psi - X_WS.psi]),
+                yaw_rates=np.array([yaw_rate_T, yaw_rate_S]),
+                lateral_acceleration=v * yaw_rate_S,
+            )
+            steering, steer_command = law.step(steering, tick, newest, signals)
             demand = steer_command.angles
             guided = X_WT @ Pose2(*course.reference, 0.0)
             station = course.path.project(guided.x, guided.y, driving.station)

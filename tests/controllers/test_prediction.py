@@ -12,7 +12,7 @@ from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
-from sensors.messages import SteerAngles
+from sensors.messages import CombinationSignals
 from vehicle.frames import FloatArray
 
 TRAILER = TrailerGeometry(
@@ -43,11 +43,24 @@ def seen(*, direction: float, direction_rate: float, speed: float, yaw_rate: flo
     )
 
 
+def signals(tick: int, angles: FloatArray) -> CombinationSignals:
+    """Readings of a combination at rest but for the trailer's axles."""
+    return CombinationSignals(
+        tick=tick,
+        angles=angles,
+        speed=0.0,
+        steer=0.0,
+        articulation=np.zeros(1),
+        yaw_rates=np.zeros(2),
+        lateral_acceleration=0.0,
+    )
+
+
 def history(read: FloatArray) -> SteerHistory:
     """Readings (n, 2) every 20 ms from tick 1000 on."""
     past: SteerHistory = ()
     for k, angles in enumerate(read):
-        past = recorded(past, SteerAngles(tick=1000 + 20 * k, angles=angles), 3000)
+        past = recorded(past, signals(1000 + 20 * k, angles), 3000)
     return past
 
 
@@ -88,7 +101,7 @@ def test_steer_readings_are_kept_in_order_and_only_as_long_as_needed() -> None:
     """A reading that comes again changes nothing; old ones go; between two the angle is interpolated."""
     past: SteerHistory = ()
     for tick in range(0, 200, 20):
-        past = recorded(past, SteerAngles(tick=tick, angles=np.array([tick * 1e-3, 0.0])), 100)
-    assert recorded(past, SteerAngles(tick=180, angles=np.ones(2)), 100) == past
+        past = recorded(past, signals(tick, np.array([tick * 1e-3, 0.0])), 100)
+    assert recorded(past, signals(180, np.ones(2)), 100) == past
     assert [reading.tick for reading in past] == [80, 100, 120, 140, 160, 180]
     assert angles_at(past, np.array([130.0, 0.0])) == pytest.approx(np.array([[0.13, 0.0], [0.08, 0.0]]))

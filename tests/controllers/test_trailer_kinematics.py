@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from controllers.trailer import TrailerGeometry
+from controllers.trailer import Linkage, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup
 
 TRAILER = TrailerGeometry(
@@ -93,3 +93,24 @@ def test_mirror_symmetry(lead: float, follow: float, slip: float) -> None:
     """Swapping left and right flips the angles, exactly."""
     angles = TWO_STEERED.steer_angles(lead, follow, slip)
     np.testing.assert_array_equal(TWO_STEERED.steer_angles(-lead, -follow, -slip), -angles)
+
+
+LINKED = replace(TRAILER, steered=(False, True, True), linkages=(Linkage((0, 1), (0.638, 1.0)),))
+
+
+def test_groups_and_ratios_say_which_axles_turn_together() -> None:
+    """Axles in no linkage have an actuator of their own, with an angle that is theirs."""
+    three = replace(TRAILER, linkages=(Linkage((1, 2), (0.5, 1.0)),))
+    assert (three.groups, three.steer_ratios) == (((0,), (1, 2)), (1.0, 0.5, 1.0))
+    assert (TRAILER.groups, TRAILER.steer_ratios) == (((0,), (1,), (2,)), (1.0, 1.0, 1.0))
+
+
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), slips)
+def test_linked_axles_turn_in_their_ratio_with_the_moment_asked_for(lead: float, follow: float, slip: float) -> None:
+    """One actuator has one angle; at it the trailer turns as it would with an angle for each axle."""
+    asked = TWO_STEERED.steer_angles(lead, follow, slip)
+    angles = AxleGroup.of(LINKED).steer_angles(lead, follow, slip)
+    assert angles[0] == pytest.approx(0.638 * angles[1], abs=1e-15)
+    assert abs(angles[1]) <= LINKED.max_steer
+    assume(abs(angles[1]) < LINKED.max_steer - 1e-9)
+    assert TWO_STEERED.steer_moment(angles) == pytest.approx(TWO_STEERED.steer_moment(asked), abs=1e-9)

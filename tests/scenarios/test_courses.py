@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.courses import Course, corner, figure_of_eight, lane_change, roundabout, straight
+from scenarios.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
 
 TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {
@@ -21,6 +21,7 @@ ALL = {
     "eight": figure_of_eight(**TRACTOR),
     "straight": straight(front_x=5.2, length=50.0),
     "corner": corner(wheel_x=3.8, wheel_y=1.2),
+    "turns": turns(**TRACTOR, sequence=[Turn("left", 11.0, math.pi / 2, 12.0), Turn("right", 11.0, math.pi / 2, 30.0)]),
     "lane change": lane_change(axle_x=3.8, speed=88.0 / 3.6),
 }
 courses = pytest.mark.parametrize("course", ALL.values(), ids=ALL.keys())
@@ -134,6 +135,19 @@ def test_the_corner_leads_the_outer_wheel_round_a_quarter_of_its_arc() -> None:
     assert mirrored.centreline == pytest.approx(course.centreline * [1.0, -1.0], abs=1e-9)
 
 
+def test_turns_follow_one_another_as_asked() -> None:
+    """Heading after each, curvature in the middle of each, and no jump of curvature on the way."""
+    path = ALL["turns"].path
+    round_ = 11.0 * math.pi / 2 + 4.0  # two ramps of 4 m turn as far as one such arc
+    first, second = 30.0 + 0.5 * round_, 30.0 + 1.5 * round_ + 12.0
+    assert [path.curvature(s) for s in (first, second)] == pytest.approx([1 / 11.0, -1 / 11.0])
+    assert path.pose(30.0 + round_ + 6.0).psi == pytest.approx(math.pi / 2)
+    assert path.knots[-1].psi == pytest.approx(0.0, abs=1e-12)
+    assert path.length == pytest.approx(30.0 + 2 * round_ + 12.0 + 30.0)
+    curvature = np.array([path.curvature(s) for s in np.arange(0.0, path.length, 0.1)])
+    assert np.abs(np.diff(curvature)).max() <= 0.1 / 4.0 / 11.0 + 1e-12
+
+
 @pytest.mark.parametrize("direction", ["left", "right"])
 def test_the_lane_change_has_the_offset_and_the_acceleration_of_the_standard(direction: Any) -> None:
     """1.4637 m; 0.15 g at 88 km/h, the 32 pieces of the wave hit its peaks. The path's slope shortens it by 0.1 %."""
@@ -148,7 +162,7 @@ def test_the_lane_change_has_the_offset_and_the_acceleration_of_the_standard(dir
     assert curvature.index(max(curvature)) < curvature.index(min(curvature))
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)  # how long it takes says nothing of symmetry
 @given(st.floats(11.0, 50.0), st.floats(0.5, 7.0))
 def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float) -> None:
     """Swapping left and right flips y of the path and of the road."""
@@ -168,6 +182,10 @@ def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float
         (lambda: straight(front_x=5.2, length=0.0), "length = 0.0"),
         (lambda: corner(wheel_x=3.8, wheel_y=1.2, radius=3.0), "radius = 3.0 m"),
         (lambda: corner(wheel_x=3.8, wheel_y=1.2, turn=0.0), "turn = 0.0"),
+        (lambda: turns(**TRACTOR, sequence=[]), "turns is empty"),
+        (lambda: turns(**TRACTOR, sequence=[Turn("up", 11.0, 1.0, 9.0)]), "direction = 'up'"),  # type: ignore[arg-type]  # meant
+        (lambda: turns(**TRACTOR, sequence=[Turn("left", 11.0, 0.3, 9.0)]), "turn of 3.30 m"),
+        (lambda: turns(**TRACTOR, sequence=[Turn("left", 4.0, 3.0, 9.0)]), "radius = 4.0 m"),
         (lambda: lane_change(axle_x=3.8, speed=0.0), "speed = 0.0"),
         (lambda: lane_change(axle_x=3.8, speed=2.0), "lane change of 1.46 m over 5.00 m"),
     ],

@@ -16,7 +16,7 @@ from scenarios.loop import Session
 from scenarios.results import RunResult, summary
 from scenarios.run import run
 from scenarios.scenario import load_scenario
-from sensors.messages import EgoState, SteerAngles
+from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
 
 SHORT = ("off_tracking=truth", "course.turn_deg=60", "course.exit=5")
@@ -30,10 +30,10 @@ class Witness:
         return ()
 
     def step(
-        self, memory: tuple[float, ...], tick: int, off_tracking: OffTracking | None, steer: SteerAngles
+        self, memory: tuple[float, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[tuple[float, ...], SteerCommand]:
         ages = memory if off_tracking is None else (*memory, off_tracking.age(tick))
-        return ages, SteerCommand(angles=np.zeros(len(steer.angles)))
+        return ages, SteerCommand(angles=np.zeros(len(signals.angles)))
 
 
 def short(*settings: str, seed: int = 1) -> RunResult:
@@ -44,11 +44,12 @@ def short(*settings: str, seed: int = 1) -> RunResult:
 def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> None:
     """Zero-order hold: an estimate is used from its delivery until the next one's, one camera period later."""
     scenario = load_scenario("roundabout", (*SHORT, f"rig.rate_hz={rate_hz}", f"rig.latency={latency}"))
-    session = Session(replace(assemble(scenario, seed=1), trailer_steering=Witness()))
+    parts = assemble(scenario, seed=1)
+    session = Session(replace(parts, trailers=(replace(parts.trailers[-1], law=Witness()),)))
     while session.outcome is None:
         session.advance()
     session.close()
-    ages: Any = session._steering
+    ages: Any = session.trailers[-1].law_memory
     late = 0.01 if latency == 0.05 else 0.0  # delivered between two steps of the controller, which come every 20 ms
     assert min(ages) == pytest.approx(latency + late)
     assert max(ages) == pytest.approx(latency + late + 1.0 / rate_hz - 0.02)

@@ -1,0 +1,94 @@
+"""One law for all speeds: a low-speed law for the manoeuvres of towns and yards, the LQR for the open road.
+
+What the low-speed law asks for fades out over the band of speeds in which the LQR fades in; the sum is the command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from controllers.trailer import Combination, SteerCommand, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.command_steer import CommandSteer
+from controllers.trailer_steering.ct_at import CtAt
+from controllers.trailer_steering.limits import reachable
+from controllers.trailer_steering.lqr import Lqr, LqrMemory
+from controllers.trailer_steering.path_preview import PathPreview
+from controllers.trailer_steering.virtual_driver import VirtualDriver
+from estimators.estimates import OffTracking
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.parameter_file import nearest
+
+_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], TrailerSteering[Any]]]] = {
+    "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
+    "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
+    "path_preview": lambda trailer, combination: PathPreview(trailer),
+    "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
+}
+
+
+class CombinedMemory(NamedTuple):
+    """What the law carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    low: Any  # memory of the low-speed law
+    high: LqrMemory
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class Combined:
+    """A low-speed law and the LQR, each at its speeds."""
+
+    def __init__(
+        self,
+        trailer: TrailerGeometry,
+        *,
+        combination: Combination,
+        low_speed: str = "path_preview",
+        from_speed_kmh: float = 25.0,
+        full_speed_kmh: float = 45.0,
+        off_tracking_weight: float = 0.03,
+        acceleration_weight: float = 0.04,
+    ) -> None:
+        """A controller for the trailer; all but ``low_speed``, the law's name, are the parameters of `Lqr`.
+
+        Raises:
+            ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
+        """
+        if low_speed not in _LOW_SPEED:
+            hint = nearest(low_speed, tuple(_LOW_SPEED))
+            raise ValueError(f"low_speed = '{low_speed}'{hint} (known: {', '.join(_LOW_SPEED)})")
+        self._trailer = trailer
+        self._high = Lqr(
+            trailer,
+            combination=combination,
+            off_tracking_weight=off_tracking_weight,
+            acceleration_weight=acceleration_weight,
+            from_speed_kmh=from_speed_kmh,
+            full_speed_kmh=full_speed_kmh,
+        )
+        self._low = _LOW_SPEED[low_speed](trailer, combination)
+
+    def init(self) -> CombinedMemory:
+        """Wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
+        return CombinedMemory(None, self._low.init(), self._high.init(), straight)
+
+    def step(
+        self, memory: CombinedMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[CombinedMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        share = self._high.authority(signals.speed)
+        high, command = self._high.step(memory.high, tick, off_tracking, signals)
+        wanted = command.angles
+        if share < 1.0:
+            low, command = self._low.step(memory.low, tick, off_tracking, signals)
+            wanted = wanted + (1.0 - share) * command.angles
+        else:
+            low = self._low.init()  # what it would learn of a trailer that another law steers is wrong
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
+        return CombinedMemory(tick, low, high, tuple(demand.tolist())), SteerCommand(angles=demand)

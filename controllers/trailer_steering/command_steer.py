@@ -1,0 +1,77 @@
+"""Command steer: the axles turn with the articulation, so that the trailer runs like one with a shorter wheelbase.
+
+The mechanical or hydraulic systems in use do so by a linkage from the turntable. Emulating a rigid axle L' behind the
+hitch, an axle at the distance x is turned by
+
+    tan delta(x) = -(x - L')/L' tan gamma_h
+
+with the direction of the hitch's travel gamma_h against the trailer's axis: a rigid trailer's lateral velocity is
+linear along it, and vanishes at L'. With L' half of the follow distance L_f, follow point and hitch run on the same
+circle in a steady turn; on the way into it gamma_h leads and the rear swings out, as the path is not looked at.
+
+Published systems take the articulation angle for gamma_h. Here the little that the hitch in front of (or behind) the
+tractor's rear axle adds comes from tractor speed and gyro, else L' = L_f/2 would leave some off-tracking.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer_steering.hitch_motion import hitch_motion
+from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from estimators.estimates import OffTracking
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+
+_CREEP = 0.2  # slower, the direction of travel is the sensors' noise, and a linkage turns nothing on the spot [m/s]
+_SHORTEST = 0.1  # of the follow distance: beyond it no axle could turn far enough
+
+
+class CommandSteerMemory(NamedTuple):
+    """What the law carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class CommandSteer:
+    """Angles that follow the articulation; the off-tracking is not used."""
+
+    uses_off_tracking = False
+
+    def __init__(
+        self, trailer: TrailerGeometry, *, combination: Combination, rigid_length: float | None = None
+    ) -> None:
+        """``rigid_length`` is L', from the hitch to the axle to be emulated [m]; by default half the follow distance.
+
+        Raises:
+            ValueError: if the trailer has no steered axle, or the length is outside 0.1 to 2 follow distances.
+        """
+        check_steered("command_steer", trailer)
+        length = 0.5 * trailer.follow_distance if rigid_length is None else rigid_length
+        limits = (_SHORTEST * trailer.follow_distance, 2.0 * trailer.follow_distance, "m")
+        check_limits({"rigid_length": length}, {"rigid_length": limits})
+        self._trailer, self._combination = trailer, combination
+        self._axles = AxleGroup.of(trailer)
+        self._beyond = trailer.follow_distance / length - 1.0  # how far the follow point lies behind L', in L'
+
+    def init(self) -> CommandSteerMemory:
+        """Wheels straight."""
+        return CommandSteerMemory(None, (0.0,) * len(self._trailer.steered_distances))
+
+    def step(
+        self, memory: CommandSteerMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[CommandSteerMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        wanted = last = np.array(memory.demand)
+        if abs(signals.speed) >= _CREEP:
+            lead = held(hitch_motion(self._combination, signals).direction)
+            wanted = self._axles.steer_angles(lead, -math.atan(self._beyond * math.tan(lead)), 0.0)
+        demand = reachable(self._trailer, last, wanted, elapsed)
+        return CommandSteerMemory(tick, tuple(demand.tolist())), SteerCommand(angles=demand)

@@ -1,0 +1,107 @@
+"""Conventional tractor, active trailer: the heading of the follow point is to be what the hitch's was at that place.
+
+Jujnovich & Cebon, "Path-following steering control for articulated vehicles", J. Dyn. Syst. Meas. Control 135(3), 2013,
+as de Saxe & Cebon 2018 describe it: heading angles at front and rear of the trailer are compared, by a non-linear
+law, from speed, articulation angle and gyros; a reference trailer takes care of saturated steering. Its equations and
+gains are not in what could be read. Derived here:
+
+- the hitch's heading is kept along its dead-reckoned way, and the one due at the rear is that of the place which the
+  follow point passes (exact for any articulation, where equal arc lengths of hitch and follow point would drift apart);
+- with it as the follow point's direction of travel, the axles roll without slip (``kinematics``);
+- the reference trailer has no limits and its follow point is always on the path: its axis is the chord from the
+  path to the hitch. The heading that the trailer lacks to it, times ``heading_gain``, is added.
+
+No slip of tyres is known to it. On a slippery or cambered road the heading error grows until it balances the slip, so a
+steady off-tracking of about follow distance times slip over gain remains: the known weakness of the scheme.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
+from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
+from estimators.estimates import OffTracking
+from estimators.hitch_path import chord_lengths, crossing, tangent
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
+_REACH = 0.5  # half window of the fit of the heading to the path [m]
+_LIMITS = {"heading_gain": (0.0, 5.0, "-"), "preview": (0.0, 1.0, "s")}
+
+
+class CtAtMemory(NamedTuple):
+    """What the law carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    path: ReckonedPath
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class CtAt:
+    """Angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
+
+    def __init__(
+        self,
+        trailer: TrailerGeometry,
+        *,
+        combination: Combination,
+        heading_gain: float = 1.5,
+        preview: float | None = None,
+    ) -> None:
+        """A controller for the trailer.
+
+        Args:
+            trailer: to be steered.
+            combination: what it is part of.
+            heading_gain: turn of the follow point per heading error against the reference trailer [-]; 0: none.
+            preview: how far ahead the heading is read from the path, to make up for the actuators' lag, which it is
+                by default [s].
+
+        Raises:
+            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+        """
+        check_steered("ct_at", trailer)
+        self._gain, self._preview = heading_gain, trailer.actuator_lag if preview is None else preview
+        check_limits({"heading_gain": self._gain, "preview": self._preview}, _LIMITS)
+        self._trailer, self._combination = trailer, combination
+        self._axles = AxleGroup.of(trailer)
+
+    def init(self) -> CtAtMemory:
+        """Straight road behind, wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
+        return CtAtMemory(None, straight_behind(self._trailer.follow_distance), straight)
+
+    def step(
+        self, memory: CtAtMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[CtAtMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        motion = hitch_motion(self._combination, signals)
+        path = moved(memory.path, tick, motion, elapsed)
+        wanted = last = np.array(memory.demand)
+        due = self._due(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
+        if due is not None:
+            wanted = self._axles.steer_angles(held(motion.direction), held(due), 0.0)
+        demand = reachable(self._trailer, last, wanted, elapsed)
+        return CtAtMemory(tick, path, tuple(demand.tolist())), SteerCommand(angles=demand)
+
+    def _due(self, path: FloatArray, motion: HitchMotion) -> float | None:
+        """Direction in which the follow point is to travel [rad], when the axles have answered; None if not known."""
+        s = chord_lengths(path)
+        passed = crossing(path, s, -self._trailer.follow_distance)
+        if passed is None:
+            return None
+        speed = math.hypot(motion.v_x, motion.v_y - self._trailer.follow_distance * motion.yaw_rate)  # of the rear
+        ahead = max(0.0, passed.s - speed * self._preview)
+        heading = tangent(path, s, ahead, _REACH).direction - motion.yaw_rate * self._preview
+        lacking = math.atan2(passed.y, self._trailer.follow_distance)  # of the reference trailer's heading
+        return heading + self._gain * lacking

@@ -1,0 +1,139 @@
+"""High-speed steering: optimal state feedback against off-tracking and lateral acceleration, scheduled over speed.
+
+The state comes from the combination's own sensors through a Kalman filter; the path between hitch and follow point from
+the estimate of the off-tracking, brought up to now by dead reckoning (``lateral_design`` has the model and the cost).
+
+A trailer that is steered so cuts the corner of a quick change of lane: it moves aside less sharply, and does not swing
+beyond. At low speed, where articulations are large, the linear law has no meaning; it fades in over a band of speeds.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.driver import PERIOD
+from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer_steering.hitch_motion import hitch_motion
+from controllers.trailer_steering.lateral_design import KMH, Weights, at_speed, path_nodes, schedule
+from controllers.trailer_steering.limits import check_limits, check_steered
+from controllers.trailer_steering.reckoned_path import ReckonedPath, corrected, moved, straight_behind
+from estimators.estimates import Health, OffTracking
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_MOST_PERIODS = 5  # that the filter makes up for in a step; after a longer pause it starts from what is read
+_LIMITS = {
+    "off_tracking_weight": (0.0, 10.0, "rad2/m2"),
+    "acceleration_weight": (0.0, 10.0, "rad2 s4/m2"),
+    "from_speed_kmh": (20.0, 120.0, "km/h"),
+    "full_speed_kmh": (20.0, 130.0, "km/h"),
+}
+
+
+class LqrMemory(NamedTuple):
+    """What the law carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    seen: int  # tick of the newest estimate in the path
+    path: ReckonedPath
+    motion: tuple[float, ...]  # the filter's state
+    demand: float  # last angle of the actuators [rad]
+
+
+class Lqr:
+    """One angle for all steered axles of the trailer, by state feedback."""
+
+    def __init__(
+        self,
+        trailer: TrailerGeometry,
+        *,
+        combination: Combination,
+        off_tracking_weight: float = 0.03,
+        acceleration_weight: float = 0.04,
+        from_speed_kmh: float = 35.0,
+        full_speed_kmh: float = 55.0,
+    ) -> None:
+        """A controller for the trailer.
+
+        Args:
+            trailer: to be steered.
+            combination: what it is part of.
+            off_tracking_weight: of the follow point's off-tracking against the steer angle [rad2/m2].
+            acceleration_weight: of the trailer's lateral acceleration against the steer angle [rad2 s4/m2].
+            from_speed_kmh: below it the axles are straight [km/h].
+            full_speed_kmh: from it on the law has full authority [km/h].
+
+        Raises:
+            ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
+        """
+        check_steered("lqr", trailer)
+        check_limits(
+            {
+                "off_tracking_weight": off_tracking_weight,
+                "acceleration_weight": acceleration_weight,
+                "from_speed_kmh": from_speed_kmh,
+                "full_speed_kmh": full_speed_kmh,
+            },
+            _LIMITS,
+        )
+        if not from_speed_kmh < full_speed_kmh:
+            raise ValueError(f"full_speed_kmh = {full_speed_kmh} km/h must exceed from_speed_kmh = {from_speed_kmh}")
+        self._trailer, self._combination = trailer, combination
+        self._band = KMH * from_speed_kmh, KMH * full_speed_kmh
+        self._ratios = np.array(trailer.steer_ratios)
+        self._nodes = path_nodes(trailer.follow_distance)
+        self._gains = schedule(combination, trailer, Weights(off_tracking_weight, acceleration_weight))
+
+    def init(self) -> LqrMemory:
+        """Straight road behind, wheels straight."""
+        still = (0.0,) * len(self._gains[0].driven)
+        return LqrMemory(None, -1, straight_behind(self._trailer.follow_distance), still, 0.0)
+
+    def authority(self, speed: float) -> float:
+        """Share of the law at this speed [m/s], 0 to 1."""
+        low, high = self._band
+        return max(0.0, min(1.0, (speed - low) / (high - low)))
+
+    def step(
+        self, memory: LqrMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[LqrMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        motion = self._filtered(memory, elapsed, signals)
+        path = moved(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
+        seen = memory.seen
+        if off_tracking is not None and off_tracking.health is not Health.LOST and off_tracking.tick > seen:
+            path, seen = corrected(path, off_tracking), off_tracking.tick
+        demand = self._demand(memory.demand, self._wanted(signals.speed, motion, path), elapsed)
+        memory = LqrMemory(tick, seen, path, tuple(motion.tolist()), demand)
+        return memory, SteerCommand(angles=self._ratios * demand)
+
+    def _filtered(self, memory: LqrMemory, elapsed: float, signals: CombinationSignals) -> FloatArray:
+        """The motion now: lateral speed, yaw rates, articulations, trailer steer, driver's steer and its rate."""
+        own = float(np.mean(signals.angles / self._ratios))
+        read = np.concatenate([signals.yaw_rates, signals.articulation, [own, signals.steer]])
+        periods = round(elapsed / PERIOD)
+        if memory.tick is None or periods > _MOST_PERIODS:
+            return np.concatenate([[0.0], read, [0.0]])
+        gains, motion = at_speed(self._gains, signals.speed), np.array(memory.motion)
+        for _ in range(periods):
+            motion = gains.propagation @ motion + gains.driven * memory.demand + gains.innovation @ read
+        return motion
+
+    def _wanted(self, speed: float, motion: FloatArray, path: ReckonedPath) -> float:
+        """The angle that is optimal now [rad]."""
+        share = self.authority(speed)
+        if share == 0.0:
+            return 0.0
+        behind = path.in_trailer()
+        beside = np.interp(-self._nodes, -behind[:, 0], behind[:, 1])
+        state = np.concatenate([motion, beside])
+        return -share * float(at_speed(self._gains, speed).feedback @ state)
+
+    def _demand(self, last: float, wanted: float, elapsed: float) -> float:
+        """The wanted angle as far as the actuators get [rad]."""
+        reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
+        return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))

@@ -1,0 +1,82 @@
+"""Where the trailer has to point: the heading that puts its follow point on the hitch's path, moment by moment.
+
+Led at the hitch, a rigid trailer has one freedom, its heading. With the hitch at h the follow point is on the path
+just when it is at the path's point P at the follow distance from h: so the heading wanted is that of h - P, and
+near it the off-tracking is the follow distance times the difference in heading. The path behind the hitch is measured,
+and only the hitch's own next second has to be foretold.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vehicle.frames import FloatArray
+
+
+class HitchCourse(NamedTuple):
+    """The hitch's way over n steps to come, in the trailer's frame S of now."""
+
+    speed: float  # [m/s]
+    rate: float  # of the direction of travel [rad/s]
+    directions: FloatArray  # (n,) of travel at the ends of the steps [rad]
+    points: FloatArray  # (n, 2) where it is then [m]
+
+
+class Reference(NamedTuple):
+    """What the path asks for at n moments."""
+
+    headings: FloatArray  # (n,) with the follow point on the path, in S [rad]
+    beside: FloatArray  # (n,) how far the path then lies left of the middle of hitch and follow point [m]
+
+
+def hitch_course(direction: float, rate: float, speed: float, step: float, n: int) -> HitchCourse:
+    """The way on along a circle from a direction of travel [rad] in n steps of ``step`` [s]."""
+    directions: FloatArray = direction + rate * step * np.arange(n + 1, dtype=np.float64)
+    middles = 0.5 * (directions[1:] + directions[:-1])
+    points = np.cumsum(speed * step * np.column_stack([np.cos(middles), np.sin(middles)]), axis=0)
+    return HitchCourse(speed, rate, directions[1:], points)
+
+
+def denser(path: FloatArray) -> FloatArray:
+    """The path (n, 2) with the points half way between, on cubics: its chords would lie 1 mm inside of a tight turn."""
+    if len(path) < 4:
+        return path
+    inner = (9.0 * (path[1:-2] + path[2:-1]) - path[:-3] - path[3:]) / 16.0
+    dense = np.empty((2 * len(path) - 1, 2))
+    dense[::2] = path
+    dense[1::2] = np.concatenate([0.5 * (path[:1] + path[1:2]), inner, 0.5 * (path[-2:-1] + path[-1:])])
+    return dense
+
+
+def reference(ahead: FloatArray, behind: FloatArray, distance: float) -> Reference | None:
+    """What the path asks for with the hitch at ``ahead`` (n, 2), in the order of travel.
+
+    ``behind`` (m, 2) is the path so far, newest first, in the same frame, and ``distance`` that of the follow point
+    [m]. None if the path does not reach back so far.
+    """
+    n, line = len(ahead), np.concatenate([ahead[::-1], behind])
+    apart = line[None, :, :] - ahead[:, None, :]
+    later = np.arange(len(line)) < (n - 1 - np.arange(n))[:, None]  # than the hitch is where it is
+    away = np.where(later, 0.0, np.hypot(apart[..., 0], apart[..., 1]))
+    beyond = np.argmax(away >= distance, axis=1)
+    if not beyond.all():
+        return None
+    rows = np.arange(n)
+    to_hitch = -_at_distance(apart[rows, beyond - 1], apart[rows, beyond], distance)
+    c, s = to_hitch.T / distance
+    x = apart[..., 0] * c[:, None] + apart[..., 1] * s[:, None]
+    nearest = np.argmin(np.where(later, np.inf, np.abs(x + 0.5 * distance)), axis=1)
+    middle = apart[rows, nearest]
+    return Reference(np.arctan2(s, c), middle[:, 1] * c - middle[:, 0] * s)
+
+
+def _at_distance(near: FloatArray, far: FloatArray, distance: float) -> FloatArray:
+    """Points (n, 2) of the chords from ``near`` to ``far`` that lie at the distance [m] from the origin."""
+    chord = far - near
+    # |near + t chord| = distance, t the root between 0 and 1
+    a, b, c = (np.sum(p * q, axis=1) for p, q in ((chord, chord), (near, chord), (near, near)))
+    t = (np.sqrt(np.maximum(b**2 - a * (c - distance**2), 0.0)) - b) / a
+    points: FloatArray = near + t[:, None] * chord
+    return points

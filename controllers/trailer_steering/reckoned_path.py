@@ -1,0 +1,90 @@
+"""The path of a trailer's hitch as the combination's own sensors have it: dead reckoning, in a frame O of its own.
+
+O is where the trailer's frame S was at the start. An estimate of the path, which is older than now, can take the place
+of what was reckoned up to its tick; what came after stays.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.trailer_steering.hitch_motion import HitchMotion
+from estimators.estimates import OffTracking
+from vehicle.frames import FloatArray, Pose2, wrap
+
+_SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]
+_RECENT = 1500  # poses are kept so long: the oldest estimate that can still be placed [ticks]
+_KEPT = 2.0  # of the path, in follow distances; half a circle that just reaches the follow point has pi / 2
+
+
+class Moment(NamedTuple):
+    """Where S was."""
+
+    tick: int
+    X_OS: Pose2
+
+
+class ReckonedPath(NamedTuple):
+    """Where the trailer is, and where its hitch was."""
+
+    reach: float  # how much of the path is kept [m]
+    X_OS: Pose2
+    recent: tuple[Moment, ...]  # oldest first
+    ticks: FloatArray  # (n,) of the points, newest first; -inf of what lies before the first step
+    points: FloatArray  # (n, 2) of the hitch's path in O, newest first [m]
+
+    def in_trailer(self) -> FloatArray:
+        """The path (n + 1, 2) in S as it is now, newest first, from the hitch itself on [m]."""
+        behind: FloatArray = self.X_OS.inverse().apply(self.points)
+        return np.concatenate([np.zeros((1, 2)), behind])
+
+
+def straight_behind(follow_distance: float) -> ReckonedPath:
+    """Before anything is known, the path lies along the trailer's axis."""
+    reach = _KEPT * follow_distance
+    x = -np.arange(_SPACING, reach, _SPACING)
+    points = np.column_stack([x, np.zeros(len(x))])
+    return ReckonedPath(reach, Pose2(0.0, 0.0, 0.0), (), np.full(len(x), -np.inf), points)
+
+
+def moved(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float) -> ReckonedPath:
+    """The path after ``elapsed`` [s] of this motion up to ``tick``."""
+    here, turn = path.X_OS, motion.yaw_rate * elapsed
+    middle = here.psi + 0.5 * turn
+    c, s = math.cos(middle), math.sin(middle)
+    dx, dy = elapsed * motion.v_x, elapsed * motion.v_y
+    now = Pose2(here.x + c * dx - s * dy, here.y + s * dx + c * dy, wrap(here.psi + turn))
+    recent = (*(moment for moment in path.recent if moment.tick >= tick - _RECENT), Moment(tick, now))
+    path = path._replace(X_OS=now, recent=recent)
+    if math.hypot(now.x - path.points[0, 0], now.y - path.points[0, 1]) < _SPACING:
+        return path
+    points = np.concatenate([[[now.x, now.y]], path.points])
+    count = 2 + int(np.searchsorted(np.cumsum(np.hypot(*np.diff(points, axis=0).T)), path.reach))
+    return path._replace(ticks=np.concatenate([[float(tick)], path.ticks])[:count], points=points[:count])
+
+
+def corrected(path: ReckonedPath, seen: OffTracking) -> ReckonedPath:
+    """The path with what an estimate says of it up to its tick; unchanged if that was before the poses kept."""
+    then = _pose_at(path.recent, seen.tick)
+    if then is None:
+        return path
+    newer = path.ticks > seen.tick
+    older = then.apply(seen.path)
+    count = len(older)
+    ticks = np.concatenate([path.ticks[newer], np.full(count, float(seen.tick))])
+    return path._replace(ticks=ticks, points=np.concatenate([path.points[newer], older]))
+
+
+def _pose_at(recent: tuple[Moment, ...], tick: int) -> Pose2 | None:
+    """S at a past tick, straight between the poses around it; None if it was before or after them all."""
+    for before, after in pairwise(recent):
+        if before.tick <= tick <= after.tick:
+            share = (tick - before.tick) / (after.tick - before.tick)
+            a, b = before.X_OS, after.X_OS
+            turn = share * wrap(b.psi - a.psi)
+            return Pose2(a.x + share * (b.x - a.x), a.y + share * (b.y - a.y), wrap(a.psi + turn))
+    return None

@@ -1,0 +1,167 @@
+"""`offtrack compare` and `offtrack sweep`: grids of runs, and what they show together."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_display
+
+if TYPE_CHECKING:
+    from scenarios.studies.study import Study
+    from scenarios.studies.table import Row
+
+COMPARE_EXAMPLES = (
+    "Examples: offtrack compare roundabout --controllers none,command_steer,path_preview --off-tracking truth   "
+    "offtrack compare roundabout-low-friction --controllers path_preview,mpc --off-tracking truth,viso_ot "
+    "--vary surface.friction=0.8,0.5,0.3,0.2 --seeds 1-5"
+)
+SWEEP_EXAMPLES = "Example of a STUDY.toml: the study.toml that offtrack compare writes."
+
+Jobs = Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one per core")]
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Directory of the study. Runs that it holds already are not made again.", show_default=False),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no table.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the rows as JSON, and nothing else.")]
+
+
+def compare(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    controllers: Annotated[
+        str, typer.Option(help="Trailer steering laws, with commas between them.")
+    ] = "none,command_steer,path_preview",
+    off_tracking: Annotated[
+        str, typer.Option("--off-tracking", help="Where they have the off-tracking from, with commas between them.")
+    ] = "truth",
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="The same in all runs. May be repeated.")
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Another axis of the grid. May be repeated."),
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every point is run with each.")] = "1",
+    jobs: Jobs = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run trailer steering laws side by side and print a table of what each of them does.
+
+    Runs are made in parallel and kept as they finish: the same command goes on where an interrupted one was left.
+    Laws that do not look at the off-tracking are run once, not for each way of having it.
+    """
+    from scenarios.catalogue import OFF_TRACKING, TRAILER_STEERING, resolve
+    from scenarios.studies.case import listed, seeds_of
+    from scenarios.studies.study import Study, settings_of
+
+    with one_line_errors():
+        laws, sources = listed(controllers, "--controllers"), listed(off_tracking, "--off-tracking")
+        for law in laws:
+            resolve("--controllers", law, TRAILER_STEERING)
+        for source in sources:
+            resolve("--off-tracking", source, OFF_TRACKING)
+        axes = {"trailer_steering": laws, "off_tracking": sources}
+        axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
+        study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
+    _made(f"compare-{_short(scenario)}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+
+
+def sweep(
+    study_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.toml",
+            help="scenario = NAME, seeds = [1, 2], [set] of settings, [vary] of lists of values, by dotted keys.",
+        ),
+    ],
+    jobs: Jobs = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run every combination of a study's values with every seed, and print a table."""
+    from scenarios.studies.study import load_study
+
+    with one_line_errors():
+        study = load_study(study_file)
+    _made(f"sweep-{study_file.stem}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+
+
+def _short(scenario: str) -> str:
+    return Path(scenario).stem if scenario.endswith(".toml") else scenario
+
+
+def _made(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
+    """Runs the study, writes its directory and prints its table."""
+    from scenarios.studies.files import check_study_directory, opened_study, write_study
+    from scenarios.studies.pool import default_jobs, run_cases
+    from scenarios.studies.table import rows_of
+
+    directory = out or Path("runs") / title
+    with one_line_errors():
+        check_study_directory(directory)
+        cases = study.cases()
+        for case in cases:
+            case.identity()  # refuses what is not valid before anything is written
+        cells = opened_study(study, directory)
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            task = bar.add_task(title, total=len(cases), detail="")
+            outcomes = run_cases(
+                cases,
+                cells,
+                jobs=jobs or default_jobs(),
+                told=lambda done, _, case: bar.update(task, completed=done, detail=case),
+            )
+        rows = rows_of(outcomes)
+        write_study(title, study, outcomes, rows, directory)
+    if as_json:
+        print(json.dumps([_plain(row) for row in rows], indent=2))
+    elif not quiet:
+        _print(rows, directory)
+    if any(str(outcome.numbers["outcome"]).startswith("failed") for outcome in outcomes):
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _plain(row: Row) -> dict[str, object]:
+    return {
+        "axes": dict(row.axes),
+        "runs": row.runs,
+        "completed": row.completed,
+        "endings": list(row.endings),
+        **row.numbers,
+    }
+
+
+def _print(rows: Sequence[Row], directory: Path) -> None:
+    from scenarios.studies.table import shown_quantities, text_of
+
+    quantities = shown_quantities(rows)
+    varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
+    table = Table(padding=(0, 1) if Console().width > 100 else (0, 0))
+    for key in varied:  # a terminal of 80 columns may break headings, but must not cut names
+        table.add_column(key.rpartition(".")[2], min_width=max(len(dict(row.axes)[key]) for row in rows))
+    table.add_column("done", justify="right", min_width=3)
+    for quantity in quantities:
+        table.add_column(f"{quantity.label} [{quantity.unit}]", justify="right", min_width=5)
+    for row in rows:
+        axes = dict(row.axes)
+        table.add_row(
+            *(axes[key] for key in varied),
+            f"{row.completed}/{row.runs}",
+            *(text_of(quantity, row.numbers[quantity.path]) for quantity in quantities),
+        )
+    console = Console()
+    console.print(table)
+    for ending in dict.fromkeys(ending for row in rows for ending in row.endings):
+        count = sum(row.runs - row.completed for row in rows if ending in row.endings)
+        console.print(f"{ending}: {count} runs", soft_wrap=True, highlight=False, markup=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)

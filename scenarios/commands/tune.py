@@ -1,0 +1,223 @@
+"""`offtrack tune`: a trailer steering law's parameters, found by running it."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tomli_w
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from scenarios.commands.console import one_line_errors, progress_display
+
+if TYPE_CHECKING:
+    from scenarios.studies.tuning import Trial, Tuning
+
+EXAMPLES = (
+    "Examples: offtrack tune roundabout --controller path_preview --trials 40   "
+    "offtrack tune roundabout-low-friction --controller path_preview --trials 100 "
+    "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
+    "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
+)
+
+
+def tune(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    controller: Annotated[str, typer.Option(help="Trailer steering law, or package.module:Name.")] = "path_preview",
+    trials: Annotated[
+        int, typer.Option(min=1, help="Finished trials to have in the end, those of before included.")
+    ] = 40,
+    objectives: Annotated[
+        str, typer.Option(help="Numbers of the summary that are to be small, with commas between them.")
+    ] = "off_tracking.true_rms_m,off_tracking.true_max_m",
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--range", metavar="NAME=LOW:HIGH", help="A parameter to tune; not given: what the law says itself."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="The same in all runs, e.g. off_tracking=truth. May be repeated."
+        ),
+    ] = None,
+    vary: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the tuning set. May be repeated.")
+    ] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds of the tuning set.")] = "101,102",
+    judge_vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE,…", help="Axis of the judging set.", show_default="as --vary"),
+    ] = None,
+    judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging set.")] = "1-3",
+    jobs: Annotated[int | None, typer.Option(min=1, help="Trials at a time.", show_default="one per core")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the search.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory; its trials are gone on with.", show_default="runs/tune-SCENARIO-LAW"),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+) -> None:
+    """Look for the parameters of a trailer steering law that do best over a set of runs, and judge them on another.
+
+    Trials are kept in a journal as they finish: killed or interrupted, the same command goes on. Writes tuned.toml,
+    a scenario to run, journal.log, trials.csv and report.html with the trade-off between the objectives.
+    """
+    from scenarios.studies.files import check_study_directory, replaced
+    from scenarios.studies.pool import default_jobs, run_cases
+    from scenarios.studies.tuning import JOURNAL, chosen, finished, objective_means, optimise, with_parameters
+    from scenarios.studies.tuning_page import tuning_page
+
+    with one_line_errors():
+        if importlib.util.find_spec("optuna") is None:
+            raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        tuning = _tuning(
+            scenario, controller, objectives, ranges, settings, vary, seeds, judge_vary or vary, judge_seeds
+        )
+        directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
+        if not (directory / JOURNAL).is_file():
+            check_study_directory(directory)
+        told = _description(tuning)
+        _check_same(directory / "tuning.toml", told)
+        directory.mkdir(parents=True, exist_ok=True)
+        replaced(directory / "tuning.toml", told)
+        workers = jobs or default_jobs()
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            task = bar.add_task(f"tune {controller}", total=trials, detail="")
+            found = optimise(
+                tuning, directory, trials=trials, jobs=workers, seed=seed, told=lambda n: bar.update(task, completed=n)
+            )
+            bar.update(task, completed=trials)
+            best, judged = chosen(found), {}
+            sets = {"defaults": {}, "tuned": best.parameters}
+            judging = bar.add_task("judge", total=len(sets), detail="")
+            for name, parameters in sets.items():
+                cases = with_parameters(tuning.judged_on, parameters).cases()
+                outcomes = run_cases(cases, directory / "cells", jobs=workers)
+                judged[name] = objective_means(tuning.objectives, outcomes)
+                bar.advance(judging)
+        _write(tuning, finished(tuning, directory), best, directory)
+        replaced(directory / "report.html", tuning_page(tuning, found, best, judged))
+    if as_json:
+        print(json.dumps(_plain(tuning, best, judged), indent=2))
+    elif not quiet:
+        _print(tuning, best, judged, directory)
+
+
+def _tuning(
+    scenario: str,
+    controller: str,
+    objectives: str,
+    ranges: list[str] | None,
+    settings: list[str] | None,
+    vary: list[str] | None,
+    seeds: str,
+    judge_vary: list[str] | None,
+    judge_seeds: str,
+) -> Tuning:
+    """What the options ask for.
+
+    Raises:
+        ValueError: one line, for the first of them that can not be.
+    """
+    from scenarios.catalogue import TRAILER_STEERING, resolve
+    from scenarios.studies.case import listed, seeds_of
+    from scenarios.studies.parameters import defaults_of, ranges_of
+    from scenarios.studies.study import Study, settings_of
+    from scenarios.studies.table import QUANTITIES
+    from scenarios.studies.tuning import Tuning
+    from vehicle.parameter_file import nearest
+
+    law = resolve("--controller", controller, TRAILER_STEERING)
+    found = ranges_of(controller, law, ranges or [])
+    fixed = (*settings_of(settings or [], "--set"), ("trailer_steering", controller))
+    sets = []
+    for axes, seeds_text in ((vary, seeds), (judge_vary, judge_seeds)):
+        values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes or [], "--vary")}
+        study = Study(scenario=scenario, fixed=fixed, axes=values, seeds=seeds_of(seeds_text))
+        for case in study.cases():
+            case.identity()
+        sets.append(study)
+    names = listed(objectives, "--objectives")
+    paths = tuple(quantity.path for quantity in QUANTITIES)
+    for name in names:
+        if name not in paths:
+            raise ValueError(f"--objectives {name}: no such number of the summary{nearest(name, paths)}")
+    known = defaults_of(law)
+    return Tuning(
+        law=controller,
+        ranges=found,
+        defaults={name: known[name] for name in found if name in known},
+        objectives=names,
+        tuned_on=sets[0],
+        judged_on=sets[1],
+    )
+
+
+def _description(tuning: Tuning) -> str:
+    """What trials of one journal have in common."""
+    table: dict[str, Any] = {
+        "law": tuning.law,
+        "objectives": list(tuning.objectives),
+        "range": {name: [range_.low, range_.high] for name, range_ in tuning.ranges.items()},
+    }
+    return tomli_w.dumps(table) + f"\n# tuned on\n{_commented(tuning.tuned_on.to_toml())}"
+
+
+def _commented(text: str) -> str:
+    return "".join(f"# {line}\n" for line in text.splitlines())
+
+
+def _check_same(path: Path, told: str) -> None:
+    """Trials of another question must not be mixed with these.
+
+    Raises:
+        ValueError: one line.
+    """
+    if path.is_file() and path.read_text(encoding="utf-8") != told:
+        raise ValueError(f"{path} is of another tuning: choose another --out, or ask for the same")
+
+
+def _write(tuning: Tuning, trials: list[Trial], best: Trial, directory: Path) -> None:
+    from scenarios.scenario import load_scenario
+    from scenarios.studies.files import replaced
+    from scenarios.studies.tuning import with_parameters
+
+    case = with_parameters(tuning.judged_on, best.parameters).cases()[0]
+    fixed = [f"{key}={value}" for key, value in case.fixed]
+    replaced(directory / "tuned.toml", load_scenario(case.scenario, fixed).to_toml())
+    lines = [",".join(["trial", *tuning.ranges, *tuning.objectives])]
+    for trial in trials:
+        numbers = [*(trial.parameters[name] for name in tuning.ranges), *trial.values]
+        lines.append(",".join([str(trial.number), *map(repr, numbers)]))
+    replaced(directory / "trials.csv", "\n".join(lines) + "\n")
+
+
+def _plain(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]]) -> dict[str, Any]:
+    return {
+        "law": tuning.law,
+        "parameters": dict(best.parameters),
+        "tuned_on": dict(zip(tuning.objectives, best.values, strict=True)),
+        "judged": {name: dict(zip(tuning.objectives, values, strict=True)) for name, values in judged.items()},
+    }
+
+
+def _print(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]], directory: Path) -> None:
+    table = Table(title=f"{tuning.law} on runs that no trial has seen", title_justify="left")
+    table.add_column("")
+    for name in tuning.objectives:
+        table.add_column(name, justify="right")
+    for name, values in judged.items():
+        table.add_row(name, *(f"{value:.4g}" for value in values))
+    console = Console()
+    console.print(table)
+    for name, value in best.parameters.items():
+        console.print(f"steering.{name} = {value:.4g}", highlight=False)
+    console.print(f"Run it: offtrack run {directory / 'tuned.toml'}", soft_wrap=True, highlight=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)

@@ -1,0 +1,90 @@
+"""A table or figure of a paper, made again: own numbers beside the published ones, its data, and a picture."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib
+from matplotlib.figure import Figure
+
+from scenarios.drawing import INK
+from scenarios.log import Log, write_log
+from scenarios.results import appearing_at_once, versions
+
+Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
+_DPI: Final = 150
+_STYLE: Any = {  # matplotlib's types for it change with its version
+    "font.size": 9.5,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """One number of the paper beside one's own."""
+
+    quantity: str
+    published: str  # as printed; "" where the paper has none
+    own: float
+    unit: str
+
+    @property
+    def own_text(self) -> str:
+        """One's own as it is shown."""
+        if not math.isfinite(self.own):
+            return "–"
+        return f"{self.own:.0f}" if abs(self.own) >= 100.0 else f"{self.own:.3g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reproduction:
+    """What came of it."""
+
+    name: str
+    title: str
+    source: str
+    comparisons: Sequence[Comparison]
+    notes: Sequence[str]  # definitions, and how it differs from the paper's experiment
+    data: Log
+    draw: Callable[[], Figure]  # in the style of the house, see ``write_reproduction``
+
+    def as_plain(self) -> dict[str, Any]:
+        """For JSON: null stands for what could not be measured."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "source": self.source,
+            "notes": list(self.notes),
+            "numbers": [
+                {
+                    "quantity": one.quantity,
+                    "published": one.published or None,
+                    "own": one.own if math.isfinite(one.own) else None,
+                    "unit": one.unit,
+                }
+                for one in self.comparisons
+            ],
+        }
+
+
+def write_reproduction(made: Reproduction, directory: Path, facts: Mapping[str, Any]) -> None:
+    """Writes picture (PNG), data (Parquet) and numbers (JSON, ``facts`` with them), all at once or not at all.
+
+    Raises:
+        ValueError: if the directory can not take them.
+    """
+    with appearing_at_once(directory) as folder:
+        with matplotlib.rc_context(_STYLE):
+            made.draw().savefig(folder / f"{made.name}.png", dpi=_DPI)
+        write_log(made.data, folder / f"{made.name}.parquet")
+        content = {**made.as_plain(), **facts, "versions": versions()}
+        text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
+        (folder / f"{made.name}.json").write_text(text + "\n", encoding="utf-8")

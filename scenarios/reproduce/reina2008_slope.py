@@ -1,0 +1,158 @@
+"""Fig. 8 of Reina 2008: the slip angle of a rover that is driven straight on and comes to a sandy slope of 5 degrees.
+
+Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
+and planetary rovers", ICRA 2008. In the paper the rover goes without lateral drift for 60 s, and then drifts; 7 m in
+all. Here the ground is level at first, and its side slope begins so that this is so. Terramechanics makes the drift,
+the wheels of the same run make the trace, and the camera sees that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from estimators.estimates import Health, SlipAngle
+from estimators.reference_slip import LaserSlip
+from estimators.wheel_trace.ftrace import FTrace
+from scenarios.drawing import ESTIMATED, GREY, TRUE
+from scenarios.log import Log, Signal
+from scenarios.randomness import stream
+from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from sensors.rover_navigation import LaserTracker
+from sensors.sand.rig import nominal_rig
+from sensors.sand.sequence import recorded
+from vehicle.clock import TICK, Schedule
+from vehicle.frames import FloatArray, Pose2
+from vehicle.height_map import HeightMap
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.description import load_rover
+from vehicle.rover.plant import RoverPlant
+from vehicle.rover.truth import RoverTruth
+from vehicle.soil import load_soil
+from vehicle.terrain import Terrain
+
+_SPEED: Final = 0.08  # (section III) [m/s]
+_LENGTH: Final = 7.0  # travel in all (section III) [m]
+_CALM: Final = 60.0  # before the sideslip begins (section III) [s]
+_SLOPE: Final = math.tan(math.radians(5.0))  # (section III)
+_EASING: Final = 0.8  # way over which the ground goes from level to slope, a little over the wheelbase; assumed [m]
+_RATE: Final = 5.0  # of the camera (section III) [Hz]
+_LEAD: Final = 9.0  # before the first image, on level sand: the trace fills the view [s]
+_SPACING: Final = 0.1  # of the height map [m]
+_SEED: Final = 1
+_SIGNALS: Final = (
+    Signal("time", "s", "since the first image"),
+    Signal("slip_angle_true", "rad", "of the body, + left"),
+    Signal("slip_angle_ftrace", "rad", "by FTrace and eq. 2; nothing: no trace seen"),
+    Signal("slip_angle_laser", "rad", "by laser tracker and compass, eqs 5 and 6, half its span ago"),
+    Signal("x", "m", "of R's origin in W"),
+    Signal("y", "m", "of R's origin in W"),
+)
+
+
+def fig8(quick: bool, progress: Progress) -> Reproduction:
+    """Slip angle by FTrace beside the laser tracker's and the true one."""
+    calm, length = (12.0, 2.4) if quick else (_CALM, _LENGTH)
+    rows = np.array(list(_driven(calm, length, progress)))
+    time, true, seen, laser = rows[:, :4].T
+    return Reproduction(
+        name="reina2008-fig8",
+        title="Fig. 8: slip angle on a sandy slope of 5 degrees, driven straight on",
+        source="Reina et al., ICRA 2008",
+        comparisons=[
+            Comparison(quantity="RMS against laser and compass", published="< 2", own=_rms(seen, laser), unit="deg"),
+            Comparison(quantity="RMS against the truth", published="1.4", own=_rms(seen, true), unit="deg"),
+            Comparison(
+                quantity="images with an estimate", published="> 98", own=100.0 * np.isfinite(seen).mean(), unit="%"
+            ),
+            Comparison(quantity="largest true slip angle", published="", own=_largest(true), unit="deg"),
+            Comparison(
+                quantity="true slip in the first stage, RMS", published="0", own=_calm(time, true, calm), unit="deg"
+            ),
+            Comparison(quantity="drift beside the line ahead", published="", own=abs(float(rows[-1, 5])), unit="m"),
+        ],
+        notes=(
+            "The paper does not say why there is no drift in the first 60 s; here the ground is level until then.",
+            "Laser and compass are read over the last 4 s, so that their slip angle is that of 2 s before; it is "
+            "compared with FTrace's of the same image, which is a mean over some 7 s of way.",
+        ),
+        data=Log(_SIGNALS, rows),
+        draw=lambda: _drawn(rows, calm),
+    )
+
+
+def _driven(calm: float, length: float, progress: Progress) -> Iterator[list[float]]:
+    """A row of the table for every image."""
+    rover = load_rover("el_dorado_ii")
+    terrain = _ground(calm * _SPEED + 0.5 * rover.wheelbase, length)
+    truths = _truths(RoverPlant(rover, terrain, load_soil("beach_sand")), rover.radius, length)
+    lead = round(_LEAD * _RATE)
+    ftrace, laser = FTrace(nominal_rig(rover)), LaserSlip()
+    memory, fixes = ftrace.init(), laser.init()
+    tracker = LaserTracker(rng=stream(_SEED, "laser tracker"))
+    sequence = recorded(truths, "uniform", rng=stream(_SEED, "sand"), rover=rover, terrain=terrain, lead=lead)
+    for k, (view, truth, _) in enumerate(sequence):
+        progress(k, len(truths) - lead, f"image {k + 1}")
+        memory, estimate = ftrace.step(memory, view)
+        fixes, reference = laser.step(fixes, tracker.sample(truth), view.heading)
+        time = (truth.tick - truths[lead].tick) * TICK
+        at = [math.nan if reference is None else reference, *truth.pose[:2].tolist()]
+        yield [time, truth.slip_angle, _value(estimate), *at]
+    progress(len(truths) - lead, len(truths) - lead, "")
+
+
+def _value(estimate: SlipAngle) -> float:
+    return math.nan if estimate.health is Health.LOST else estimate.value
+
+
+def _ground(begin: float, length: float) -> Terrain:
+    """Level sand that becomes a slope, up to the left, from ``begin`` [m] after the first image's place on."""
+    x = np.arange(-2.0, length + 3.0, _SPACING)
+    y = np.arange(-3.0, 3.0, _SPACING)
+    part = np.clip((x - begin) / _EASING, 0.0, 1.0)
+    eased = part * part * (3.0 - 2.0 * part)
+    return Terrain(
+        height_map=HeightMap(heights=_SLOPE * y[:, None] * eased, spacing=_SPACING, x=float(x[0]), y=float(y[0]))
+    )
+
+
+def _truths(plant: RoverPlant, radius: float, length: float) -> list[RoverTruth]:
+    """The run at every image, wheels straight at a constant speed, until the way is done or time for it is over."""
+    period = Schedule.at_rate(_RATE).period
+    command = RoverCommand(wheel_speed=(_SPEED / radius,) * 4, steer=(0.0,) * 4)
+    state = plant.initial_state(Pose2(-_LEAD * _SPEED, 0.0, 0.0), _SPEED)
+    truths = [plant.observe(state, 0)]
+    while truths[-1].pose[0] < length and truths[-1].tick * TICK < 2.0 * length / _SPEED + _LEAD:
+        state = plant.step(state, command, period)
+        truths.append(plant.observe(state, truths[-1].tick + period))
+    return truths
+
+
+def _rms(a: FloatArray, b: FloatArray) -> float:
+    both = np.isfinite(a) & np.isfinite(b)
+    return math.degrees(float(np.sqrt(np.mean((a - b)[both] ** 2)))) if both.any() else math.nan
+
+
+def _largest(slip: FloatArray) -> float:
+    return math.degrees(float(np.abs(slip).max()))
+
+
+def _calm(time: FloatArray, slip: FloatArray, until: float) -> float:
+    return math.degrees(float(np.sqrt(np.mean(slip[time < until - 5.0] ** 2))))
+
+
+def _drawn(rows: FloatArray, calm: float) -> Figure:
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    ax = figure.subplots()
+    time, (true, seen, laser) = rows[:, 0], np.degrees(rows[:, 1:4].T)
+    ax.axvline(calm, color=GREY, linewidth=0.8, linestyle=":")
+    ax.plot(time, laser, color=GREY, linewidth=1.0, label="laser and compass, eqs 5 and 6")
+    ax.plot(time, seen, ".", color=ESTIMATED, markersize=3.0, label="FTrace, eq. 2")
+    ax.plot(time, true, color=TRUE, label="true")
+    ax.set(xlabel="time [s]", ylabel="slip angle [°], + left")
+    ax.legend(loc="best")
+    return figure

@@ -1,0 +1,105 @@
+"""One run of a study: a scenario with its settings and a seed, and the numbers it left."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from scenarios.scenario import load_scenario
+
+Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One run to make."""
+
+    scenario: str  # a name or a file
+    fixed: Settings  # the same in the whole study
+    axes: Settings  # where on its axes this run lies
+    seed: int
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """All settings as KEY=VALUE."""
+        return tuple(f"{key}={value}" for key, value in (*self.fixed, *self.axes))
+
+    @property
+    def title(self) -> str:
+        """What tells this run from the others."""
+        return " ".join([*(f"{key}={value}" for key, value in self.axes), f"seed={self.seed}"])
+
+    def identity(self) -> str:
+        """The same for the same run, in whatever study: a hash of its resolved scenario and seed.
+
+        Raises:
+            ValueError: one line, if the scenario is not valid with these settings.
+        """
+        resolved = load_scenario(self.scenario, self.settings).to_toml()
+        return hashlib.sha256(f"{resolved}\nseed = {self.seed}".encode()).hexdigest()[:20]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a run of a study left."""
+
+    case: Case
+    numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it came to none
+
+    def number(self, path: str) -> float | None:
+        """The number ``group.name`` of the summary, None if the run has none."""
+        value: Any = self.numbers
+        for part in path.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        return None if value is None else float(value)
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run came to its regular end."""
+        return bool(self.numbers["outcome"] == "completed")
+
+
+def cases_of(scenario: str, fixed: Settings, axes: Mapping[str, Sequence[str]], seeds: Sequence[int]) -> Iterator[Case]:
+    """Every combination of the axes' values, each with every seed."""
+    for values in itertools.product(*axes.values()):
+        for seed in seeds:
+            yield Case(scenario=scenario, fixed=fixed, axes=tuple(zip(axes, values, strict=True)), seed=seed)
+
+
+def listed(text: str, name: str) -> tuple[str, ...]:
+    """The values of a comma-separated list; commas within brackets belong to a value.
+
+    Raises:
+        ValueError: one line, if it is empty or names a value twice.
+    """
+    values, depth = [""], 0
+    for letter in text:
+        depth += (letter in "[{") - (letter in "]}")
+        if letter == "," and depth == 0:
+            values.append("")
+        else:
+            values[-1] += letter
+    found = tuple(value.strip() for value in values)
+    if not all(found) or len(set(found)) != len(found):
+        raise ValueError(f"{name} {text}: expected different values with commas between them")
+    return found
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Seeds as 3, 1,2,5 or 1-5.
+
+    Raises:
+        ValueError: one line, if it is none of these.
+    """
+    seeds: list[int] = []
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        if not first.isdigit() or (dash and not last.isdigit()) or int(last or first) < int(first):
+            raise ValueError(f"--seeds {text}: expected whole numbers such as 3, 1,2,5 or 1-5")
+        seeds.extend(range(int(first), int(last or first) + 1))
+    if len(set(seeds)) != len(seeds):
+        raise ValueError(f"--seeds {text}: a seed is named twice")
+    return tuple(seeds)

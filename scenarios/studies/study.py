@@ -1,0 +1,103 @@
+"""A study: what is varied, where its runs are kept, and the file that says so."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import Field, ValidationError
+
+from scenarios.options.base import Options
+from scenarios.studies.case import Case, Settings, cases_of
+from vehicle.parameter_file import read_toml
+
+FILE = "study.toml"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """A grid of runs."""
+
+    scenario: str
+    fixed: Settings
+    axes: Mapping[str, Sequence[str]]  # every key with its values as text
+    seeds: tuple[int, ...]
+
+    def cases(self) -> list[Case]:
+        """All its runs."""
+        return list(cases_of(self.scenario, self.fixed, self.axes, self.seeds))
+
+    def to_toml(self) -> str:
+        """The study as a file that `offtrack sweep` takes."""
+        vary = {key: [_typed(value) for value in values] for key, values in self.axes.items()}
+        fixed = {key: _typed(value) for key, value in self.fixed}
+        return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary})
+
+
+class _File(Options):
+    scenario: str
+    seeds: tuple[int, ...] = Field((1,), min_length=1)
+    set: dict[str, Any] = Field(default_factory=dict)
+    vary: dict[str, tuple[Any, ...]]
+
+
+def load_study(path: Path) -> Study:
+    """The study in a TOML file: scenario, seeds, and the tables ``set`` and ``vary`` of (dotted) keys.
+
+    Raises:
+        ValueError: one line, naming file and key.
+    """
+    try:
+        table = _File.model_validate(read_toml(path))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise ValueError(f"study {path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    axes = {key: tuple(_text(value) for value in values) for key, values in table.vary.items()}
+    for key, values in axes.items():
+        if not values or len(set(values)) != len(values):
+            raise ValueError(f"study {path}: vary.{key} must be a list of different values")
+    return Study(
+        scenario=table.scenario,
+        fixed=tuple((key, _text(value)) for key, value in table.set.items()),
+        axes=axes,
+        seeds=table.seeds,
+    )
+
+
+def settings_of(pairs: Sequence[str], option: str) -> Settings:
+    """Key and value of every KEY=VALUE.
+
+    Raises:
+        ValueError: one line, for one that is none.
+    """
+    found = []
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key.strip() or not value.strip():
+            raise ValueError(f"{option} {pair}: expected KEY=VALUE")
+        found.append((key.strip(), value.strip()))
+    return tuple(found)
+
+
+def _typed(text: str) -> Any:
+    """The value as TOML has it, so that the file reads well; text where it is none."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return str(value).lower()
+    return (
+        str(tomli_w.dumps({"value": value})).partition("=")[2].strip()
+        if isinstance(value, list | dict)
+        else repr(value)
+    )

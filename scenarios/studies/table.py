@@ -1,0 +1,177 @@
+"""What a study shows: one row for each point on its axes, over all seeds."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from scenarios.studies.case import Outcome, Settings
+
+Reduction = Literal["rms", "max"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number of the summary, and what it is over several seeds."""
+
+    path: str  # in the summary
+    label: str  # short: many stand side by side
+    meaning: str
+    unit: str
+    digits: int
+    over_seeds: Reduction
+
+    @property
+    def column(self) -> str:
+        """Its name in tables to compute with."""
+        return self.path.rpartition(".")[2]
+
+
+QUANTITIES: Final = (
+    Quantity(
+        path="off_tracking.true_rms_m",
+        label="error RMS",
+        meaning="follow point beside the hitch's path, RMS",
+        unit="m",
+        digits=3,
+        over_seeds="rms",
+    ),
+    Quantity(
+        path="off_tracking.true_max_m",
+        label="error max",
+        meaning="the largest of it",
+        unit="m",
+        digits=3,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="off_tracking.estimate_error_rms_m",
+        label="estimate RMS",
+        meaning="error of the estimated off-tracking, RMS",
+        unit="m",
+        digits=3,
+        over_seeds="rms",
+    ),
+    Quantity(path="swept_path.max_width_m", label="width", meaning="swept width", unit="m", digits=2, over_seeds="max"),
+    Quantity(
+        path="swept_path.tail_swing_entry_m",
+        label="swing in",
+        meaning="tail swing at the entry",
+        unit="m",
+        digits=2,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="swept_path.tail_swing_exit_m",
+        label="swing out",
+        meaning="tail swing at the exit",
+        unit="m",
+        digits=2,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="steer.max_deg",
+        label="steer",
+        meaning="largest steer angle of a trailer's axle",
+        unit="°",
+        digits=1,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="steer.max_rate_deg_s",
+        label="rate",
+        meaning="fastest steering of it",
+        unit="°/s",
+        digits=1,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="tyres.friction_used_max",
+        label="friction",
+        meaning="largest share of the friction that a tyre used",
+        unit="-",
+        digits=2,
+        over_seeds="max",
+    ),
+    Quantity(
+        path="slip.cross_track_rms_m",
+        label="cross RMS",
+        meaning="rover beside its path, RMS",
+        unit="m",
+        digits=3,
+        over_seeds="rms",
+    ),
+    Quantity(
+        path="slip.error_rms_deg",
+        label="slip RMS",
+        meaning="error of the estimated slip angle, RMS",
+        unit="°",
+        digits=2,
+        over_seeds="rms",
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One point on the axes."""
+
+    axes: Settings
+    runs: int
+    completed: int
+    endings: tuple[str, ...]  # how the others ended, each once
+    numbers: Mapping[str, float | None]  # by the quantity's path
+
+
+def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
+    """A row for every point, in the order of the outcomes."""
+    points: dict[Settings, list[Outcome]] = {}
+    for outcome in outcomes:
+        points.setdefault(outcome.case.axes, []).append(outcome)
+    return [_row(axes, found) for axes, found in points.items()]
+
+
+def shown_quantities(rows: Sequence[Row]) -> tuple[Quantity, ...]:
+    """Those that any row has a number for."""
+    return tuple(q for q in QUANTITIES if any(row.numbers[q.path] is not None for row in rows))
+
+
+def text_of(quantity: Quantity, value: float | None) -> str:
+    """The number as people read it."""
+    return "-" if value is None else f"{value:.{quantity.digits}f}"
+
+
+def table_csv(rows: Sequence[Row]) -> str:
+    """The rows as comma-separated values, SI or the unit in the name."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    quantities = shown_quantities(rows)
+    axes = [key for key, _ in rows[0].axes] if rows else []
+    writer.writerow([*axes, "runs", "completed", "endings", *(q.column for q in quantities)])
+    for row in rows:
+        numbers = ["" if row.numbers[q.path] is None else row.numbers[q.path] for q in quantities]
+        writer.writerow([*(value for _, value in row.axes), row.runs, row.completed, "; ".join(row.endings), *numbers])
+    return text.getvalue()
+
+
+def _row(axes: Settings, outcomes: Sequence[Outcome]) -> Row:
+    return Row(
+        axes=axes,
+        runs=len(outcomes),
+        completed=sum(outcome.completed for outcome in outcomes),
+        endings=tuple(dict.fromkeys(str(o.numbers["outcome"]) for o in outcomes if not o.completed)),
+        numbers={q.path: _reduced(q.over_seeds, (o.number(q.path) for o in outcomes)) for q in QUANTITIES},
+    )
+
+
+def _reduced(over_seeds: Reduction, values: Iterable[float | None]) -> float | None:
+    known = np.array([value for value in values if value is not None])
+    if not known.size:
+        return None
+    return math.sqrt(float(np.mean(known**2))) if over_seeds == "rms" else float(known.max())

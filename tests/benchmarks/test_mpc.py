@@ -1,0 +1,87 @@
+"""What a step of the predictive controller costs: the whole law, an estimate every fifth step, on one core.
+
+Each benchmark carries ``median_ms`` and ``p99_ms`` of the processor's time for a step, for others may use the machine
+too, and fails beyond the bars of a controller that runs every 20 ms. Run with ``make benchmarks``.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from controllers.trailer import Combination
+from controllers.trailer_steering.mpc import stepping
+from controllers.trailer_steering.mpc.law import Mpc
+from estimators.estimates import Health, OffTracking
+from scenarios.adapters import trailer_geometry
+from sensors.messages import CombinationSignals
+from vehicle.description import load_vehicle
+from vehicle.engine.compiler import compiler
+
+VEHICLE = load_vehicle("uk_longer_semitrailer")
+RADIUS, SPEED = 12.0, 2.8
+STEPS = 500
+with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+
+
+def circling(tick: int) -> OffTracking:
+    """On a left-hand circle, 0.1 m beside the path."""
+    turned = -np.arange(0.0, 16.0, 0.28) / RADIUS
+    path = RADIUS * np.column_stack([np.sin(turned), 1.0 - np.cos(turned)])
+    lead = np.arcsin(7.0 / RADIUS)
+    c, s = np.cos(lead), np.sin(lead)
+    return OffTracking(
+        tick=tick,
+        value=0.1,
+        std=0.01,
+        health=Health.OK,
+        path=path @ np.array([[c, s], [-s, c]]) + np.column_stack([np.zeros(58), -0.1 * turned]),
+        hitch_direction=float(lead),
+        hitch_direction_rate=0.0,
+        path_tangent=-float(lead),
+        v_x=SPEED * float(c),
+        v_y=SPEED * float(s),
+        yaw_rate=SPEED / RADIUS,
+    )
+
+
+def spent(law: Mpc) -> np.ndarray:
+    """Processor time of every step [s]."""
+    memory, angles, seconds = law.init(), np.zeros(2), []
+    for k in range(STEPS):
+        tick = 20 * k
+        signals = CombinationSignals(
+            tick=tick,
+            angles=angles,
+            speed=SPEED,
+            steer=0.3,
+            articulation=np.array([0.5]),
+            yaw_rates=np.full(2, SPEED / RADIUS),
+            lateral_acceleration=SPEED**2 / RADIUS,
+        )
+        seen = circling(tick // 100 * 100 - 100) if tick >= 100 else None
+        begin = time.process_time()
+        memory, command = law.step(memory, tick, seen, signals)
+        seconds.append(time.process_time() - begin)
+        angles = command.angles
+    return np.array(seconds[10:])  # the first ones build what is built once
+
+
+@pytest.mark.parametrize("engine", [pytest.param("compiled", marks=with_compiler), "interpreted"])
+def test_step_in_real_time(benchmark: BenchmarkFixture, engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """25 ms at the median and 50 ms at the 99th percentile, with and without a compiler."""
+    if engine == "interpreted":
+        monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    for built in (stepping._prediction, stepping._tyres):
+        built.cache_clear()
+    law = Mpc(trailer_geometry(VEHICLE, 1), combination=Combination(VEHICLE, 1))
+    seconds = benchmark.pedantic(spent, (law,), rounds=1)
+    median, slowest = 1e3 * np.quantile(seconds, [0.5, 0.99])
+    benchmark.extra_info.update(median_ms=median, p99_ms=slowest)
+    assert median <= 25.0
+    assert slowest <= 50.0
+    for built in (stepping._prediction, stepping._tyres):
+        built.cache_clear()

@@ -1,0 +1,180 @@
+"""The parts of the predictive controller: reference, observer, friction, the assumed way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from controllers.trailer import Combination
+from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
+from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, Reckoned, reckoned
+from controllers.trailer_steering.mpc.reference import denser, hitch_course, reference
+from controllers.trailer_steering.mpc.way import way_so_far, with_estimate
+from estimators.estimates import Health, OffTracking
+from sensors.messages import CombinationSignals
+from vehicle.description import load_vehicle
+from vehicle.frames import FloatArray, Pose2
+
+FOLLOW, RADIUS, SPEED = 14.0, 12.0, 2.8
+VEHICLE = load_vehicle("uk_longer_semitrailer")
+LEVER = 0.7744762  # of the kingpin, before the drive axle [m]
+
+
+def circle(angles: FloatArray) -> FloatArray:
+    """Points (n, 2) of a left-hand circle that leaves the origin along x."""
+    return RADIUS * np.column_stack([np.sin(angles), 1.0 - np.cos(angles)])
+
+
+def test_on_a_circle_the_wanted_headings_are_chords() -> None:
+    """The chord of the follow distance lags the hitch's direction by asin(L / 2R); its middle is R - R cos inside."""
+    ahead = hitch_course(0.0, SPEED / RADIUS, SPEED, 0.05, 24)
+    behind = denser(circle(-np.arange(0.0, 16.0, 0.28) / RADIUS))
+    wanted = reference(ahead.points, behind, FOLLOW)
+    assert wanted is not None
+    lag = math.asin(0.5 * FOLLOW / RADIUS)
+    np.testing.assert_allclose(wanted.headings, ahead.directions - lag, atol=1e-4)  # 1 mm at the follow point
+    # the path lies to the right of the chord in a left turn
+    np.testing.assert_allclose(wanted.beside, -(RADIUS - RADIUS * math.cos(lag)), atol=0.02)  # nearest point: 0.1 m
+
+
+def test_a_path_too_short_for_the_follow_point_asks_for_nothing() -> None:
+    """13 m of path for a trailer of 14 m."""
+    ahead = hitch_course(0.0, 0.0, SPEED, 0.05, 24)
+    behind = np.column_stack([-np.arange(0.0, 11.0, 0.25), np.zeros(44)])
+    assert reference(ahead.points[:4], behind, FOLLOW) is None
+
+
+def signals(tick: int, *, lead: float, own: float, articulation: float = 0.0) -> CombinationSignals:
+    return CombinationSignals(
+        tick=tick,
+        angles=np.zeros(2),
+        speed=SPEED,
+        steer=0.0,
+        articulation=np.array([articulation]),
+        yaw_rates=np.array([lead, own]),
+        lateral_acceleration=0.0,
+    )
+
+
+def estimate(
+    tick: int,
+    *,
+    direction: float = 0.0,
+    yaw_rate: float = 0.0,
+    path: FloatArray | None = None,
+    health: Health = Health.OK,
+) -> OffTracking:
+    return OffTracking(
+        tick=tick,
+        value=0.0,
+        std=0.01,
+        health=health,
+        path=np.column_stack([-np.arange(0.0, 16.0, 0.28), np.zeros(58)]) if path is None else path,
+        hitch_direction=direction,
+        hitch_direction_rate=0.0,
+        path_tangent=0.0,
+        v_x=SPEED * math.cos(direction),
+        v_y=SPEED * math.sin(direction),
+        yaw_rate=yaw_rate,
+    )
+
+
+def test_the_hitch_is_reckoned_along_its_circle() -> None:
+    """Trailer and tractor turning alike, 1 s: the hitch is where the circle has it, the trailer has turned as much."""
+    observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
+    rate = SPEED / RADIUS
+    lag = math.atan(LEVER * rate / SPEED)
+    for tick in range(0, 1001, 20):
+        memory = observer.noticed(memory, signals(tick, lead=rate, own=rate, articulation=-lag))
+    moved = reckoned(memory.records, 0)
+    assert memory.now.hitch_direction == pytest.approx(0.0, abs=0.002)  # the mean lever of the fixed axles
+    assert moved.frame.psi == pytest.approx(rate, abs=1e-9)
+    way = memory.now.speed
+    assert (moved.frame.x, moved.frame.y) == pytest.approx(tuple(circle(np.array([rate]))[0] * way / SPEED), abs=0.01)
+    assert len(moved.hitch_way) == 50
+
+
+def test_a_slide_of_the_unit_ahead_shows_in_the_estimates_alone() -> None:
+    """Gyros still, the hitch's direction grows by 0.2 rad/s: followed within the 0.2 s of one estimate and its age."""
+    observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
+    for tick in range(0, 2001, 20):
+        memory = observer.noticed(memory, signals(tick, lead=0.0, own=0.0))
+        if tick % 100 == 0 and tick > 0:
+            seen_tick = tick - 100
+            memory = observer.corrected(memory, estimate(seen_tick, direction=2e-4 * (seen_tick - 50)), 0.1)
+    assert memory.now.hitch_direction == pytest.approx(0.4, abs=0.04)
+    assert memory.doubt > 0.0
+
+
+def test_the_gyros_bias_is_learnt_from_the_estimates() -> None:
+    """0.2 deg/s for 20 s, four times the time of its low-pass: 2 % of it are left."""
+    observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
+    bias = math.radians(0.2)
+    for tick in range(0, 20001, 20):
+        memory = observer.noticed(memory, signals(tick, lead=0.0, own=bias))
+        if tick % 100 == 0 and tick > 0:
+            memory = observer.corrected(memory, estimate(tick - 100), 0.1)
+    assert memory.bias == pytest.approx(bias, rel=0.05)
+
+
+def driven(
+    memory: FrictionMemory, true_moment: float, model_moment: float, by_friction: float, way: float, doubt: float = 0.0
+) -> FrictionMemory:
+    """The estimate after some way; the model's tyres have a moment, plus what its friction adds to that."""
+    for _ in range(round(way / 0.05)):
+        moment = model_moment + by_friction * (memory.log_friction - FrictionMemory().log_friction)
+        memory = updated(memory, moment - memory.disturbance - true_moment, by_friction, 0.05, doubt)
+    return memory
+
+
+def test_sliding_tyres_tell_the_friction_within_a_few_metres() -> None:
+    """All tyres slide: they should do 0.45 of their load and do 0.2. Most of it is friction's, not a disturbance."""
+    memory = driven(FrictionMemory(), 0.2, 0.45, 0.45, 10.0)
+    assert memory.friction < 0.3
+    assert abs(memory.disturbance) < 0.05
+
+
+def test_tyres_that_grip_tell_nothing_of_friction() -> None:
+    """What the accelerometer shows beyond them is a disturbance, and most of it is carried on.
+
+    The stationary Kalman filter of a disturbance of 0.03 that is forgotten over L = 20 m, with noise r = 0.04^2 m, has
+    the gain k = sqrt(1/L^2 + 2 0.03^2 / (L r)) - 1/L = 0.192 per metre and thus keeps k / (k + 1/L) = 0.794 of it.
+    """
+    memory = driven(FrictionMemory(), 0.05, 0.0, 0.0, 30.0)
+    assert memory.friction == pytest.approx(FrictionMemory().friction)
+    assert memory.disturbance == pytest.approx(-0.05 * 0.794, abs=0.001)  # steps of 0.05 m for a continuous filter
+
+
+def test_in_doubt_about_the_way_of_the_tyres_friction_stays() -> None:
+    """The same slide where the hitch's direction may be wrong by 5 deg: a third of it at most is believed."""
+    sure = driven(FrictionMemory(), 0.2, 0.45, 0.45, 1.0)
+    doubtful = driven(FrictionMemory(), 0.2, 0.45, 0.45, 1.0, doubt=0.4)
+    first = FrictionMemory().log_friction
+    assert first - doubtful.log_friction < 0.34 * (first - sure.log_friction)
+
+
+SHORT = np.array([[0.0, 0.0], [-0.28, 0.0], [-0.56, 0.0]])
+
+
+def test_a_straight_trailer_is_taken_to_have_begun_on_its_path() -> None:
+    """Before the path is as long as the trailer, the axis of the moment when it began is what it goes on with."""
+    lost = estimate(200, path=SHORT, health=Health.LOST)
+    way = with_estimate(None, lost, FOLLOW)
+    assert way is not None
+    assert not way.whole
+    so_far = way_so_far(way, Reckoned(Pose2(0.28, 0.0, 0.0), np.array([[0.28, 0.0]])), FOLLOW)
+    assert so_far is not None
+    assert so_far[:, 0].min() < -FOLLOW
+    assert not so_far[:, 1].any()
+    turned = with_estimate(None, estimate(200, path=SHORT, health=Health.LOST, direction=0.3), FOLLOW)
+    assert turned is not None
+    assert way_so_far(turned, Reckoned(Pose2(0.0, 0.0, 0.0), np.empty((0, 2))), FOLLOW) is None
+
+
+def test_a_whole_path_without_health_is_not_used() -> None:
+    """There the odometry failed, and its path is a guess."""
+    first = with_estimate(None, estimate(100), FOLLOW)
+    assert with_estimate(first, estimate(200, health=Health.LOST), FOLLOW) is first
+    assert with_estimate(None, estimate(200, health=Health.LOST), FOLLOW) is None

@@ -1,0 +1,67 @@
+"""`offtrack reproduce`: what is made, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from scenarios.commands.reproduce import reproduce
+from scenarios.log import read_log
+from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
+from scenarios.reproduce.reina2008_rates import SETS
+from scenarios.reproduce.reina2008_sample import PUBLISHED
+
+APP = typer.Typer(pretty_exceptions_enable=False)
+APP.command()(reproduce)
+
+
+def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
+    """Ten candidates beside ten published ones, best first; the confidences spread as widely as the paper's."""
+    out = tmp_path / "made"
+    result = CliRunner().invoke(APP, ["reina2008-table2", "--quick", "--json", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    printed = json.loads(result.stdout)
+    written = json.loads((out / "reina2008-table2.json").read_text())
+    assert printed["numbers"] == written["numbers"]
+    assert [float(one["published"]) for one in printed["numbers"]] == sorted(PUBLISHED, reverse=True)
+    own = [one["own"] for one in printed["numbers"] if one["own"] is not None]
+    assert own == sorted(own, reverse=True)
+    assert own[0] > 80.0  # the trace is clear, and followed from image to image
+    assert own[-1] < 50.0  # other candidates are not the trace
+    data = read_log(out / "reina2008-table2.parquet")
+    assert 100.0 * np.sort(data["confidence"])[::-1] == pytest.approx(own)
+    assert (out / "reina2008-table2.png").stat().st_size > 5_000
+
+
+def test_sets_have_the_papers_numbers_of_images() -> None:
+    """Table III: 1560 images of set A and 3456 of set B, 5016 in all."""
+    assert [one.size for one in SETS] == [1560, 3456]
+
+
+@pytest.mark.parametrize("name", REPRODUCTIONS)
+def test_every_entry_of_the_catalogue_can_be_loaded(name: str) -> None:
+    """Names lead to functions."""
+    assert callable(maker(name))
+    assert name in names_of("all")
+
+
+def test_unknown_figure_is_refused_in_one_line(tmp_path: Path) -> None:
+    """Exit code 2, and the nearest name that there is."""
+    result = CliRunner().invoke(APP, ["reina2008-fig9", "--out", str(tmp_path / "made")])
+    assert result.exit_code == 2
+    assert "reina2008-fig" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "made").exists()
+
+
+def test_directory_in_use_is_refused_before_any_work(tmp_path: Path) -> None:
+    """What is there is not overwritten."""
+    (tmp_path / "other").write_text("mine")
+    result = CliRunner().invoke(APP, ["reina2008-fig6", "--quick", "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["other"]

@@ -1,0 +1,198 @@
+"""The rover's closed loop: what it does with its slip, and what it leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.cli import app
+from scenarios.log import read_log
+from scenarios.rover.results import RoverResult, rover_summary
+from scenarios.rover.run import run_rover
+from scenarios.rover.scenario import RoverScenario
+from scenarios.scenario import load_any_scenario
+
+SLOPE = ("surface.slope_from=0.5", "surface.slope_over=0.3", "course.length=3")
+SHORT = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=ftrace")  # 34 images
+
+
+def driven(name: str, *settings: str, seed: int = 1) -> RoverResult:
+    scenario = load_any_scenario(name, settings)
+    assert isinstance(scenario, RoverScenario)
+    return run_rover(scenario, seed)
+
+
+def aside(result: RoverResult) -> float:
+    """How far beside its path the rover ended [m]."""
+    return abs(float(result.log["cross_track_true"][-1]))
+
+
+def test_a_slope_carries_an_uncompensated_rover_off_its_path() -> None:
+    """2.3 m of a 5 degree side slope at some 4 degrees of slip: 2.3 m tan(4 deg) = 0.16 m; half of it is asked for."""
+    result = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none")
+    assert result.outcome == "completed"
+    assert aside(result) > 0.08
+    assert result.log["slip_angle_true"][-1] < math.radians(-2.0)  # down the slope, to the right
+
+
+@pytest.mark.parametrize(
+    ("name", "compensation"), [("rover-slope", "crab"), ("rover-slope", "heading"), ("rover-uphill", "heading")]
+)
+def test_a_known_slip_is_made_up_for(name: str, compensation: str) -> None:
+    """What is left are the compass's residual deviation, 0.3 degrees over 3 m, and the onset: 15 mm and some."""
+    settings = (*SLOPE, "slip_estimator=truth", f"slip_compensation={compensation}")
+    assert aside(driven(name, *settings)) < 0.03
+
+
+def test_crab_keeps_the_body_along_the_path_and_heading_turns_it() -> None:
+    """Two ways to go straight across a slope: wheels aside and body straight, or the whole body aside."""
+    crab = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=crab").log
+    heading = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=heading").log
+    last = slice(-40, None)  # the last two seconds
+    assert abs(np.degrees(crab["psi"][last].mean())) < 1.0
+    assert np.degrees(crab["steer_rear_left"][last].mean()) > 2.0
+    assert np.degrees(heading["psi"][last].mean()) > 2.0
+    assert abs(np.degrees(heading["slip_angle_true"][last].mean() + heading["psi"][last].mean())) < 1.0
+
+
+def test_the_slip_angle_corrects_dead_reckoning_across_the_slope() -> None:
+    """By its wheels the rover went straight; with the slip angle it knows that it did not. Compass errors remain."""
+    log = driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none", "signals.noise=0").log
+    assert abs(log["y_wheels"][-1] - log["y"][-1]) > 0.08
+    assert abs(log["y_corrected"][-1] - log["y"][-1]) < 0.02  # the 3 s until a new slip is believed
+
+
+def test_the_paper_s_ground_truth_agrees_with_the_exact_slip() -> None:
+    """Laser tracker and compass (Reina 2008, eqs 5 and 6): 3 mm over 0.3 m and 0.35 degrees: within 1 degree RMS."""
+    numbers = rover_summary(driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none"))["slip"]
+    assert isinstance(numbers, dict)
+    assert numbers["reference_error_rms_deg"] is not None
+    assert 0.1 < numbers["reference_error_rms_deg"] < 1.0
+
+
+def test_sinking_in_ends_the_run_as_entrapped(tmp_path: Path) -> None:
+    """A rover whose limit is below what this sand lets it sink in."""
+    source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
+    lines = ["sinkage_limit = 0.005" if line.startswith("sinkage_limit") else line for line in source.splitlines()]
+    (tmp_path / "heavy.toml").write_text("\n".join(lines))
+    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'heavy.toml'}")
+    assert result.outcome == "entrapped"
+
+
+def test_a_rover_without_the_strength_to_move_times_out(tmp_path: Path) -> None:
+    """Drives of 0.02 N m at the wheel on sand that asks for more: it comes to rest and stays."""
+    source = Path("vehicle/rovers/el_dorado_ii.toml").read_text()
+    lines = ["stall_torque = 0.02" if line.startswith("stall_torque") else line for line in source.splitlines()]
+    (tmp_path / "weak.toml").write_text("\n".join(lines))
+    result = driven("rover-slope", "slip_estimator=truth", f"vehicle={tmp_path / 'weak.toml'}", "course.length=0.5")
+    assert result.outcome == "timed out"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Directories of a short run with the camera in the loop, and of its recording."""
+    folder = tmp_path_factory.mktemp("rover")
+    settings = [part for setting in SHORT for part in ("--set", setting)]
+    arguments = ["run", "rover-slope", *settings, "--out", str(folder / "run"), "--record", str(folder / "images")]
+    result = CliRunner().invoke(app, [*arguments, "--json"])
+    assert result.exit_code == 0, result.stderr
+    assert json.loads(result.stdout)["slip"]["valid_fraction"] is not None
+    return folder / "run", folder / "images"
+
+
+def test_a_run_leaves_its_directory(recorded: tuple[Path, Path]) -> None:
+    """The same files as a trailer's run; the resolved scenario runs again to the bit, images and signals."""
+    run, _ = recorded
+    names = {path.name for path in run.iterdir()}
+    assert {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html"} < names
+    manifest = json.loads((run / "manifest.json").read_text())
+    again = driven(str(run / "scenario.toml"))
+    assert again.log.sha256() == manifest["signals_sha256"]
+    assert again.manifest["frames_sha256"] == manifest["frames_sha256"]
+
+
+def test_a_recording_gives_the_estimates_of_the_run(recorded: tuple[Path, Path], tmp_path: Path) -> None:
+    """The estimator gets from files what it got in the loop; the CSV keeps nine digits of readings."""
+    run, images = recorded
+    arguments = ["estimate", "slip", str(images), "--estimator", "ftrace", "--json", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.stderr
+    log = read_log(run / "signals.parquet")
+    captured = np.isfinite(log["health"])
+    again = read_log(tmp_path / "out" / "slip.parquet")
+    known = int(captured.sum())  # images whose estimates were still under way at the end are in the recording, too
+    np.testing.assert_allclose(again["slip_angle"][:known], log["slip_angle_estimate"][captured], atol=1e-6)
+
+
+def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_path: Path) -> None:
+    """The others are estimated from all the same."""
+    _, images = recorded
+    copy = tmp_path / "copy"
+    (copy / "images").mkdir(parents=True)
+    for path in images.iterdir():
+        if path.is_file():
+            (copy / path.name).write_bytes(path.read_bytes())
+    for path in (images / "images").iterdir():
+        (copy / "images" / path.name).write_bytes(path.read_bytes())
+    (copy / "images" / "000003.png").write_bytes(b"no image")
+    arguments = ["estimate", "slip", str(copy), "--estimator", "ftrace", "--no-video", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.stderr
+    assert "Image 3 dropped: 000003.png is missing or no image" in result.stdout
+    rows = list(csv.DictReader((tmp_path / "out" / "slip.csv").read_text().splitlines()))
+    assert rows[3]["health"] == "dropped"
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: (d / "rig.toml").unlink(), "rig.toml"),
+        (lambda d: (d / "readings.csv").unlink(), "readings.csv is missing"),
+        (lambda d: (d / "images" / "000001.png").unlink(), "33 images and 34 rows in readings.csv"),
+        (lambda d: (d / "readings.csv").write_text("time_s\n0\n"), "column heading_deg is missing"),
+    ],
+)
+def test_a_recording_that_does_not_fit_is_one_line(
+    recorded: tuple[Path, Path], tmp_path: Path, spoil: object, said: str
+) -> None:
+    """Exit code 2 and what is wrong, and where."""
+    copy = tmp_path / "copy"
+    (copy / "images").mkdir(parents=True)
+    for path in (*recorded[1].iterdir(), *(recorded[1] / "images").iterdir()):
+        if path.is_file():
+            (copy / path.relative_to(recorded[1])).write_bytes(path.read_bytes())
+    spoil(copy)  # type: ignore[operator]  # a function of the table above
+    result = CliRunner().invoke(app, ["estimate", "slip", str(copy), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        (["slip_estimator=ftrce"], "unknown name 'ftrce'; did you mean 'ftrace'?"),
+        (["vehicle=el_dorado_ii_skid"], "slip_compensation = crab needs steered wheels"),
+        (["surface.soil=none"], "hard ground (surface.soil = none) takes no trace"),
+        (["surface.soil=toyota_sand"], "toyoura_sand"),
+        (["world.terrain=rippels"], "ripples"),
+        (["speed_kmh=5"], "speed_kmh = 5 must be less than or equal to 1.08 [km/h]"),
+        (["rig.latency=0.03"], "rig.latency = 0.03 s must be a multiple of 0.05 s"),
+        (["slip_compensatoin=none"], "unknown key 'slip_compensatoin'; did you mean 'slip_compensation'?"),
+        (["course.lenght=3"], "unknown key 'course.lenght'; did you mean 'course.length'?"),
+    ],
+)
+def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_path: Path) -> None:
+    """Exit code 2, and nothing is written."""
+    options = [part for setting in settings for part in ("--set", setting)]
+    result = CliRunner().invoke(app, ["run", "rover-slope", *options, "--out", str(tmp_path / "out")])
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()

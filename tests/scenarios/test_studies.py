@@ -1,0 +1,134 @@
+"""Grids of runs: what they are made of, that nothing finished is lost, and what they show."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.cli import app
+from scenarios.studies.case import Case, Outcome, listed, seeds_of
+from scenarios.studies.pool import run_cases
+from scenarios.studies.study import Study, load_study
+from scenarios.studies.table import rows_of, table_csv
+
+SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
+
+
+def study(**axes: tuple[str, ...]) -> Study:
+    return Study(
+        scenario="cambered-road",
+        fixed=SHORT,
+        axes={key.replace("__", "."): values for key, values in axes.items()},
+        seeds=(1, 2),
+    )
+
+
+def test_a_grid_has_every_combination_once() -> None:
+    """Two frictions, three speeds, two seeds: twelve runs, all different."""
+    cases = study(surface__friction=("0.8", "0.3"), speed_kmh=("40", "60", "80")).cases()
+    assert len(cases) == 12
+    assert len({case.identity() for case in cases}) == 12
+
+
+def test_a_run_is_the_same_in_whatever_study() -> None:
+    """What is fixed in one study may be an axis of another."""
+    fixed = Case(scenario="cambered-road", fixed=(*SHORT, ("speed_kmh", "60")), axes=(), seed=1)
+    axis = Case(scenario="cambered-road", fixed=SHORT, axes=(("speed_kmh", "60.0"),), seed=1)
+    assert fixed.identity() == axis.identity()
+
+
+def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
+    """A summary in the folder stands for its run: its numbers are taken, and only the others are made."""
+    cases = study(speed_kmh=("60",)).cases()
+    (tmp_path / f"{cases[0].identity()}.json").write_text(json.dumps({"outcome": "from before"}))
+    outcomes = run_cases(cases, tmp_path, jobs=1)
+    assert [outcome.numbers["outcome"] for outcome in outcomes] == ["from before", "completed"]
+    assert (tmp_path / f"{cases[1].identity()}.parquet").is_file()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
+    """An own controller's error is one line in the table, and is tried again the next time."""
+    (tmp_path / "broken.py").write_text(
+        "class Broken:\n    def __init__(self, trailer): pass\n    def init(self): return None\n"
+        "    def step(self, *rest): raise RuntimeError('no idea')\n"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        cases = study(trailer_steering=("broken:Broken",)).cases()[:1]
+        (outcome,) = run_cases(cases, tmp_path / "cells", jobs=1)
+    assert outcome.numbers["outcome"] == "failed: RuntimeError: no idea"
+    assert not list((tmp_path / "cells").glob("*.json"))
+
+
+def test_rows_are_root_mean_squares_and_largest_values_over_the_seeds() -> None:
+    """RMS of 3 and 4 is sqrt(12.5), the largest of 1 and 2 is 2; a run that ended badly is told."""
+    first, second = study(speed_kmh=("60",)).cases()
+    outcomes = [
+        Outcome(case=first, numbers={"outcome": "completed", "off_tracking": {"true_rms_m": 3.0, "true_max_m": 1.0}}),
+        Outcome(case=second, numbers={"outcome": "jackknifed", "off_tracking": {"true_rms_m": 4.0, "true_max_m": 2.0}}),
+    ]
+    (row,) = rows_of(outcomes)
+    assert row.numbers["off_tracking.true_rms_m"] == pytest.approx(12.5**0.5)
+    assert row.numbers["off_tracking.true_max_m"] == 2.0
+    assert (row.runs, row.completed, row.endings) == (2, 1, ("jackknifed",))
+    (line,) = csv.DictReader(table_csv([row]).splitlines())
+    assert (line["speed_kmh"], line["true_max_m"], line["endings"]) == ("60", "2.0", "jackknifed")
+
+
+def test_a_study_is_read_as_it_is_written(tmp_path: Path) -> None:
+    """The file of a study, numbers, names and lists, gives the same runs again."""
+    written = study(trailer_steering=("none", "path_preview"), speed_kmh=("60", "80"))
+    (tmp_path / "study.toml").write_text(written.to_toml())
+    again = load_study(tmp_path / "study.toml")
+    assert {case.identity() for case in again.cases()} == {case.identity() for case in written.cases()}
+
+
+@pytest.mark.parametrize(("text", "values"), [("a,b", ("a", "b")), ("[1, 2],[3, 4]", ("[1, 2]", "[3, 4]"))])
+def test_lists_keep_what_is_in_brackets_together(text: str, values: tuple[str, ...]) -> None:
+    """Angles of a mount are a list themselves."""
+    assert listed(text, "--vary x") == values
+
+
+def test_seeds_may_be_a_range() -> None:
+    """1-3,7 as printers count pages."""
+    assert seeds_of("1-3,7") == (1, 2, 3, 7)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--controllers", "path_previw"], "unknown name 'path_previw'; did you mean 'path_preview'?"),
+        (["--off-tracking", "truht"], "unknown name 'truht'"),
+        (["--vary", "surface.friction"], "--vary surface.friction: expected KEY=VALUE"),
+        (["--vary", "surface.friction=0.8,0.8"], "expected different values"),
+        (["--vary", "surface.frction=0.8,0.3"], "unknown key 'surface.frction'"),
+        (["--seeds", "5-1"], "--seeds 5-1: expected whole numbers"),
+    ],
+)
+def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:
+    """Exit code 2, and no directory is made."""
+    result = CliRunner().invoke(app, ["compare", "roundabout", "--out", str(tmp_path / "out"), *arguments])
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_compare_writes_table_and_report(tmp_path: Path) -> None:
+    """Two laws on a short road: a row each, as JSON and in the directory, with a self-contained page."""
+    out = tmp_path / "out"
+    fixed = [part for key, value in SHORT if key != "off_tracking" for part in ("--set", f"{key}={value}")]
+    arguments = ["compare", "cambered-road", "--controllers", "none,path_preview", "--json", "--out", str(out), *fixed]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.stderr
+    rows = json.loads(result.stdout)
+    assert [row["axes"]["trailer_steering"] for row in rows] == ["none", "path_preview"]
+    assert all(row["completed"] == 1 for row in rows)
+    assert {path.name for path in out.iterdir()} == {"cells", "report.html", "study.toml", "table.csv", "table.parquet"}
+    page = (out / "report.html").read_text()
+    assert not any(f'{link}="http' in page for link in ("src", "href"))

@@ -1,0 +1,122 @@
+"""Several steered trailers in one loop, steer groups, no-slip estimates, and recorded drives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.driver_file import read_trace
+from scenarios.report import report_html
+from scenarios.results import RunResult, summary, trailer_summaries
+from scenarios.run import run
+from scenarios.scenario import load_scenario
+
+DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
+
+
+@pytest.fixture(scope="module")
+def double() -> RunResult:
+    return run(load_scenario("roundabout", (*DOUBLE, "off_tracking=truth")), 1)
+
+
+def test_each_trailer_follows_its_own_hitch(double: RunResult) -> None:
+    """Both follow points keep within 5 cm, where unsteered ones cut in by half a metre: 60 deg of the 12.5 m circle."""
+    of_each = trailer_summaries(double)
+    unsteered = run(load_scenario("roundabout", (*DOUBLE, "off_tracking=truth", "trailer_steering=none")), 1)
+    assert list(of_each) == ["lead trailer", "semitrailer"]
+    for name, numbers in of_each.items():
+        assert numbers["true_max_m"] is not None
+        assert numbers["true_max_m"] < 0.05
+        cut_in = trailer_summaries(unsteered)[name]["true_max_m"]
+        assert cut_in is not None
+        assert cut_in > 0.4
+
+
+def test_the_summary_is_of_the_worst_trailer(double: RunResult) -> None:
+    """The one whose follow point runs farthest beside its path, and all of them by name."""
+    numbers, of_each = summary(double), trailer_summaries(double)
+    worst = max(of_each.values(), key=lambda trailer: trailer["true_max_m"] or 0.0)
+    assert isinstance(numbers["off_tracking"], dict)
+    assert numbers["off_tracking"]["true_max_m"] == worst["true_max_m"]
+    assert numbers["trailers"] == of_each
+
+
+def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(double: RunResult) -> None:
+    """The last one's have the names they have in a combination with one trailer; others end with the trailer's."""
+    lead, last = double.steer_signals("lead trailer"), double.steer_signals()
+    assert last == ("steer_trailer_1", "steer_trailer_2", "steer_trailer_3")
+    assert lead == tuple(f"{name}_lead trailer" for name in last)
+    assert np.abs(double.log[lead[2]]).max() > np.radians(10.0)
+    assert np.abs(double.axle_steer(double.units[1])[:, 2]).max() == np.abs(double.log[lead[2]]).max()
+    assert "lead trailer" in report_html(double, summary(double))
+
+
+def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_good() -> None:
+    """At 3 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
+    slow = ("off_tracking=kinematic", "course.turn_deg=40", "course.exit=5", "speed_kmh=3", "course.entry=25")
+    exact = run(load_scenario("roundabout", (*slow, "signals.noise=0")), 1)
+    noisy = run(load_scenario("roundabout", (*slow, "signals.noise=5")), 1)
+    errors = [summary(result)["off_tracking"] for result in (exact, noisy)]
+    assert isinstance(errors[0], dict)
+    assert isinstance(errors[1], dict)
+    assert errors[0]["estimate_error_max_m"] < 0.05  # type: ignore[operator]  # a number here, as the run got that far
+    assert errors[1]["estimate_error_max_m"] > 2.0 * errors[0]["estimate_error_max_m"]  # type: ignore[operator]  # too
+
+
+def test_steer_groups_turn_axles_by_one_angle_or_each_by_its_own() -> None:
+    """Single: both steered axles alike. Common centre: the rear one turns more, both lines meet on the front's."""
+    settings = ("off_tracking=truth", "course.turn_deg=40", "course.exit=5")
+    single = run(load_scenario("roundabout", (*settings, "steer_groups=single")), 1).log
+    own = run(load_scenario("roundabout", (*settings, "steer_groups=common_centre")), 1).log
+    np.testing.assert_allclose(single["steer_trailer_1"], single["steer_trailer_2"], atol=1e-12)
+    assert np.abs(own["steer_trailer_1"] - own["steer_trailer_2"]).max() > np.radians(2.0)
+
+
+def test_a_recorded_drive_is_repeated_to_its_end(tmp_path: Path) -> None:
+    """Steer angle and speed as in the file, wherever this leads; the run is as long as the record."""
+    file = tmp_path / "drive.csv"
+    file.write_text("time_s,steer_deg,speed_kmh\n0,0,9\n2,0,9\n4,6,12\n8,6,12\n", encoding="utf-8")
+    settings = ("off_tracking=truth", "trailer_steering=none", f"driver.trace={file}")
+    result = run(load_scenario("roundabout", settings), 1)
+    assert result.outcome == "completed"
+    assert result.log["time"][-1] == pytest.approx(8.0, abs=0.02)
+    assert np.degrees(result.log["steer_tractor"][-1]) == pytest.approx(6.0, abs=0.1)
+    assert 3.6 * result.log["v_x_tractor"][0] == pytest.approx(9.0, abs=1e-9)
+    assert 3.6 * result.log["v_x_tractor"][-1] == pytest.approx(12.0, abs=0.5)
+
+
+def test_the_driver_slows_down_to_the_lateral_acceleration_allowed() -> None:
+    """0.5 m/s2 on the 12.5 m circle of the front corner; its tractor turns tighter: a tenth more at most."""
+    settings = ("off_tracking=truth", "trailer_steering=none", "speed_kmh=20", "course.turn_deg=60", "course.exit=5")
+    log = run(load_scenario("roundabout", (*settings, "driver.max_lateral_acceleration=0.5")), 1).log
+    assert np.abs(log["v_x_tractor"] * log["yaw_rate_tractor"]).max() < 0.55
+    assert 3.6 * log["v_x_tractor"][0] == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("time_s,ster_deg,speed_kmh\n0,0,9\n", "did you mean 'steer_deg'"),
+        ("time_s,speed_kmh\n0,9\n", "'steer_deg' is missing"),
+        ("time_s,steer_deg\n0,9\n", "'speed_kmh' or 'acceleration' is missing"),
+        ("time_s,steer_deg,speed_kmh\n0,0\n", "line 2 has 2 values for 3 columns"),
+        ("time_s,steer_deg,speed_kmh\n0,0,9\n1,left,9\n", "line 3: steer_deg = 'left' is no finite number"),
+        ("time_s,steer_deg,speed_kmh\n0,0,9\n0,0,9\n", "increase"),
+        ("", "'time_s' is missing"),
+    ],
+)
+def test_errors_in_a_drivers_file_are_named(tmp_path: Path, text: str, complaint: str) -> None:
+    """One line: file, line, column."""
+    file = tmp_path / "drive.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=complaint) as caught:
+        read_trace(file)
+    assert str(file) in str(caught.value)
+
+
+def test_a_drivers_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """With the key that names it."""
+    with pytest.raises(ValueError, match=r"driver.trace: there is no file"):
+        read_trace(tmp_path / "none.csv")
