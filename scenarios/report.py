@@ -33,10 +33,14 @@ _NUMBERS: tuple[tuple[str, str, str, str, float, int, str], ...] = (
      "The closest any body comes to the centre of the roundabout."),
     ("swept_path", "tail_swing_m", "Tail swing", "m", 1, 3,
      "How far a rear corner swings out beyond the straight before or after the turn."),
+    ("swept_path", "tail_swing_entry_m", "of it into the turn", "m", 1, 3, "The same before the first turn alone."),
+    ("swept_path", "tail_swing_exit_m", "of it out of the turn", "m", 1, 3, "The same after the last turn alone."),
     ("steer", "max_deg", "Largest trailer steer angle", "°", 1, 1,
      "The largest angle of any steered trailer wheel."),
     ("steer", "max_rate_deg_s", "Fastest trailer steering", "°/s", 1, 1,
      "The highest rate at which a trailer axle was turned."),
+    ("tyres", "friction_used_max", "Friction used", "%", 100, 0,
+     "The largest share of the available friction that any tyre used."),
     ("odometry", "matches_mean", "Matches per frame", "", 1, 0,
      "Features found again in all images of a frame, on average."),
     ("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
@@ -50,6 +54,7 @@ _GROUPS = {
     "off_tracking": "Off-tracking",
     "swept_path": "Swept path",
     "steer": "Steering",
+    "tyres": "Tyres",
     "odometry": "Visual odometry",
 }
 _CARDS = ("true_rms_m", "estimate_error_rms_m", "max_width_m", "realtime_factor")

@@ -146,6 +146,7 @@ def summary(result: RunResult) -> Summary:
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
         "steer": _steer(result, worst),
+        "tyres": {"friction_used_max": _number(metrics.peak(result.signal("friction_used_max")))},
         "odometry": _odometry(result),
         "timing": _timing(result.timing),
         **({"trailers": of_each} if of_each else {}),
@@ -174,7 +175,7 @@ def _worst(result: RunResult) -> str:
 def swept(result: RunResult) -> SweptPath:
     """The room the run took; NaN throughout if it ended before the vehicle had moved."""
     if len(result.log) < 2:
-        return SweptPath(math.nan, math.nan, math.nan, math.nan)
+        return SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
     return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
 
 
@@ -210,6 +211,8 @@ def _swept_path(room: SweptPath) -> Numbers:
         "max_width_m": _number(room.max_width),
         "min_inner_radius_m": _number(room.min_inner_radius),
         "tail_swing_m": _number(room.tail_swing),
+        "tail_swing_entry_m": _number(room.tail_swing_entry),
+        "tail_swing_exit_m": _number(room.tail_swing_exit),
     }
 
 

@@ -52,7 +52,13 @@ class SweptPath:
     max_width: float  # [m]
     min_inner_radius: float  # about the roundabout's centre [m]
     max_outer_radius: float  # [m]
-    tail_swing: float  # [m]
+    tail_swing_entry: float  # into the first turn [m]
+    tail_swing_exit: float  # out of the last one [m]
+
+    @property
+    def tail_swing(self) -> float:
+        """The larger of both [m]."""
+        return float(np.fmax(self.tail_swing_entry, self.tail_swing_exit))
 
 
 def swept_path(
@@ -62,11 +68,11 @@ def swept_path(
 
     On a roundabout the width is the outer minus the inner radius; elsewhere see :func:`width_across_path`.
     """
-    swing = tail_swing(outlines, poses)
+    swings = tail_swings(outlines, poses)
     if circle_centre is None:
-        return SweptPath(width_across_path(outlines, poses), math.nan, math.nan, swing)
+        return SweptPath(width_across_path(outlines, poses), math.nan, math.nan, *swings)
     inner, outer = swept_radii(outlines, poses, circle_centre)
-    return SweptPath(outer - inner, inner, outer, swing)
+    return SweptPath(outer - inner, inner, outer, *swings)
 
 
 def swept_radii(
@@ -167,8 +173,8 @@ def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, n
     return crossing
 
 
-def tail_swing(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> float:
-    """How far a rear corner swings out beyond the straight before or after a turn [m]; NaN without a turn.
+def tail_swings(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> tuple[float, float]:
+    """How far a rear corner swings out beyond the straight before and after a turn [m]; NaN without a turn.
 
     At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit when
     it still stood straight behind the tractor's first pose, on the outside of the first turn, until the unit has
@@ -176,13 +182,15 @@ def tail_swing(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...])
     low-speed tail swing of performance-based standards, which is the value at entry; the exit matters for steered
     trailers.
     """
-    swings = [
-        swing
+    entry, leaving = (
+        [
+            swing
+            for outline, pose in zip(outlines, poses, strict=True)
+            if (swing := _swing_out(outline, pose[::direction], poses[0][::direction], direction)) is not None
+        ]
         for direction in (1, -1)  # onwards from the entry; backwards from the exit
-        for outline, pose in zip(outlines, poses, strict=True)
-        if (swing := _swing_out(outline, pose[::direction], poses[0][::direction], direction)) is not None
-    ]
-    return max(0.0, *swings) if swings else math.nan
+    )
+    return max(0.0, *entry) if entry else math.nan, max(0.0, *leaving) if leaving else math.nan
 
 
 def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray, direction: int) -> float | None:

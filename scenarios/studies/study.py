@@ -11,6 +11,7 @@ from typing import Any
 import tomli_w
 from pydantic import Field, ValidationError
 
+from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of
 from vehicle.parameter_file import read_toml
@@ -28,8 +29,10 @@ class Study:
     seeds: tuple[int, ...]
 
     def cases(self) -> list[Case]:
-        """All its runs."""
-        return list(cases_of(self.scenario, self.fixed, self.axes, self.seeds))
+        """All its runs; a law that does not look at the off-tracking runs with the first way of having it alone."""
+        sources = self.axes.get("off_tracking", ())
+        cases = cases_of(self.scenario, self.fixed, self.axes, self.seeds)
+        return [case for case in cases if dict(case.axes).get("off_tracking") in (None, *sources[:1]) or _looks(case)]
 
     def to_toml(self) -> str:
         """The study as a file that `offtrack sweep` takes."""
@@ -81,6 +84,14 @@ def settings_of(pairs: Sequence[str], option: str) -> Settings:
             raise ValueError(f"{option} {pair}: expected KEY=VALUE")
         found.append((key.strip(), value.strip()))
     return tuple(found)
+
+
+def _looks(case: Case) -> bool:
+    """Whether the law of a run, if it is an axis, makes use of the off-tracking."""
+    law = dict(case.axes).get("trailer_steering")
+    if law is None:
+        return True
+    return bool(getattr(resolve("trailer_steering", law, TRAILER_STEERING), "uses_off_tracking", True))
 
 
 def _typed(text: str) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from scenarios import courses
 from scenarios.adapters import outlines
 from scenarios.courses import Course
-from scenarios.swept_path import placed, tail_swing
+from scenarios.swept_path import placed, tail_swings
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
 from scenarios.validation.no_slip import poses_along, rolling_chain
@@ -72,7 +72,7 @@ def _turned(case: _Case) -> tuple[Vehicle, Course, FloatArray]:
 
 def _checks(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[Check, ...]:
     inner, outer = _radii(vehicle, course, poses)
-    swing = tail_swing(outlines(vehicle), (poses[:, 0], poses[:, 1]))
+    swing = max(tail_swings(outlines(vehicle), (poses[:, 0], poses[:, 1])))
     told = (
         ("radius of the axle's inner end, at the least", inner, case.inner, 5e-3, "m"),
         ("swept width", outer - inner, case.swept, 10e-3, "m"),

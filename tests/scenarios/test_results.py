@@ -33,8 +33,15 @@ NAMES = {
         "reference_error_rms_m",
         "estimate_against_reference_rms_m",
     ],
-    "swept_path": ["max_width_m", "min_inner_radius_m", "tail_swing_m"],
+    "swept_path": [
+        "max_width_m",
+        "min_inner_radius_m",
+        "tail_swing_m",
+        "tail_swing_entry_m",
+        "tail_swing_exit_m",
+    ],
     "steer": ["max_deg", "max_rate_deg_s"],
+    "tyres": ["friction_used_max"],
     "odometry": ["matches_mean", "inliers_mean", "lost_frames", "drift_percent"],
     "timing": ["simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s"],
 }

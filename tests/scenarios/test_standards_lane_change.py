@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,10 +99,29 @@ def test_the_audited_set_amplifies_as_linear_theory_says() -> None:
     assert done["transient_off_tracking_m"] == pytest.approx(theory["transient_off_tracking_m"], abs=0.02)
 
 
-def test_what_can_not_be_held_on_the_path_is_not_measured() -> None:
-    """A steering law for walking pace makes a long trailer unstable at 88 km/h: that is its outcome."""
-    done = lane_change(load_vehicle("uk_longer_semitrailer"), "path_preview")
-    assert done.outcome == "off the path"
+_SWINGING = """
+import math
+import numpy as np
+from controllers.trailer import SteerCommand
+
+class Swinging:
+    def __init__(self, trailer):
+        self.axles = len(trailer.steered_distances)
+
+    def init(self):
+        return None
+
+    def step(self, memory, tick, off_tracking, signals):
+        return None, SteerCommand(angles=np.full(self.axles, 0.4 * math.sin(2.5e-3 * tick)))
+"""
+
+
+def test_what_can_not_be_held_on_the_path_is_not_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A law that swings the trailer's axles by 23 degrees at 88 km/h throws it off the path: that is its outcome."""
+    (tmp_path / "swinging.py").write_text(_SWINGING)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    done = lane_change(load_vehicle("uk_longer_semitrailer"), "swinging:Swinging")
+    assert done.outcome != "completed"
     assert all(math.isnan(value) for value in done.figures.values())
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swing
+from scenarios.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swings
 from vehicle.frames import FloatArray
 
 RIGID = UnitOutline("rigid", 5.0, -2.0, 2.5, (3.8, 0.0), (2.0, 1.8))
@@ -120,7 +120,7 @@ def test_tail_swing_at_entry_has_the_closed_form() -> None:
     """A body turning about a point of its middle line at x = 0: hypot(overhang, R + W/2) - R - W/2."""
     straight = np.column_stack([np.linspace(-20.0, -0.1, 200), np.zeros(200), np.zeros(200)])
     poses = np.concatenate([straight, on_circle(10.0, turns=0.25)])
-    assert tail_swing((RIGID,), (poses,)) == pytest.approx(
+    assert tail_swings((RIGID,), (poses,))[0] == pytest.approx(
         math.hypot(2.0, 11.25) - 11.25, abs=1e-5
     )  # [m] steps of 1e-3 rad
 
@@ -135,8 +135,8 @@ def test_a_rear_that_swings_out_on_the_way_out_is_seen_too(side: int) -> None:
         [np.zeros((600, 2)), np.concatenate([np.zeros(300), np.linspace(0.2, 0.0, 300)])]
     )
     mirror = np.array([1.0, side, side])
-    swing = tail_swing((RIGID, TRAILER), (tractor * mirror, trailer * mirror))
-    assert swing == pytest.approx(11.9 * math.sin(0.2) + 1.275 * math.cos(0.2) - 1.275, abs=1e-9)  # rounding
+    swing = tail_swings((RIGID, TRAILER), (tractor * mirror, trailer * mirror))
+    assert swing[1] == pytest.approx(11.9 * math.sin(0.2) + 1.275 * math.cos(0.2) - 1.275, abs=1e-9)  # rounding
 
 
 def test_a_vehicle_that_never_turned_was_on_no_roundabout() -> None:
