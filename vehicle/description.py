@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -29,10 +28,13 @@ from vehicle.quantities import (
     Position,
     quantity,
 )
+from vehicle.shipped import Shipped
 from vehicle.tyres.data import TYRES, Tyre
 
 GRAVITY: Final = 9.81  # [m/s2]
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
+
+_VEHICLES: Final = Shipped("vehicle", "parameters")
 
 
 class Axle(Frozen):
@@ -227,7 +229,7 @@ class Vehicle(Frozen):
 
 def vehicle_names() -> tuple[str, ...]:
     """Names of the vehicles that come with the program."""
-    return tuple(sorted(path.stem for path in _shipped().glob("*.toml")))
+    return _VEHICLES.names()
 
 
 def load_vehicle(name_or_path: str) -> Vehicle:
@@ -236,7 +238,7 @@ def load_vehicle(name_or_path: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
-    path = _file_of(name_or_path)
+    path = _VEHICLES.file(name_or_path)
     plain = without_sources(read_toml(path))
     return checked(Vehicle, _with_tyres(plain, path), str(path))
 
@@ -247,21 +249,7 @@ def vehicle_sources(name_or_path: str) -> dict[str, str]:
     Raises:
         ValueError: if there is no such vehicle or file.
     """
-    return sources(read_toml(_file_of(name_or_path)))
-
-
-def _shipped() -> Path:
-    return Path(str(resources.files("vehicle"))) / "parameters"
-
-
-def _file_of(name_or_path: str) -> Path:
-    if name_or_path.endswith(".toml"):
-        return Path(name_or_path)
-    known = vehicle_names()
-    if name_or_path not in known:
-        hint = nearest(name_or_path, known)
-        raise ValueError(f"unknown vehicle '{name_or_path}'{hint} (known: {', '.join(known)}; or a .toml file)")
-    return _shipped() / f"{name_or_path}.toml"
+    return sources(read_toml(_VEHICLES.file(name_or_path)))
 
 
 def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:

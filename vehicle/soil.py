@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from importlib import resources
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
-from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
+from vehicle.parameter_file import checked, read_toml, sources, without_sources
 from vehicle.quantities import Fraction, Frozen, quantity
+from vehicle.shipped import Shipped
 
 _Modulus = Annotated[float, quantity("m", gt=0.0, le=0.5)]
 _Change = Annotated[float, quantity("m/rad", ge=-0.5, le=0.5)]
+
+_SOILS: Final = Shipped("soil", "soils")
 
 
 class Soil(Frozen):
@@ -57,7 +58,7 @@ class Soil(Frozen):
 
 def soil_names() -> tuple[str, ...]:
     """Names of the soils that come with the program."""
-    return tuple(sorted(path.stem for path in _shipped().glob("*.toml")))
+    return _SOILS.names()
 
 
 def load_soil(name_or_path: str) -> Soil:
@@ -66,7 +67,7 @@ def load_soil(name_or_path: str) -> Soil:
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
-    path = _file_of(name_or_path)
+    path = _SOILS.file(name_or_path)
     return checked(Soil, without_sources(read_toml(path)), str(path))
 
 
@@ -76,18 +77,4 @@ def soil_sources(name_or_path: str) -> dict[str, str]:
     Raises:
         ValueError: if there is no such soil or file.
     """
-    return sources(read_toml(_file_of(name_or_path)))
-
-
-def _shipped() -> Path:
-    return Path(str(resources.files("vehicle"))) / "soils"
-
-
-def _file_of(name_or_path: str) -> Path:
-    if name_or_path.endswith(".toml"):
-        return Path(name_or_path)
-    known = soil_names()
-    if name_or_path not in known:
-        hint = nearest(name_or_path, known)
-        raise ValueError(f"unknown soil '{name_or_path}'{hint} (known: {', '.join(known)}; or a .toml file)")
-    return _shipped() / f"{name_or_path}.toml"
+    return sources(read_toml(_SOILS.file(name_or_path)))

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from importlib import resources
-from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
 from pydantic import model_validator
 
 from vehicle.frames import FloatArray
-from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
+from vehicle.parameter_file import checked, read_toml, sources, without_sources
 from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Position, quantity
+from vehicle.shipped import Shipped
 
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a rover may be symbols
+
+_ROVERS: Final = Shipped("rover", "rovers")
 
 
 class Rover(Frozen):
@@ -80,7 +81,7 @@ class Rover(Frozen):
 
 def rover_names() -> tuple[str, ...]:
     """Names of the rovers that come with the program."""
-    return tuple(sorted(path.stem for path in _shipped().glob("*.toml")))
+    return _ROVERS.names()
 
 
 def load_rover(name_or_path: str) -> Rover:
@@ -89,7 +90,7 @@ def load_rover(name_or_path: str) -> Rover:
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
-    path = _file_of(name_or_path)
+    path = _ROVERS.file(name_or_path)
     return checked(Rover, without_sources(read_toml(path)), str(path))
 
 
@@ -99,18 +100,4 @@ def rover_sources(name_or_path: str) -> dict[str, str]:
     Raises:
         ValueError: if there is no such rover or file.
     """
-    return sources(read_toml(_file_of(name_or_path)))
-
-
-def _shipped() -> Path:
-    return Path(str(resources.files("vehicle"))) / "rovers"
-
-
-def _file_of(name_or_path: str) -> Path:
-    if name_or_path.endswith(".toml"):
-        return Path(name_or_path)
-    known = rover_names()
-    if name_or_path not in known:
-        hint = nearest(name_or_path, known)
-        raise ValueError(f"unknown rover '{name_or_path}'{hint} (known: {', '.join(known)}; or a .toml file)")
-    return _shipped() / f"{name_or_path}.toml"
+    return sources(read_toml(_ROVERS.file(name_or_path)))
