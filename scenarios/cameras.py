@@ -85,16 +85,18 @@ class Rectified:
 def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np.random.Generator) -> World:
     """The world around a course."""
     azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
+    half_width = course.road_half_width if options.tarmac_width is None else 0.5 * options.tarmac_width
     return build_world(
         rng=rng,
         centreline=course.centreline,
-        road_half_width=course.road_half_width,
+        road_half_width=half_width,
         surface=surface,
         scenery_density=options.scenery_density,
-        clearance=_SCENERY_CLEARANCE,
+        clearance=max(_SCENERY_CLEARANCE, half_width),
         sun_azimuth=None if azimuth is None else math.radians(azimuth),
         sun_elevation=None if elevation is None else math.radians(elevation),
         overcast=options.overcast,
+        grain=options.grain,
     )
 
 

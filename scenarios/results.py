@@ -146,7 +146,7 @@ def summary(result: RunResult) -> Summary:
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
         "steer": _steer(result, worst),
-        "tyres": {"friction_used_max": _number(metrics.peak(result.signal("friction_used_max")))},
+        "tyres": {"friction_used_max": number(metrics.peak(result.signal("friction_used_max")))},
         "odometry": _odometry(result),
         "timing": _timing(result.timing),
         **({"trailers": of_each} if of_each else {}),
@@ -196,23 +196,23 @@ def _off_tracking(result: RunResult, ahead: str) -> Numbers:
     true, error = result.signal(f"off_tracking_true{ending}"), error_of_estimate(result, ahead)
     reference = result.signal(f"off_tracking_reference{ending}")
     return {
-        "true_rms_m": _number(metrics.rms(true)),
-        "true_max_m": _number(metrics.peak(true)),
-        "estimate_error_rms_m": _number(metrics.rms(error)),
-        "estimate_error_max_m": _number(metrics.peak(error)),
-        "valid_fraction": _number(metrics.valid_fraction(result.signal(f"health{ending}"), true)),
-        "reference_error_rms_m": _number(metrics.rms(reference - true)),
-        "estimate_against_reference_rms_m": _number(metrics.rms(error + true - reference)),
+        "true_rms_m": number(metrics.rms(true)),
+        "true_max_m": number(metrics.peak(true)),
+        "estimate_error_rms_m": number(metrics.rms(error)),
+        "estimate_error_max_m": number(metrics.peak(error)),
+        "valid_fraction": number(metrics.valid_fraction(result.signal(f"health{ending}"), true)),
+        "reference_error_rms_m": number(metrics.rms(reference - true)),
+        "estimate_against_reference_rms_m": number(metrics.rms(error + true - reference)),
     }
 
 
 def _swept_path(room: SweptPath) -> Numbers:
     return {
-        "max_width_m": _number(room.max_width),
-        "min_inner_radius_m": _number(room.min_inner_radius),
-        "tail_swing_m": _number(room.tail_swing),
-        "tail_swing_entry_m": _number(room.tail_swing_entry),
-        "tail_swing_exit_m": _number(room.tail_swing_exit),
+        "max_width_m": number(room.max_width),
+        "min_inner_radius_m": number(room.min_inner_radius),
+        "tail_swing_m": number(room.tail_swing),
+        "tail_swing_entry_m": number(room.tail_swing_entry),
+        "tail_swing_exit_m": number(room.tail_swing_exit),
     }
 
 
@@ -220,7 +220,7 @@ def _steer(result: RunResult, ahead: str) -> Numbers:
     angles = [result.log[name] for name in result.steer_signals(ahead)]
     largest = max((metrics.peak(angle) for angle in angles), default=math.nan)
     fastest = max((metrics.peak(metrics.rate(angle, result.log["time"])) for angle in angles), default=math.nan)
-    return {"max_deg": _number(math.degrees(largest)), "max_rate_deg_s": _number(math.degrees(fastest))}
+    return {"max_deg": number(math.degrees(largest)), "max_rate_deg_s": number(math.degrees(fastest))}
 
 
 def _odometry(result: RunResult) -> Numbers:
@@ -233,19 +233,19 @@ def _odometry(result: RunResult) -> Numbers:
         result.follow_distance,
     )
     return {
-        "matches_mean": _number(metrics.mean(result.signal("matches"))),
-        "inliers_mean": _number(metrics.mean(result.signal("inliers"))),
+        "matches_mean": number(metrics.mean(result.signal("matches"))),
+        "inliers_mean": number(metrics.mean(result.signal("inliers"))),
         "lost_frames": int(np.sum(health[captures] >= metrics.LOST)) if captures.any() else None,
-        "drift_percent": _number(100.0 * metrics.mean(drift)),
+        "drift_percent": number(100.0 * metrics.mean(drift)),
     }
 
 
 def _timing(timing: Timing) -> Numbers:
     names = ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
-    return {name: _number(getattr(timing, name)) for name in names}
+    return {name: number(getattr(timing, name)) for name in names}
 
 
-def _number(value: float) -> float | None:
+def number(value: float) -> float | None:
     """The value to the last micrometre, or None where there is no number."""
     return round(float(value), 6) if math.isfinite(value) else None
 
@@ -304,13 +304,36 @@ def write_run(result: RunResult, directory: Path, *, video: bool = True, progres
     from scenarios.video import write_video
 
     numbers = summary(result)
+    moves = video and len(result.log) > 1
+    return write_files(
+        directory,
+        scenario_toml=result.scenario_toml,
+        log=result.log,
+        manifest=manifest(result),
+        report=report_html(result, numbers),
+        numbers=numbers,
+        video=(lambda path: write_video(result, path, progress=progress)) if moves else None,
+    )
+
+
+def write_files(
+    directory: Path,
+    *,
+    scenario_toml: str,
+    log: Log,
+    manifest: Mapping[str, object],
+    report: str,
+    numbers: Summary,
+    video: Callable[[Path], Path] | None,
+) -> Path:
+    """Writes what every run leaves, a trailer's or a rover's, and returns the directory; ``video``: its writer."""
     with appearing_at_once(directory) as folder:
-        (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
-        write_log(result.log, folder / "signals.parquet")
-        _write_json(folder / "manifest.json", manifest(result))
-        (folder / "report.html").write_text(report_html(result, numbers), encoding="utf-8")
-        if video and len(result.log) > 1:
-            write_video(result, folder / "video", progress=progress)
+        (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
+        write_log(log, folder / "signals.parquet")
+        _write_json(folder / "manifest.json", manifest)
+        (folder / "report.html").write_text(report, encoding="utf-8")
+        if video:
+            video(folder / "video")
         _write_json(folder / "summary.json", numbers)
     return directory
 

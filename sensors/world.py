@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sensors import sky, textures
 from sensors.condition import Condition, condition_of
+from sensors.fields import grain_fields
 from sensors.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
 from sensors.scenery import Plot, Stand, kerbs, planted
 from sensors.shapes import Mesh
@@ -63,6 +64,7 @@ def build_world(
     sun_azimuth: float | None = None,
     sun_elevation: float | None = None,
     overcast: bool = False,
+    grain: bool = False,
 ) -> World:
     """The world around a road.
 
@@ -76,6 +78,7 @@ def build_world(
         sun_azimuth: from north by east [rad]; None: left to chance.
         sun_elevation: above the horizon [rad]; None: 43 deg.
         overcast: clouds hide the sun.
+        grain: fields of it lie beyond the road.
 
     Raises:
         ValueError: naming the argument that is out of its range.
@@ -90,6 +93,8 @@ def build_world(
     if scenery_density > 0.0:
         plot = Plot(rng, line, terrain, clearance, scenery_density)
         stands = [kerbs(plot, road_half_width), *planted(plot)]
+    if grain:
+        stands.append(grain_fields(rng, line, terrain, road_half_width))
     road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
     return World(
         ground=ground_mesh(rng, terrain, low, high),

@@ -52,3 +52,5 @@ class WorldOptions(Options):
     sun_azimuth_deg: float | None = quantity(None, "deg", ge=0.0, le=360.0)  # as on a compass, 270 is west
     sun_elevation_deg: float | None = quantity(None, "deg", ge=3.0, le=90.0)  # above the horizon
     overcast: bool = False
+    tarmac_width: float | None = quantity(None, "m", ge=9.0, le=200.0)  # around the course; none: a road
+    grain: bool = False  # fields of it all around

@@ -13,6 +13,7 @@ import numpy as np
 from estimators.estimates import Health, SlipAngle
 from scenarios import metrics
 from scenarios.log import Log, Signal
+from scenarios.results import number
 from scenarios.rover.assembly import SlipSource
 from scenarios.rover.recording import RoverRecording
 from scenarios.rover.run_log import LOST
@@ -101,19 +102,19 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
         "frames": {
             "images": len(log),
             "dropped": len(estimation.dropped),
-            "duration_s": _number(float(log["time"][-1] - log["time"][0])) if len(log) else None,
+            "duration_s": number(float(log["time"][-1] - log["time"][0])) if len(log) else None,
         },
         "slip": {
-            "mean_deg": _number(math.degrees(metrics.mean(log["slip_angle"]))),
-            "max_deg": _number(math.degrees(metrics.peak(log["slip_angle"]))),
-            "std_mean_deg": _number(math.degrees(metrics.mean(log["slip_angle_std"]))),
-            "valid_fraction": _number(float(np.mean(log["health"][used] < LOST))) if used.any() else None,
-            "error_rms_deg": _number(metrics.rms(error)),
-            "error_max_deg": _number(metrics.peak(error)),
-            "lagged_error_rms_deg": _number(metrics.rms(lagged)),
-            "within_2_5_sigma": _number(float(np.mean(within))) if known.any() else None,
+            "mean_deg": number(math.degrees(metrics.mean(log["slip_angle"]))),
+            "max_deg": number(math.degrees(metrics.peak(log["slip_angle"]))),
+            "std_mean_deg": number(math.degrees(metrics.mean(log["slip_angle_std"]))),
+            "valid_fraction": number(float(np.mean(log["health"][used] < LOST))) if used.any() else None,
+            "error_rms_deg": number(metrics.rms(error)),
+            "error_max_deg": number(metrics.peak(error)),
+            "lagged_error_rms_deg": number(metrics.rms(lagged)),
+            "within_2_5_sigma": number(float(np.mean(within))) if known.any() else None,
         },
-        "timing": {"estimator_ms_per_image": _number(1e3 * estimation.seconds / max(1, int(used.sum())))},
+        "timing": {"estimator_ms_per_image": number(1e3 * estimation.seconds / max(1, int(used.sum())))},
         "dropped_images": [{"image": k, "reason": reason} for k, reason in estimation.dropped.items()],
     }
 
@@ -135,7 +136,3 @@ def _log(recording: RoverRecording, found: list[SlipAngle | None]) -> Log:
         known = (times >= recording.slip[0, 0]) & (times <= recording.slip[-1, 0])
         table[known, 9] = np.radians(np.interp(times[known], recording.slip[:, 0], recording.slip[:, 1]))
     return Log(_SIGNALS, table)
-
-
-def _number(value: float) -> float | None:
-    return round(float(value), 6) if math.isfinite(value) else None

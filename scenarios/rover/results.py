@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,8 +11,8 @@ import numpy as np
 
 from estimators.reference_slip import LaserSlip
 from scenarios import metrics
-from scenarios.log import Log, write_log
-from scenarios.results import Summary, Timing, appearing_at_once, versions
+from scenarios.log import Log
+from scenarios.results import Summary, Timing, number, versions, write_files
 from scenarios.rover.run_log import LOST
 from sensors.trace_rig import TraceRig
 from vehicle.frames import FloatArray
@@ -62,7 +61,7 @@ def rover_summary(result: RoverResult) -> Summary:
         "position": _position(result.log),
         "wheels": _wheels(result.log),
         "timing": {
-            name: _number(getattr(result.timing, name))
+            name: number(getattr(result.timing, name))
             for name in ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
         },
     }
@@ -80,15 +79,16 @@ def write_rover_run(
     from scenarios.rover.video import write_rover_video
 
     numbers = rover_summary(result)
-    with appearing_at_once(directory) as folder:
-        (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
-        write_log(result.log, folder / "signals.parquet")
-        _write_json(folder / "manifest.json", rover_manifest(result))
-        (folder / "report.html").write_text(rover_report_html(result, numbers), encoding="utf-8")
-        if video and len(result.log) > 1:
-            write_rover_video(result, folder / "video", progress=progress)
-        _write_json(folder / "summary.json", numbers)
-    return directory
+    moves = video and len(result.log) > 1
+    return write_files(
+        directory,
+        scenario_toml=result.scenario_toml,
+        log=result.log,
+        manifest=rover_manifest(result),
+        report=rover_report_html(result, numbers),
+        numbers=numbers,
+        video=(lambda path: write_rover_video(result, path, progress=progress)) if moves else None,
+    )
 
 
 def rover_manifest(result: RoverResult) -> dict[str, object]:
@@ -110,15 +110,15 @@ def _slip(result: RoverResult) -> dict[str, float | int | None]:
     known = np.isfinite(error)
     within = np.abs(result.slip_error[known]) <= 2.5 * log["slip_angle_std"][known]
     return {
-        "error_rms_deg": _number(metrics.rms(error)),
-        "error_max_deg": _number(metrics.peak(error)),
-        "valid_fraction": _number(float(np.mean(health[captures] < LOST))) if captures.any() else None,
-        "cross_track_rms_m": _number(metrics.rms(log["cross_track_true"])),
-        "cross_track_max_m": _number(metrics.peak(log["cross_track_true"])),
-        "lagged_error_rms_deg": _number(metrics.rms(lagged)),
-        "within_2_5_sigma": _number(float(np.mean(within))) if known.any() else None,
-        "true_mean_deg": _number(math.degrees(metrics.mean(log["slip_angle_true"]))),
-        "reference_error_rms_deg": _number(metrics.rms(np.degrees(_reference_error(log)))),
+        "error_rms_deg": number(metrics.rms(error)),
+        "error_max_deg": number(metrics.peak(error)),
+        "valid_fraction": number(float(np.mean(health[captures] < LOST))) if captures.any() else None,
+        "cross_track_rms_m": number(metrics.rms(log["cross_track_true"])),
+        "cross_track_max_m": number(metrics.peak(log["cross_track_true"])),
+        "lagged_error_rms_deg": number(metrics.rms(lagged)),
+        "within_2_5_sigma": number(float(np.mean(within))) if known.any() else None,
+        "true_mean_deg": number(math.degrees(metrics.mean(log["slip_angle_true"]))),
+        "reference_error_rms_deg": number(metrics.rms(np.degrees(_reference_error(log)))),
     }
 
 
@@ -136,9 +136,9 @@ def _position(log: Log) -> dict[str, float | int | None]:
         return {}
     way = float(np.sum(np.hypot(np.diff(log["x"]), np.diff(log["y"]))))
     return {
-        "distance_m": _number(way),
+        "distance_m": number(way),
         **{
-            f"{name}_error_m": _number(
+            f"{name}_error_m": number(
                 math.hypot(log[f"x_{name}"][-1] - log["x"][-1], log[f"y_{name}"][-1] - log["y"][-1])
             )
             for name in ("wheels", "corrected")
@@ -150,15 +150,6 @@ def _wheels(log: Log) -> dict[str, float | int | None]:
     ratios = np.array([log[f"slip_ratio_{wheel}"] for wheel in WHEELS])
     sinkages = np.array([log[f"sinkage_{wheel}"] for wheel in WHEELS])
     return {
-        "slip_ratio_mean": _number(metrics.mean(ratios.ravel())),
-        "sinkage_max_m": _number(metrics.peak(sinkages.ravel())),
+        "slip_ratio_mean": number(metrics.mean(ratios.ravel())),
+        "sinkage_max_m": number(metrics.peak(sinkages.ravel())),
     }
-
-
-def _number(value: float) -> float | None:
-    """The value to the last micrometre, or None where there is no number."""
-    return round(float(value), 6) if math.isfinite(value) else None
-
-
-def _write_json(path: Path, content: Mapping[str, object]) -> None:
-    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
