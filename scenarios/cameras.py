@@ -97,6 +97,7 @@ def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np
         sun_elevation=None if elevation is None else math.radians(elevation),
         overcast=options.overcast,
         grain=options.grain,
+        tarmac_patches=options.tarmac_patches,
     )
 
 

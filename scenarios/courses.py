@@ -25,6 +25,7 @@ _QUARTER_TURN = 0.5 * math.pi  # [rad]
 _ENTRY = 30.0  # 14 m of buffer, and some seconds in which the loop closes before the turn [m]
 _EXIT = 35.0  # a follow point 19 m behind the tractor's front is 16 m out of the turn [m]
 _RADIUS = 12.5  # outer circle of the EU roundabout, Directive 97/27/EC [m]
+_LONGEST_ARC = 4.0 * math.pi  # more turns are pieced together: a path's segment holds two of them [rad]
 _RAMP = 4.0  # of curvature into a circle: 16 deg/s of steer at 15 km/h, half of what a driver can do [m]
 _ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus is 7.2 m wide (12.5 m to 5.3 m), and a margin [m]
 _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
@@ -72,7 +73,9 @@ def roundabout(
     side = _SIDE[direction]
     _check(front_x, width, radius, entry=entry, exit=exit, turn=turn)
     reference = (front_x, -0.5 * side * width)
-    segments = (line(entry), arc(radius * turn, side / radius), line(exit))
+    pieces = max(1, math.ceil(turn / _LONGEST_ARC - 1e-9))
+    round_ = (arc(radius * turn / pieces, side / radius),) * pieces
+    segments = (line(entry), *round_, line(exit))
     centre = (reference[0] + entry, reference[1] + side * radius)
     return _course(reference, segments, surface_centre=centre)
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors import sky, textures
+from sensors.airfield import grain_fields, patched
 from sensors.condition import Condition, condition_of
-from sensors.fields import grain_fields
 from sensors.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
 from sensors.scenery import Plot, Stand, kerbs, planted
 from sensors.shapes import Mesh
@@ -65,6 +65,7 @@ def build_world(
     sun_elevation: float | None = None,
     overcast: bool = False,
     grain: bool = False,
+    tarmac_patches: float = 0.0,
 ) -> World:
     """The world around a road.
 
@@ -79,6 +80,7 @@ def build_world(
         sun_elevation: above the horizon [rad]; None: 43 deg.
         overcast: clouds hide the sun.
         grain: fields of it lie beyond the road.
+        tarmac_patches: number of mended places on 100 m2 of the road.
 
     Raises:
         ValueError: naming the argument that is out of its range.
@@ -96,6 +98,8 @@ def build_world(
     if grain:
         stands.append(grain_fields(rng, line, terrain, road_half_width))
     road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
+    if tarmac_patches > 0.0:
+        road = patched(rng, road, tarmac_patches)
     return World(
         ground=ground_mesh(rng, terrain, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),

@@ -21,9 +21,13 @@ EXAMPLES = "Examples: offtrack reproduce reina2008-table3   offtrack reproduce a
 def reproduce(
     name: Annotated[
         str,
-        typer.Argument(help="reina2008-table2, reina2008-table3, reina2008-fig6, reina2008-fig8, or all."),
+        typer.Argument(
+            help="reina2008-table2, -table3, -fig6, -fig8; desaxe2018-fig6 to -fig9, -fig13 to -fig16; or all."
+        ),
     ],
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer images: less than a minute for each.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer images, shorter drives: a minute or few for each.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(

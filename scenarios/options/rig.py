@@ -53,4 +53,5 @@ class WorldOptions(Options):
     sun_elevation_deg: float | None = quantity(None, "deg", ge=3.0, le=90.0)  # above the horizon
     overcast: bool = False
     tarmac_width: float | None = quantity(None, "m", ge=9.0, le=200.0)  # around the course; none: a road
+    tarmac_patches: float = quantity(0.0, "1/100 m2", ge=0.0, le=50.0)  # mended places
     grain: bool = False  # fields of it all around

@@ -16,6 +16,14 @@ REPRODUCTIONS: Final = {
     "reina2008-fig6": "scenarios.reproduce.reina2008_sample:fig6",
     "reina2008-table3": "scenarios.reproduce.reina2008_rates:table3",
     "reina2008-fig8": "scenarios.reproduce.reina2008_slope:fig8",
+    "desaxe2018-fig6": "scenarios.reproduce.desaxe2018_simulation:fig6",
+    "desaxe2018-fig7": "scenarios.reproduce.desaxe2018_simulation:fig7",
+    "desaxe2018-fig8": "scenarios.reproduce.desaxe2018_simulation:fig8",
+    "desaxe2018-fig9": "scenarios.reproduce.desaxe2018_drift:fig9",
+    "desaxe2018-fig13": "scenarios.reproduce.desaxe2018_views:fig13",
+    "desaxe2018-fig14": "scenarios.reproduce.desaxe2018_field:fig14",
+    "desaxe2018-fig15": "scenarios.reproduce.desaxe2018_field:fig15",
+    "desaxe2018-fig16": "scenarios.reproduce.desaxe2018_field:fig16",
 }
 
 

@@ -1,11 +1,15 @@
-"""Fields of grain: standing crop in square beds that join to a field."""
+"""An airfield in the country: tarmac that has been patched, and around it fields of grain, beds of standing crop."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.ground import Centreline, Terrain
+from sensors.ground import Centreline, RoadMap, Terrain
 from sensors.scenery import Stand
 from sensors.shapes import Mesh, cards, grid_faces, smooth_normals
 from sensors.things import Colour, Part, Thing
@@ -19,7 +23,22 @@ _EARS = 60  # tufts that stick out of a bed
 _VERGE = 2.0  # of grass between a road and the crop [m]
 _REACH = 55.0  # beyond the verge the nearest fields end, and hedges would stand [m]
 _AT_MOST = 1500  # beds: keeps the number of triangles of a long course in bounds
+_PATCHES = (0.4, 3.0)  # sides of patches [m]
 _RIPE: Colour = (2.5, 1.45, 0.95)  # makes straw of the green of leaves
+
+
+def patched(rng: np.random.Generator, road: RoadMap, per_100_m2: float) -> RoadMap:
+    """The map with rectangles on the road that have worn more or less than what is around them."""
+    ny, nx = road.edge_distance.shape
+    count = round(per_100_m2 * 1e-2 * road.cell**2 * nx * ny)
+    wear = road.gravel.copy()
+    centres = rng.uniform(size=(count, 2)) * np.array([nx, ny])
+    sides = np.exp(rng.uniform(math.log(_PATCHES[0]), math.log(_PATCHES[1]), size=(count, 2))) / road.cell
+    turns = rng.uniform(0.0, 90.0, size=count)
+    for centre, side, turn, worn in zip(centres, sides, turns, rng.uniform(0.0, 1.0, size=count), strict=True):
+        corners = cv2.boxPoints((centre.tolist(), side.tolist(), float(turn)))
+        cv2.fillConvexPoly(wear, np.round(corners * 16.0).astype(np.int32), float(worn), shift=4)
+    return replace(road, gravel=np.where(road.edge_distance < 0.0, wear, road.gravel).astype(np.float32))
 
 
 def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, road_half_width: float) -> Stand:

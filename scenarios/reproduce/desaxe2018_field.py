@@ -1,0 +1,288 @@
+"""Figs 14 to 16 of de Saxe 2018: the field tests, with cameras on a mount that had been bent since its calibration.
+
+de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
+Dynamics, 2018, section 4. The paper's off-tracking is + right and its graphs show that; here it is + left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from scenarios import metrics
+from scenarios.drawing import ESTIMATED, GREY, TRUE
+from scenarios.log import Log, Signal
+from scenarios.reproduce.desaxe2018_drive import TURNED, Case, Drive, driven, unfinished
+from scenarios.reproduce.desaxe2018_simulation import ENOUGH, SOURCE
+from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from vehicle.frames import FloatArray
+
+Facing = Literal["rear", "left"]
+MANOEUVRES: Final = {  # as the paper's rows are
+    "figure-of-eight": "field-figure-of-eight",
+    "left roundabout": "field-roundabout-left",
+    "right roundabout": "field-roundabout-right",
+}
+OWN: Final = "keyframe, self-calibrated"
+_CORRECTED: Final = "viso2, corrected"
+_ROLL, _YAW, _PITCH = np.degrees(TURNED).round(6).tolist()
+_BENT: Final = f"rig.misrotation_deg=[{_ROLL}, {_YAW}, {_PITCH}]"
+_SIDES: Final[dict[Facing, str]] = {"rear": "rear", "left": "side"}
+_BASELINES: Final = (0.5, 0.7, 0.9)
+_THIRD: Final = "#5b8c3a"
+# Of the off-tracking's peak, judged apart in Fig. 16: the paper's bias is on one side only.
+_CLEARLY: Final = 1.0  # [m]
+
+
+def field_case(manoeuvre: str, facing: Facing, baseline: float, *, quick: bool) -> Case:
+    """A drive of the field tests; with ``quick`` one turn of the three, or one figure of eight."""
+    settings = [f"rig.facing={facing}", f"rig.baseline={baseline}", _BENT]
+    if quick and manoeuvre == "figure-of-eight":
+        turn = '{{direction = "{}", radius = 11.35, turn_deg = 225.6, straight = {}}}'
+        settings.append(f"course.turns=[{turn.format('left', 50.0)}, {turn.format('right', 40.0)}]")
+    elif quick:
+        settings.append("course.turn_deg=360.0")
+    if quick:
+        settings += ["speed_kmh=25", "course.entry=40"]
+    odometries = ("viso2", OWN, _CORRECTED) if facing == "rear" and baseline == _BASELINES[0] else ("viso2", OWN)
+    return Case(scenario=MANOEUVRES[manoeuvre], settings=tuple(settings), odometries=odometries)
+
+
+def fig14(quick: bool, progress: Progress) -> Reproduction:
+    """Off-tracking, matches and errors over time: three manoeuvres, rear- and side-facing, baseline 0.5 m."""
+    keys: list[tuple[str, Facing]] = [(manoeuvre, facing) for manoeuvre in MANOEUVRES for facing in _SIDES]
+    drives = driven([field_case(*key, _BASELINES[0], quick=quick) for key in keys], progress)
+    shown = list(zip(keys, drives, strict=False))
+    comparisons = []
+    for (manoeuvre, facing), one in shown:
+        published = ("0.11–0.12", "0.31–0.44") if facing == "rear" else ("0.14–0.59", "0.36–1.16")
+        published = published if manoeuvre == "left roundabout" else ("", "generally < 0.5, some to 1")
+        comparisons += _errors(f"{manoeuvre}, {_SIDES[facing]}", one, published)
+        matches = metrics.mean(one.tracks["viso2"].matches)
+        comparisons.append(_line(f"{manoeuvre}, {_SIDES[facing]}: mean matches", "400–800", matches, "-"))
+    return Reproduction(
+        name="desaxe2018-fig14",
+        title="Fig. 14: off-tracking in the field tests over time, baseline 0.5 m",
+        source=SOURCE,
+        comparisons=comparisons,
+        notes=(*_NOTES, *unfinished(len(drives), len(keys))),
+        data=_log([(*key, _BASELINES[0], one) for key, one in shown]),
+        draw=lambda: _histories(shown),
+    )
+
+
+def fig15(quick: bool, progress: Progress) -> Reproduction:
+    """RMS and largest errors and matches in the left roundabout, over baselines and sides."""
+    keys: list[tuple[Facing, float]] = [(facing, baseline) for facing in _SIDES for baseline in _BASELINES]
+    drives = driven([field_case("left roundabout", *key, quick=quick) for key in keys], progress)
+    shown = list(zip(keys, drives, strict=False))
+    comparisons = []
+    for (facing, baseline), one in shown:
+        published = ("0.11–0.12", "0.31–0.44") if facing == "rear" else ("0.14–0.59", "0.36–1.16")
+        name = f"{_SIDES[facing]}, {baseline} m"
+        comparisons += _errors(name, one, published)
+        comparisons.append(_line(f"{name}: mean matches", "400–800", metrics.mean(one.tracks["viso2"].matches), "-"))
+    return Reproduction(
+        name="desaxe2018-fig15",
+        title="Fig. 15: errors in the left roundabout",
+        source=SOURCE,
+        comparisons=comparisons,
+        notes=(
+            *_NOTES,
+            "The paper's ranges are over its baselines and repeated tests. Its mount was bent otherwise after every "
+            "change of the baseline; here it is bent the same way throughout.",
+            *unfinished(len(drives), len(keys)),
+        ),
+        data=_log([("left roundabout", *key, one) for key, one in shown]),
+        draw=lambda: _bars(shown),
+    )
+
+
+def fig16(quick: bool, progress: Progress) -> Reproduction:
+    """The three manoeuvres, rear-facing, with the right images straightened by what the camera is turned by."""
+    drives = driven([field_case(name, "rear", _BASELINES[0], quick=quick) for name in MANOEUVRES], progress)
+    shown = list(zip(MANOEUVRES, drives, strict=False))
+    comparisons = []
+    for manoeuvre, one in shown:
+        for odometry in ("viso2", _CORRECTED, OWN):
+            for side, bias in zip(("left", "right"), _biases(one, odometry), strict=True):
+                if math.isfinite(bias):
+                    comparisons.append(_line(f"{manoeuvre}, {odometry}: bias where the path is {side}", "", bias))
+            published = "as uncorrected left roundabout, 0.11–0.12" if odometry == _CORRECTED else ""
+            comparisons.append(_line(f"{manoeuvre}, {odometry}: RMS error", published, _rms(one, odometry)))
+    return Reproduction(
+        name="desaxe2018-fig16",
+        title="Fig. 16: the effect of turning the right camera's images back, rear-facing, baseline 0.5 m",
+        source=SOURCE,
+        comparisons=comparisons,
+        notes=(
+            *_NOTES,
+            "Bias: mean error where the off-tracking is beyond 1 m to that side. The correction is by the very angles "
+            "that the camera is turned by, which the paper found by trying.",
+            *unfinished(len(drives), len(MANOEUVRES)),
+        ),
+        data=_log([(manoeuvre, "rear", _BASELINES[0], one) for manoeuvre, one in shown]),
+        draw=lambda: _corrections(shown),
+    )
+
+
+_NOTES: Final = (
+    "The right camera is turned by roll -0.15 and yaw +0.10 degrees, as the paper concludes that it was; viso2 does "
+    "not know, keyframe with self-calibration finds out. Errors of viso2 are against the reference unit, as in the "
+    "paper, those of keyframe against the exact off-tracking.",
+    "Assumed, as the paper does not say or shows it in pictures only: the trailer's lengths, the lenses, the courses' "
+    "straights, how rough and patched the tarmac is, and how far the mount follows the chassis' twist.",
+)
+
+
+def _line(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
+    return Comparison(quantity=quantity, published=published, own=own, unit=unit)
+
+
+def _error(one: Drive, odometry: str) -> FloatArray:
+    """Estimate less what it is judged by [m]: see the notes."""
+    return one.error(odometry) if odometry == OWN else one.tracks[odometry].off_tracking - one.reference
+
+
+def _rms(one: Drive, odometry: str) -> float:
+    return metrics.rms(_error(one, odometry))
+
+
+def _errors(name: str, one: Drive, published: tuple[str, str]) -> list[Comparison]:
+    return [
+        _line(f"{name}: RMS error", published[0], _rms(one, "viso2")),
+        _line(f"{name}: largest error", published[1], metrics.peak(_error(one, "viso2"))),
+        _line(f"{name}: keyframe, RMS error", "", _rms(one, OWN)),
+        _line(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN))),
+    ]
+
+
+def _biases(one: Drive, odometry: str) -> tuple[float, float]:
+    """Mean error [m] where the hitch's path is clearly to the left and to the right of the follow point."""
+    error = _error(one, odometry)
+    return metrics.mean(error[one.true > _CLEARLY]), metrics.mean(error[one.true < -_CLEARLY])
+
+
+_SIGNALS: Final = (
+    Signal("manoeuvre", "-", "0 figure-of-eight, 1 left roundabout, 2 right roundabout"),
+    Signal("facing", "-", "0 to the rear, 1 to the left"),
+    Signal("baseline", "m", "of the stereo cameras"),
+    Signal("time", "s", "time"),
+    Signal("speed", "m/s", "of the trailer"),
+    Signal("off_tracking_true", "m", "+ left"),
+    Signal("off_tracking_reference", "m", "as the reference unit has it"),
+    Signal("off_tracking_viso2", "m", "estimate"),
+    Signal("off_tracking_corrected", "m", "estimate of viso2 from images that were turned back, where there is one"),
+    Signal("off_tracking_keyframe", "m", "estimate of keyframe with self-calibration"),
+    Signal("off_tracking_keyframe_std", "m", "its standard deviation"),
+    Signal("matches_viso2", "-", "matches"),
+    Signal("inliers_viso2", "-", "inliers among them"),
+)
+
+
+def _log(shown: Sequence[tuple[str, Facing, float, Drive]]) -> Log:
+    tables = [
+        np.column_stack(
+            [
+                np.full(len(one.time), float(list(MANOEUVRES).index(manoeuvre))),
+                np.full(len(one.time), float(facing == "left")),
+                np.full(len(one.time), baseline),
+                one.time,
+                one.speed,
+                one.true,
+                one.reference,
+                one.tracks["viso2"].off_tracking,
+                _corrected(one),
+                one.tracks[OWN].off_tracking,
+                one.tracks[OWN].std,
+                one.tracks["viso2"].matches,
+                one.tracks["viso2"].inliers,
+            ]
+        )
+        for manoeuvre, facing, baseline, one in shown
+    ]
+    return Log(_SIGNALS, np.concatenate(tables))
+
+
+def _corrected(one: Drive) -> FloatArray:
+    return one.tracks[_CORRECTED].off_tracking if _CORRECTED in one.tracks else np.full(len(one.time), np.nan)
+
+
+def _histories(shown: Sequence[tuple[tuple[str, Facing], Drive]]) -> Figure:
+    """Every panel as in the paper: off-tracking, below it matches, below them errors; rear left, side right."""
+    figure = Figure(figsize=(12.0, 13.0), layout="constrained")
+    axes = figure.subplots(9, 2, sharex="row", height_ratios=(3.0, 1.0, 1.3) * 3, squeeze=False)
+    for ((manoeuvre, facing), one), letter in zip(shown, "abcdef", strict=False):
+        row, column = 3 * list(MANOEUVRES).index(manoeuvre), list(_SIDES).index(facing)
+        tracking, matches, errors = axes[row : row + 3, column]
+        _history(tracking, one, ("viso2", OWN))
+        tracking.set_title(f"({letter}) {_SIDES[facing]} cameras, {manoeuvre}")
+        matches.plot(one.time, one.tracks["viso2"].matches, color=TRUE, linewidth=0.8)
+        matches.axhline(ENOUGH, color=GREY, linestyle="--", linewidth=0.8)
+        matches.set(ylabel="matches", ylim=(0.0, None))
+        for odometry, colour in (("viso2", ESTIMATED), (OWN, _THIRD)):
+            errors.plot(one.time, _error(one, odometry), color=colour, linewidth=0.8)
+        errors.axhline(0.0, color=GREY, linewidth=0.5)
+        errors.set(ylabel="error [m]", ylim=(-1.0, 1.0))
+    for ax in axes.flat:
+        ax.set_visible(bool(ax.lines))  # what an interrupt has left out stays white
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    axes[0, 0].legend(fontsize=8.0)
+    return figure
+
+
+def _history(ax: Axes, one: Drive, odometries: Sequence[str]) -> None:
+    ax.plot(one.time, one.reference, color=TRUE, linewidth=1.2, label="reference unit")
+    for odometry, colour in zip(odometries, (ESTIMATED, _THIRD), strict=True):
+        ax.plot(one.time, one.tracks[odometry].off_tracking, color=colour, linewidth=1.0, label=odometry)
+    ax.set_ylabel("off-tracking [m]")
+
+
+def _bars(shown: Sequence[tuple[tuple[Facing, float], Drive]]) -> Figure:
+    """The paper's three panels over the baselines; its ranges are grey."""
+    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+    panels = figure.subplots(1, 3)
+    published: dict[Facing, tuple[tuple[float, float], ...]] = {
+        "rear": ((0.11, 0.12), (0.31, 0.44), (400.0, 800.0)),
+        "left": ((0.14, 0.59), (0.36, 1.16), (400.0, 800.0)),
+    }
+    titles = ("(a) RMS error [m]", "(b) largest error [m]", "(c) mean matches")
+    for k, (ax, title) in enumerate(zip(panels, titles, strict=True)):
+        for place, ((facing, _), one) in enumerate(shown):
+            low, high = published[facing][k]
+            ax.bar(place, high - low, 0.95, bottom=low, color=GREY, alpha=0.35, label="published" if not place else "")
+            for shift, odometry, colour in ((-0.2, "viso2", ESTIMATED), (0.2, OWN, _THIRD)):
+                matches = metrics.mean(one.tracks[odometry].matches)
+                value = (_rms(one, odometry), metrics.peak(_error(one, odometry)), matches)[k]
+                ax.bar(place + shift, value, 0.36, color=colour, label=odometry if not place else "")
+        ax.set_title(title)
+        names = [f"{_SIDES[facing]}\n{baseline} m" for (facing, baseline), _ in shown]
+        ax.set_xticks(range(len(shown)), names, fontsize=8.0)
+    panels[0].legend(fontsize=8.0)
+    return figure
+
+
+def _corrections(shown: Sequence[tuple[str, Drive]]) -> Figure:
+    """As the paper's: corrected off-tracking and its error; the uncorrected error beside it."""
+    figure = Figure(figsize=(9.6, 9.0), layout="constrained")
+    axes = figure.subplots(6, 1, height_ratios=(2.4, 1.2) * 3)
+    for k, ((manoeuvre, one), letter) in enumerate(zip(shown, "abc", strict=False)):
+        tracking, errors = axes[2 * k : 2 * k + 2]
+        _history(tracking, one, (_CORRECTED, OWN))
+        tracking.set_title(f"({letter}) {manoeuvre}, corrected")
+        for odometry, colour in (("viso2", GREY), (_CORRECTED, ESTIMATED), (OWN, _THIRD)):
+            errors.plot(one.time, _error(one, odometry), color=colour, linewidth=0.8, label=odometry)
+        errors.axhline(0.0, color=GREY, linewidth=0.5)
+        errors.set(ylabel="error [m]", ylim=(-0.6, 0.6))
+    for ax in axes:
+        ax.set_visible(bool(ax.lines))  # what an interrupt has left out stays white
+    axes[0].legend(fontsize=8.0)
+    axes[1].legend(fontsize=8.0, ncols=3)
+    axes[-1].set_xlabel("time [s]")
+    return figure
