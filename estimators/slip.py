@@ -15,9 +15,11 @@ import numpy as np
 from sensors.messages import RoverView
 from vehicle.clock import TICK
 from vehicle.frames import wrap
+from vehicle.rover.command import REAR_LEFT
 
 _SPAN: Final = 4.0  # of headings that a rate of turn is fitted to: 0.35 deg of noise leave 0.07 deg/s [s]; assumed
 _SHORTEST: Final = 2.0  # below this the noise of the compass is worse than no rate at all [s]
+_STATIONS: Final = 25  # along a trace at which its wheel's angle is looked up: every 0.02 m of a view
 _STANDING: Final = 0.01  # slower than this a trace says nothing about now [m/s]
 
 
@@ -33,6 +35,34 @@ def with_heading(headings: tuple[Heading, ...], view: RoverView) -> tuple[Headin
     time = view.tick * TICK
     psi = headings[-1].psi + wrap(view.heading - headings[-1].psi) if headings else view.heading
     return (*(heading for heading in headings if heading.time > time - _SPAN), Heading(time, psi))
+
+
+class Pointing(NamedTuple):
+    """Where a wheel pointed when it had rolled so far."""
+
+    way: float  # [m]
+    tick: int
+    steer: float  # against the body, + left [rad]
+
+
+def with_pointing(pointings: tuple[Pointing, ...], view: RoverView, radius: float, kept: float) -> tuple[Pointing, ...]:
+    """The left rear wheel's pointings over the way that is ``kept`` [m], and that of the view, by its encoders."""
+    way = 0.0
+    if pointings:
+        last = pointings[-1]
+        way = last.way + radius * abs(float(view.wheel_speeds[REAR_LEFT])) * (view.tick - last.tick) * TICK
+    new = Pointing(way, view.tick, float(view.steer[REAR_LEFT]))
+    return (*(one for one in pointings if one.way > way - kept), new)
+
+
+def mean_steer(pointings: Sequence[Pointing], nearest: float, farthest: float) -> float:
+    """How a wheel pointed on average while it made the trace that lies so far behind it [m]; [rad].
+
+    A way that began later is taken to have begun as it is known first.
+    """
+    behind = np.linspace(nearest, farthest, _STATIONS)
+    way, _, steer = np.array(pointings).T
+    return float(np.interp(way[-1] - behind, way, steer).mean())
 
 
 def rate_of_turn(headings: Sequence[Heading]) -> float:

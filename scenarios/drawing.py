@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart for colour-blind readers too
 WIDTH = 9.6  # [in] of every figure; the page scales it
-_STYLE: Any = {  # matplotlib's types for it change with its version
+STYLE: Any = {  # matplotlib's types for it change with its version
     "svg.fonttype": "none",
     "font.size": 9.5,
     "axes.edgecolor": "#b8c0c8",
@@ -44,7 +44,7 @@ class _Drawing:
 def drawn(name: str, height: float) -> Iterator[tuple[_Drawing, Axes]]:
     """Axes on a figure ``height`` inches high; ``name`` keeps the identifiers of several figures on a page apart."""
     drawing = _Drawing()
-    with matplotlib.rc_context(_STYLE | {"svg.hashsalt": name}):
+    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         yield drawing, figure.subplots()
         text = io.StringIO()

@@ -35,10 +35,10 @@ class TraceEdges:
         u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         rays = (np.stack([u, v], axis=-1) - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
         seen = camera.pixels(rays).astype(np.float32)
+        self._rig = rig
         self._maps = None
         if camera.distortion != UNDISTORTED:
             self._maps = cv2.convertMaps(seen[..., 0], seen[..., 1], cv2.CV_16SC2)
-        self._ground = ground_mask(rig)
 
     def image(self, image: GreyImage) -> GreyImage:
         """The image without the lens's distortion: lines are straight."""
@@ -46,18 +46,20 @@ class TraceEdges:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
-    def find(self, image: GreyImage) -> GreyImage:
-        """Edges of an undistorted image: 255, elsewhere 0."""
+    def find(self, image: GreyImage, steer: float) -> GreyImage:
+        """Edges of an undistorted image: 255, elsewhere 0; the wheel is turned by ``steer`` [rad], + left."""
         low, high = canny_thresholds(image)
-        return np.asarray(cv2.bitwise_and(cv2.Canny(image, low, high, apertureSize=3), self._ground))
+        edges = cv2.Canny(image, low, high, apertureSize=3)
+        return np.asarray(cv2.bitwise_and(edges, ground_mask(self._rig, steer)))
 
 
-def ground_mask(rig: TraceRig) -> GreyImage:
-    """255 where an undistorted image shows ground, 0 where it shows the wheel, which is fixed to the camera."""
+def ground_mask(rig: TraceRig, steer: float) -> GreyImage:
+    """255 where an undistorted image shows ground, 0 where it shows the wheel, which only turns before the camera."""
     turn = np.linspace(0.0, 2.0 * np.pi, 72)
-    r = rig.wheel_radius
-    rim = np.stack([rig.wheel[0] + r * np.cos(turn), np.full_like(turn, rig.wheel[1]), r + r * np.sin(turn)], axis=-1)
-    sides = np.concatenate([rim + np.array([0.0, side * 0.5 * rig.wheel_width, 0.0]) for side in (-1.0, 1.0)])
+    r, c, s = rig.wheel_radius, np.cos(steer), np.sin(steer)
+    rim = np.stack([r * c * np.cos(turn), r * s * np.cos(turn), r + r * np.sin(turn)], axis=-1)
+    across = 0.5 * rig.wheel_width * np.array([-s, c, 0.0])
+    sides = np.concatenate([rim - across, rim + across]) + np.array([*rig.wheel, 0.0])
     hull = cv2.convexHull(np.round(_pinhole(rig, sides)).astype(np.int32))
     mask = np.full((rig.camera.height, rig.camera.width), 255, np.uint8)
     cv2.fillConvexPoly(mask, hull, 0)

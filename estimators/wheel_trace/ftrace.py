@@ -4,7 +4,9 @@ Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estima
 and planetary rovers", ICRA 2008.
 
 One straight line stands for the trace in view. So the slip is that of some 4 s ago at 8 cm/s, on average over the
-way, and the trace of a rover that turns is curved and taken for slip. Roll and pitch of the rover are not known here.
+way, and the trace of a rover that turns is curved and taken for slip. A steered wheel's slip is the trace's direction
+against that in which the wheel pointed on average while it made the trace: eq. 2 with the means over one way. Roll and
+pitch of the rover are not known here.
 Nothing was published of when a lost trace is given up for the model of a rover that does not slip, nor of a standard
 deviation: the one stated is the accuracy that the paper claims.
 """
@@ -18,7 +20,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip import Heading, body_slip, forward_speed, rate_of_turn, with_heading
+from estimators.slip import (
+    Heading,
+    Pointing,
+    body_slip,
+    forward_speed,
+    mean_steer,
+    rate_of_turn,
+    with_heading,
+    with_pointing,
+)
 from estimators.wheel_trace.candidates import Candidates, midlines
 from estimators.wheel_trace.edges import TraceEdges
 from estimators.wheel_trace.fuzzy import Breakpoints, confidence
@@ -30,10 +41,11 @@ from vehicle.frames import FloatArray
 from vehicle.rover.command import REAR_LEFT
 
 CANDIDATES: Final = 10  # (Reina 2008, section II-A.2)
-# Times 0.7 to 1.4 the slip is 1.2 to 1.9 deg RMS on sand of Fig. 2 a and c; wider ones begin to see traces on pebbles.
-BREAKPOINTS: Final = Breakpoints(rho=120.0, phi=math.radians(24.0), d=0.16, theta=math.radians(24.0), Y=0.035)
-_LINES: Final = 45  # edges among which pairs are looked for: on pebbles both walls often are not among 30
-_LEAST_VOTES: Final = 60  # edge pixels on a line: an eighth of the image's height
+BREAKPOINTS: Final = Breakpoints(rho=130.0, phi=math.radians(16.0), d=0.08, theta=math.radians(16.0), Y=0.03)
+_LINES: Final = 60  # edges among which pairs are looked for: on pebbles both walls often are not among 30
+# Edge pixels on a line: a sixth of the image's height. Walls of a rut have some 100 each, chance lines among pebbles
+# seldom more than 80; where heavy shadows raise the thresholds of eqs 3 and 4, more would miss the trace.
+_LEAST_VOTES: Final = 80
 _LEAST_CONFIDENCE: Final = 0.5  # below "medium" the line is no trace
 _PATIENCE: Final = 15  # images without a trace until its last pose is no reference any more: 3 s; assumed
 _STD: Final = math.radians(1.4)  # "an accuracy of 1.4 deg" (Reina 2008, section IV)
@@ -52,6 +64,7 @@ class FTraceMemory(NamedTuple):
     reference: TraceReference | None  # None: a rover that does not slip is expected
     missed: int  # images running without a trace
     headings: tuple[Heading, ...]
+    pointings: tuple[Pointing, ...]  # of the wheel while it made the trace in view
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,23 +88,26 @@ class FTrace:
         self._breakpoints = breakpoints
         self._edges = TraceEdges(rig)
         self._view = GroundLines(rig)
+        self._visible = self._view.visible()
 
     def init(self) -> FTraceMemory:
         """Before the first view."""
-        return FTraceMemory(None, 0, ())
+        return FTraceMemory(None, 0, (), ())
 
     def step(self, memory: FTraceMemory, view: RoverView) -> tuple[FTraceMemory, SlipAngle]:
         """Memory and slip angle; LOST where no trace is found."""
         headings = with_heading(memory.headings, view)
+        pointings = with_pointing(memory.pointings, view, self._rig.wheel_radius, self._visible)
+        memory = memory._replace(headings=headings, pointings=pointings)
         seen = self.explain(memory, view)
         if seen.best is None:
             missed = memory.missed + 1
             reference = memory.reference if missed < _PATIENCE else None
-            return FTraceMemory(reference, missed, headings), _lost(view.tick)
+            return memory._replace(reference=reference, missed=missed), _lost(view.tick)
         rho, phi = seen.candidates.image[seen.best].tolist()
         d, theta, beside = seen.candidates.ground[seen.best].tolist()
         reference = TraceReference((rho, phi), (d, theta))
-        steer = float(view.steer[REAR_LEFT])
+        steer = self._pointed(memory)
         speed = forward_speed(view, self._rig.wheel_radius)
         estimate = SlipAngle(
             tick=view.tick,
@@ -101,16 +117,18 @@ class FTrace:
             wheel_slip=theta - steer,
             trace_offset=beside,
             confidence=float(seen.confidences[seen.best]),
+            way=self._visible,
         )
-        return FTraceMemory(reference, 0, headings), estimate
+        return memory._replace(reference=reference, missed=0), estimate
 
     def explain(self, memory: FTraceMemory, view: RoverView) -> Explanation:
         """How the image of a view is understood."""
         image = self._edges.image(view.image)
-        edges = self._edges.find(image)
+        steer = float(view.steer[REAR_LEFT])
+        edges = self._edges.find(image, steer)
         lines = strongest_lines(edges, _LINES, _LEAST_VOTES)
         candidates = midlines(lines, self._view, self._rig, CANDIDATES)
-        reference = memory.reference or self._without_slip(float(view.steer[REAR_LEFT]))
+        reference = memory.reference or self._without_slip(self._pointed(memory) if memory.pointings else steer)
         confidences = confidence(_differences(candidates, reference), self._breakpoints)
         best = int(np.argmax(confidences)) if len(confidences) else None
         if best is not None and confidences[best] < _LEAST_CONFIDENCE:
@@ -118,6 +136,10 @@ class FTrace:
         return Explanation(
             image=image, edges=edges, lines=lines, candidates=candidates, confidences=confidences, best=best
         )
+
+    def _pointed(self, memory: FTraceMemory) -> float:
+        """How the wheel pointed while it made the trace in view [rad]; what is nearer is below it."""
+        return mean_steer(memory.pointings, self._rig.wheel_radius, self._visible)
 
     def _without_slip(self, steer: float) -> TraceReference:
         """Pose of the trace of a wheel that goes where it points."""

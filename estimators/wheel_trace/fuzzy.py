@@ -34,11 +34,11 @@ class Breakpoints:
     """Differences that are not small at all any more; small falls to there from 1 at 0, large is the rest.
 
     The image and the ground say the same of a line, so their breakpoints belong together: a direction may be off by
-    as much as slip can be from one sight of the trace to the next, when it was lost in between (20 deg is about the
-    largest slip of a rover that still gets anywhere), and a place by as much as a line so turned about the
-    wheel lies off in the middle of the view. Beside the wheel's centre a line must pass within a third of a wheel's
-    width: the rut of the front wheel, 0.05 m beside that of the rear one at a slip of 5 deg, is the nearest that can
-    be taken for the trace.
+    as much as slip can be from one sight of the trace to the next, when it was lost in between (16 deg is about the
+    largest slip of a rover that still gets anywhere; from image to image it is 2 deg at most), and a place by as much
+    as a line so turned about the wheel lies off in the middle of the view. Beside the wheel's centre a line must pass
+    within a third of a wheel's width: the rut of the front wheel, 0.05 m beside that of the rear one at a slip of
+    5 deg, is the nearest that can be taken for the trace.
 
     Raises:
         ValueError: if one is not positive.

@@ -27,6 +27,12 @@ class GroundLines:
         self._H = rig.image_of_ground()
         self._G = np.linalg.inv(self._H)
 
+    def visible(self) -> float:
+        """How far behind the wheel's centre the ground straight behind it is seen [m]."""
+        u, _, w = self._H @ [*self._wheel, 1.0]
+        x, _, size = self._G @ [u / w, 0.0, 1.0]
+        return float(self._wheel[0] - x / size)
+
     def ground(self, lines: FloatArray) -> FloatArray:
         """Rows d [m], theta [rad], Y [m] of lines in the image, rows of rho [px] and phi [rad] first."""
         rho, phi = lines[:, 0], lines[:, 1]

@@ -12,19 +12,12 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
-from scenarios.drawing import INK
+from scenarios.drawing import STYLE
 from scenarios.log import Log, write_log
 from scenarios.results import appearing_at_once, versions
 
 Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
 _DPI: Final = 150
-_STYLE: Any = {  # matplotlib's types for it change with its version
-    "font.size": 9.5,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.frameon": False,
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +75,7 @@ def write_reproduction(made: Reproduction, directory: Path, facts: Mapping[str, 
         ValueError: if the directory can not take them.
     """
     with appearing_at_once(directory) as folder:
-        with matplotlib.rc_context(_STYLE):
+        with matplotlib.rc_context(STYLE):
             made.draw().savefig(folder / f"{made.name}.png", dpi=_DPI)
         write_log(made.data, folder / f"{made.name}.parquet")
         content = {**made.as_plain(), **facts, "versions": versions()}

@@ -67,7 +67,8 @@ def judged(
 ) -> list[Judgement]:
     """Every estimate of a sequence beside the truth of the same image.
 
-    ``steer`` is the true angle of the watched wheel at every image, + left [rad]; None: always straight.
+    ``steer`` is, at every image, the angle of the watched wheel that its slip angle is stated against, + left [rad];
+    None: always straight.
 
     Raises:
         ValueError: if they do not belong together.

@@ -41,13 +41,18 @@ class Reach:
             row, column = (round(k * float(light.direction[axis]) / across) for axis in (1, 0))
             rays.append((row, column, math.hypot(row, column) * TEXEL * slope))
             k = 1.15 * k + 0.7
-        row, column = (math.ceil(length * float(light.direction[axis]) / across) for axis in (1, 0))
+        row, column = (_outward(length * float(light.direction[axis]) / across) for axis in (1, 0))
         low = _BROAD // 2 + 1
         return cls(
             tuple(rays),
             Window(max(low, -row), max(low, -column), max(low, row), max(low, column)),
             Window(max(near, row), max(near, column), max(near, -row), max(near, -column)),
         )
+
+
+def _outward(length: float) -> int:
+    """The next whole number away from 0."""
+    return math.ceil(length) if length > 0.0 else math.floor(length)
 
 
 def around(window: Window, by: Window) -> Window:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip import Heading, body_slip, rate_of_turn
+from estimators.slip import Heading, Pointing, body_slip, mean_steer, rate_of_turn
 from estimators.wheel_trace.edges import TraceEdges, canny_thresholds, ground_mask
 from estimators.wheel_trace.ftrace import BREAKPOINTS, FTrace
 from estimators.wheel_trace.fuzzy import confidence
@@ -94,6 +94,33 @@ def test_steer_angle_is_taken_off_the_trace() -> None:
     assert math.degrees(got.value) == pytest.approx(6.0, abs=0.7)
 
 
+def test_slip_of_a_steered_wheel_is_against_where_it_pointed_when_it_made_the_trace() -> None:
+    """A wheel turned only now has left its trace straight behind: no slip, and the body still goes as the trace lies.
+
+    2 m were rolled straight before, much more than is in view; the trace is known to Hough's bins.
+    """
+    straight = [view(rut(0.0), k) for k in range(125)]
+    ftrace = FTrace(RIG)
+    memory = ftrace.init()
+    for one in straight[::5]:  # encoders count on between images that were left out
+        memory, _ = ftrace.step(memory, one)
+    _, got = ftrace.step(memory, view(rut(0.0), 125, steer=0.3))
+    assert got.wheel_slip == pytest.approx(0.0, abs=math.radians(0.7))
+    assert got.value == pytest.approx(got.wheel_slip, abs=1e-9)  # 0.3 rad of now are not in the trace
+
+
+def test_pointing_is_averaged_over_the_way_behind_the_wheel() -> None:
+    """Half of the way from 0.1 to 0.5 m was made at 0.2 rad; before what is known the first angle goes on."""
+    pointings = (Pointing(0.0, 0, 0.0), Pointing(0.7, 1, 0.0), Pointing(0.7, 2, 0.2), Pointing(1.0, 3, 0.2))
+    assert mean_steer(pointings, 0.1, 0.5) == pytest.approx(0.1, abs=0.2 / 25)  # one of 25 places looked up
+    assert mean_steer(pointings[-1:], 0.1, 0.5) == pytest.approx(0.2, abs=1e-12)
+
+
+def test_estimate_is_a_mean_over_the_way_in_view() -> None:
+    """The upper edge of the image sees 0.60 m behind the camera's nearer edge (Reina 2008), the wheel is before it."""
+    assert 0.55 < last([view(rut(0.0))]).way < 0.70
+
+
 def test_turning_adds_the_rear_axles_way_round() -> None:
     """Eq. 2: beta = alpha_r + b r / V_x, here 0.3 m x 0.02 rad/s / 0.08 m/s; the rear axle swings out to the right."""
     image = rut(0.0)
@@ -126,14 +153,22 @@ def test_thresholds_are_those_of_the_paper() -> None:
 
 def test_the_wheels_own_edges_are_no_trace() -> None:
     """The wheel is as wide as its trace and points through B: its picture is masked, ground beside it is not."""
-    mask = ground_mask(RIG)
+    mask = ground_mask(RIG, 0.0)
     assert not mask[470, 320]  # the wheel's middle, at the lower edge of the image
     assert mask[470, 100]
     assert mask[200, 320]
     assert 0.01 < 1.0 - (mask > 0).mean() < 0.1  # it hides some per cent of the image
     wheel = np.full((480, 640), 140, np.uint8)
     wheel[cv2.dilate(mask, np.ones((19, 19), np.uint8)) == 0] = 30  # without the margin of 9 px around it
-    assert not TraceEdges(RIG).find(wheel)[420:].any()
+    assert not TraceEdges(RIG).find(wheel, 0.0)[420:].any()
+
+
+@pytest.mark.parametrize("steer", [-0.4, 0.4])
+def test_a_steered_wheel_is_masked_where_it_has_turned_to(steer: float) -> None:
+    """The wheel turns about B: its rear goes to the rover's right when it turns left, which is left in the image."""
+    straight, turned = ground_mask(RIG, 0.0) == 0, ground_mask(RIG, steer) == 0
+    middles = [float(np.nonzero(mask[440:])[1].mean()) for mask in (straight, turned)]
+    assert (middles[1] - middles[0]) / -steer > 3.0 / 0.4  # pixels: the turned hull widens to both sides, too
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3))

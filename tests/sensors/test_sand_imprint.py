@@ -224,3 +224,14 @@ def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
     assert (after != before).mean() > 0.1
     # Sums of single precision over different windows may round to another byte; a forgotten shadow is 20 and more.
     assert np.abs(after - unseen.light(AROUND)).max() <= 1
+
+
+def test_rays_towards_any_sun_stay_on_the_ground_that_is_kept_for_them() -> None:
+    """The light of a window needs ground as far beyond it as its longest ray reaches, towards every side."""
+    for azimuth in np.radians(np.arange(0.0, 360.0, 3.0)):
+        reach = Reach.of(daylight(float(azimuth), elevation=math.radians(33.0)))
+        rows, columns, _ = np.array(reach.rays).T
+        assert -reach.before.top <= rows.min()
+        assert rows.max() <= reach.before.bottom
+        assert -reach.before.left <= columns.min()
+        assert columns.max() <= reach.before.right
