@@ -228,8 +228,8 @@ def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
 
 def test_rays_towards_any_sun_stay_on_the_ground_that_is_kept_for_them() -> None:
     """The light of a window needs ground as far beyond it as its longest ray reaches, towards every side."""
-    for azimuth in np.radians(np.arange(0.0, 360.0, 3.0)):
-        reach = Reach.of(daylight(float(azimuth), elevation=math.radians(33.0)))
+    for azimuth, elevation in np.radians(np.random.default_rng(1).uniform((0.0, 25.0), (360.0, 50.0), (500, 2))):
+        reach = Reach.of(daylight(float(azimuth), elevation=float(elevation)))
         rows, columns, _ = np.array(reach.rays).T
         assert -reach.before.top <= rows.min()
         assert rows.max() <= reach.before.bottom
