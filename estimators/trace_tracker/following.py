@@ -1,0 +1,89 @@
+"""The trace in a picture, looked for where its history says that it lies, and the history corrected by it."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.trace_tracker import histories, path_line
+from estimators.trace_tracker.ground_patch import STEP, FloatImage
+from estimators.trace_tracker.histories import Histories
+from estimators.trace_tracker.matching import SEARCH, correlation, peaks, straightened, windows
+from estimators.trace_tracker.sun_belief import weighed
+from estimators.trace_tracker.templates import Profiles, at_slips
+from sensors.trace_rig import TraceRig
+from vehicle.frames import FloatArray
+
+_MATCHED: Final = 0.33  # correlation of a band that is taken for the trace
+_FARTHEST: Final = 3.5  # standard deviations that the trace may lie off, and
+_SPARE: Final = 0.004  # [m]
+_LOOKS: Final = 2  # a second time along the corrected line, where templates fit better
+# Of one band in one picture, beside what the sand itself is off by: peaks jump among lug marks and pebbles.
+_BAND_NOISE: Final = 0.0035  # at a correlation of 0.6 [m]
+# What all bands of one picture share, as roll, pitch and yaw of the rover on its springs of sand move the camera.
+_SWAY: Final = 0.0007  # [m]
+_TWIST: Final = math.radians(0.05)  # [rad]
+
+
+class Look(NamedTuple):
+    """What one picture showed along the line where the trace was expected."""
+
+    path: Histories  # corrected
+    scores: FloatArray  # (bands,) correlation of the best match
+    seen: NDArray[np.bool_]  # (bands,) whether that was taken for the trace
+    sunny: NDArray[np.bool_]  # (bands,) whether it looks like a trace in the sun rather than in shade
+    profiles: Profiles  # (bands, CHANNELS, WIDTH) unit windows there
+    slips: FloatArray  # (bands,) by which the front wheel's rut lies aside, see ``path_line.with_fronts`` [rad]
+
+
+class Ground(NamedTuple):
+    """One picture of the ground and where its rows and bands lie."""
+
+    rig: TraceRig
+    image: FloatImage  # (rows, columns, CHANNELS)
+    behind: FloatArray  # (rows,) the wheel [m]
+    bands: FloatArray  # (bands,) [m]
+
+
+def looked(ground: Ground, path: Histories, told: tuple[Profiles, Profiles]) -> Look:
+    """The trace as this picture has it; ``told`` are the profiles (slips, ...) in the sun and in shade."""
+    look = _look(ground, path, path, told)
+    for _ in range(_LOOKS - 1):
+        look = _look(ground, path, look.path, told)
+    return look
+
+
+def with_sun(sun: FloatArray, look: Look, known: Profiles) -> FloatArray:
+    """The belief after a look at a trace."""
+    use = look.seen & look.sunny
+    return weighed(sun, known, look.profiles[use], look.slips[use]) if use.any() else sun
+
+
+def _look(ground: Ground, prior: Histories, path: Histories, told: tuple[Profiles, Profiles]) -> Look:
+    """One step of an iterated Kalman filter from ``prior``, with its measurement taken along ``path``."""
+    line, rig = path.together, ground.rig
+    expected, gradient = path_line.seen(line, rig, ground.bands)
+    slips = path_line.fronts_at(line, rig, ground.bands)
+    cut = windows(straightened(ground.image, path_line.trace(line, rig, ground.behind)))
+    std = np.sqrt(np.einsum("ij,jk,ik->i", gradient, line.covariance, gradient) + _SWAY**2)
+    in_sun, in_shade = (correlation(cut, at_slips(profiles, slips)) for profiles in told)
+    off, scores = peaks(np.maximum(in_sun, in_shade), std)
+    places = path_line.trace(line, rig, ground.bands) + off
+    seen = (scores > _MATCHED) & (np.abs(places - expected) < _FARTHEST * std + _SPARE)
+    corrected = path
+    if seen.any():
+        noise = _noise(scores[seen], ground.bands[seen])
+        corrected = histories.with_trace(prior, rig, ground.bands, places, seen, noise)
+    at = np.rint(off / STEP).astype(int) + SEARCH
+    band = np.arange(len(at))
+    return Look(corrected, scores, seen, (in_sun > in_shade)[band, at], cut[band, at], slips)
+
+
+def _noise(scores: FloatArray, bands: FloatArray) -> FloatArray:
+    """Covariance (n, n) of the places seen [m2]."""
+    own = np.diag((_BAND_NOISE * 0.6 / np.clip(scores, 0.2, 1.0)) ** 2)
+    noise: FloatArray = own + _SWAY**2 + _TWIST**2 * np.outer(bands, bands)
+    return noise

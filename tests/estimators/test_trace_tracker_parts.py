@@ -1,0 +1,200 @@
+"""Parts of the trace tracker beside closed forms."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.trace_tracker import histories, path_line, path_state, slip_estimate
+from estimators.trace_tracker.channels import CHANNELS
+from estimators.trace_tracker.ground_patch import STEP, GroundPatch
+from estimators.trace_tracker.learning import Lesson, learned
+from estimators.trace_tracker.matching import SEARCH, correlation, peaks, windows
+from estimators.trace_tracker.pace import QUICK
+from estimators.trace_tracker.path_state import OFFSET, PIECES, PathState
+from estimators.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, shipped_templates
+from sensors.sand.rig import nominal_rig
+from vehicle.frames import inverse
+from vehicle.rover.description import load_rover
+
+RIG = nominal_rig(load_rover("el_dorado_ii"))
+BEHIND = np.linspace(0.12, 0.6, 13)
+
+
+PIECE = 0.016  # [m]
+
+
+def moved(state: PathState, yaw: float, steer: float, k: int) -> PathState:
+    """One piece on, after which the compass reads what the heading is."""
+    state = path_state.moved(state, PIECE, yaw, 0.2, steer, 200 * k)
+    return path_line.with_fronts(state, RIG)
+
+
+def driven(slip: float, yaw: float, pieces: int = 60) -> PathState:
+    """After pieces of 16 mm with a slip and a yaw on each [rad], as encoders tell of them."""
+    state = path_state.with_slip(path_state.begun(0.3, 0.0, 0, len(BEHIND), QUICK), slip, 0.05)
+    for k in range(1, pieces + 1):
+        state = moved(state, yaw, 0.0, k)
+    return state
+
+
+def test_straight_drive_with_slip_leaves_a_straight_slanting_trace() -> None:
+    """A wheel that slips to the left by alpha leaves its trace to the right behind it, at tan(alpha) of the way."""
+    slip = math.radians(8.0)
+    assert path_line.trace(driven(slip, 0.0), RIG, BEHIND) == pytest.approx(-math.tan(slip) * BEHIND, abs=1e-9)
+
+
+def test_turning_without_slip_leaves_the_arc_of_the_rear_wheel() -> None:
+    """About a centre beside the rover's middle the rear wheel goes round on its own circle, which is known."""
+    yaw = math.radians(0.4)
+    centre = PIECE / yaw  # to the left of R's origin
+    x, y = RIG.wheel
+    radius = math.hypot(x, centre - y)
+    circle = centre - np.sqrt(radius**2 - (x - BEHIND) ** 2) - y
+    assert path_line.trace(driven(0.0, yaw), RIG, BEHIND) == pytest.approx(circle, abs=1e-4)  # pieces are chords
+
+
+def test_crab_steering_turns_the_trace_and_not_the_slip() -> None:
+    """Wheels at 5 deg that do not slip lead straight along 5 deg: the trace slants, the slip stays 0."""
+    steer = math.radians(5.0)
+    state = path_state.with_slip(path_state.begun(0.3, steer, 0, len(BEHIND), QUICK), 0.0, 0.05)
+    for k in range(1, 61):
+        state = moved(state, 0.0, steer, k)
+    assert path_line.trace(state, RIG, BEHIND) == pytest.approx(-math.tan(steer) * BEHIND, abs=1e-9)
+    assert path_line.slip_at(state, 0)[0] == 0.0
+
+
+def test_every_piece_keeps_the_steering_under_which_it_was_driven() -> None:
+    """After a change from 0 to 5 deg the new part of the trace slants and the old one lies parallel to the body."""
+    state = driven(0.0, 0.0)
+    for k in range(61, 77):
+        state = moved(state, 0.0, math.radians(5.0), k)
+    lies = path_line.trace(state, RIG, BEHIND)
+    far = BEHIND > 0.3
+    bent = -math.sin(math.radians(5.0)) * 15.5 * PIECE  # the piece of the change is driven at half of it
+    assert lies[far] == pytest.approx(np.full(far.sum(), bent), abs=2e-4)
+
+
+def test_gradient_of_the_trace_is_its_derivative() -> None:
+    """At any slip history, against central differences; neglected: the shift along the way, sin(angle) of 10 deg."""
+    state = driven(math.radians(5.0), math.radians(0.1))
+    _, gradient = path_line.seen(state, RIG, BEHIND)
+    for part in (0, 7, 20, PIECES, PIECES + 4, 2 * PIECES + 9, 3 * PIECES + 1, len(state.mean) + OFFSET):
+        step = np.zeros(len(state.mean))
+        step[part] = 1e-6
+        up, _ = path_line.seen(state._replace(mean=state.mean + step), RIG, BEHIND)
+        down, _ = path_line.seen(state._replace(mean=state.mean - step), RIG, BEHIND)
+        near = 0.035 * max(1.0, abs(gradient[:, part]).max())
+        assert gradient[:, part] == pytest.approx((up - down) / 2e-6, abs=near)
+
+
+def test_filter_finds_slip_from_where_the_trace_lies() -> None:
+    """Exact places of a straight trace of 6 deg, believed to be one of 2 deg, draw the slip there in a metre."""
+    state, slip = driven(math.radians(2.0), 0.0), math.radians(6.0)
+    for k in range(61, 125):
+        state = path_state.with_compass(moved(state, 0.0, 0.0, k), 0.3)
+        expected, gradient = path_line.seen(state, RIG, BEHIND)
+        there = -math.tan(slip) * BEHIND - expected
+        state, _ = path_state.with_seen(state, gradient, there, 9e-6 * np.eye(len(BEHIND)))
+    found, variance = path_line.slip_at(state, 0)
+    assert found == pytest.approx(slip, abs=math.radians(0.3))
+    assert math.radians(0.3) < math.sqrt(variance) < math.radians(2.0)
+
+
+@pytest.mark.parametrize(("slips", "quick"), [((0.0, 0.0), False), ((6.0, -6.0), True)])
+def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float, float], quick: bool) -> None:
+    """Exact places of a trace whose slip is steady, or swings by 12 deg every 16 cm, which a steady one would not."""
+    both = histories.found(histories.begun(0.0, 0.0, 0, len(BEHIND)), 0.0, 0.05)
+    true = path_state.with_slip(path_state.begun(0.0, 0.0, 0, len(BEHIND), QUICK), 0.0, 0.05)
+    every = np.ones(len(BEHIND), dtype=bool)
+    for k in range(1, 120):
+        true = moved(true, 0.0, 0.0, k)
+        true.mean[0] = math.radians(slips[k // 10 % 2])
+        both = both.each(lambda path, k=k: path_state.with_compass(moved(path, 0.0, 0.0, k), 0.0))
+        lies = path_line.trace(true, RIG, BEHIND)
+        both = histories.with_trace(both, RIG, BEHIND, lies, every, 9e-6 * np.eye(len(BEHIND)))
+    assert both.paths[0].pace is QUICK
+    assert bool(both.shares[0] > 0.5) is quick
+
+
+def test_front_rut_lies_aside_by_the_slip_of_a_straight_drive() -> None:
+    """Straight on with slip alpha the front rut lies a wheelbase times sin(alpha) beside the rear one, by geometry."""
+    slip = math.radians(9.0)
+    fronts = path_line.fronts_at(driven(slip, 0.0, 120), RIG, BEHIND)
+    assert fronts == pytest.approx(np.full(len(BEHIND), math.atan(math.sin(slip))), abs=1e-6)
+
+
+def test_wheel_goes_where_a_rigid_body_takes_it() -> None:
+    """Turning about a centre on the rear axle, the rear wheel goes straight ahead and the middle aside (eq. 2)."""
+    radius = 2.0  # from the centre to the middle of the rear axle
+    slip, rate = math.atan2(-RIG.wheel[0], radius), 1.0 / math.hypot(radius, RIG.wheel[0])
+    assert slip_estimate.wheel_direction(RIG, slip, rate) == pytest.approx(0.0, abs=1e-12)
+    assert slip_estimate.wheel_direction(RIG, 0.1, 0.0) == pytest.approx(0.1, abs=1e-12)
+
+
+def test_places_on_the_ground_keep_their_place_in_the_patch() -> None:
+    """A dot drawn where the lens shows a place on the ground appears in that row and column, to half a cell."""
+    patch = GroundPatch(rig=RIG)
+    for row, column in ((20, 160), (100, 60), (200, 230)):
+        x, y = RIG.wheel[0] - patch.behind[row], RIG.wheel[1] + STEP * (column - patch.columns // 2)
+        seen = inverse(RIG.X_RC) @ [x, y, 0.0, 1.0]
+        u, v = RIG.camera.project(seen[None, :3])[0]
+        vv, uu = np.mgrid[0:480, 0:640]
+        image = np.rint(255.0 * np.exp(-0.5 * ((uu - u) ** 2 + (vv - v) ** 2) / 3.0**2)).astype(np.uint8)
+        got = patch.rectified(image).astype(float)
+        rows, columns = np.indices(got.shape)
+        assert (got * rows).sum() / got.sum() == pytest.approx(row, abs=0.5)
+        assert (got * columns).sum() / got.sum() == pytest.approx(column, abs=0.5)
+
+
+def test_rows_begin_behind_the_wheel() -> None:
+    """What the wheel itself hides from the camera is no ground."""
+    patch = GroundPatch(rig=RIG)
+    assert patch.behind[0] > RIG.wheel_radius
+    assert 0.55 < patch.behind[-1] < 0.66  # the camera sees to 0.63 m
+
+
+def test_camera_that_looks_elsewhere_is_refused() -> None:
+    """A camera a metre ahead of the wheel sees nothing of its trace."""
+    X_RC = RIG.X_RC.copy()
+    X_RC[0, 3] += 1.0
+    with pytest.raises(ValueError, match="behind the wheel"):
+        GroundPatch(rig=replace(RIG, X_RC=X_RC))
+
+
+def test_matching_finds_a_shift_to_a_tenth_of_a_cell() -> None:
+    """Smooth profiles shifted by 3.4 cells; a parabola through three correlations is good to some hundredths."""
+    rng = np.random.default_rng(3)
+    t = np.arange(WIDTH + 2 * SEARCH) - SEARCH - WIDTH // 2
+    phases = rng.uniform(0, 6, (2, CHANNELS, 4))
+
+    def profiles(at: np.ndarray) -> np.ndarray:
+        waves = [np.sin(at / (4.0 + 2 * k) + phases[..., k, None]) for k in range(4)]
+        return np.sum(waves, axis=0).astype(np.float32)
+
+    template = profiles(t)[..., SEARCH : SEARCH + WIDTH]
+    off, score = peaks(correlation(windows(profiles(t - 3.4)), template), np.full(2, 0.1))
+    assert off == pytest.approx(3.4 * STEP, abs=0.1 * STEP)
+    assert (score > 0.95).all()
+
+
+def test_templates_are_the_same_in_a_mirror() -> None:
+    """Slip and sun from the other side make the mirrored profile: what learns both can not prefer one."""
+    rng = np.random.default_rng(5)
+    n = 40
+    one = Lesson(
+        profiles=rng.normal(size=(n, CHANNELS, WIDTH)).astype(np.float32),
+        slips=rng.uniform(-0.25, 0.25, n),
+        azimuths=rng.uniform(0, 6.3, n),
+        elevation=float(ELEVATIONS[0]),
+        shaded=rng.random(n) < 0.3,
+    )
+    for templates in (learned([one]), shipped_templates()):
+        level = templates.profiles[:, 0]
+        near = 0.02 * float(np.abs(level).max())
+        turned = level[np.arange(AZIMUTHS) * -1 % AZIMUTHS][:, ::-1, :, ::-1]
+        assert level == pytest.approx(turned, abs=near)  # a byte's rounding in the shipped ones
+        assert templates.shaded == pytest.approx(templates.shaded[::-1, :, ::-1], abs=near)
