@@ -1,6 +1,7 @@
 """One law for all speeds: a low-speed law for the manoeuvres of towns and yards, the LQR for the open road.
 
-What the low-speed law asks for fades out over the band of speeds in which the LQR fades in; the sum is the command.
+What the low-speed law asks for fades out over one band of speeds, the LQR fades in over another; their sum is the
+command. In between, where a low-speed law would swing and a trailer is damped well by itself, hardly any is needed.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.ct_at import CtAt
+from controllers.trailer_steering.lateral_design import KMH
 from controllers.trailer_steering.limits import reachable
 from controllers.trailer_steering.lqr import Lqr, LqrMemory
 from controllers.trailer_steering.path_preview import PathPreview
@@ -28,6 +30,9 @@ _LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], TrailerStee
     "path_preview": lambda trailer, combination: PathPreview(trailer),
     "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
 }
+
+# assumed: between a tight turn's speed and a road's; path preview, command steer and the like swing at 50 km/h [m/s].
+_WHOLE, _GONE = 25.0 * KMH, 45.0 * KMH
 
 
 class CombinedMemory(NamedTuple):
@@ -48,10 +53,10 @@ class Combined:
         *,
         combination: Combination,
         low_speed: str = "path_preview",
-        from_speed_kmh: float = 25.0,
-        full_speed_kmh: float = 45.0,
-        off_tracking_weight: float = 0.03,
-        acceleration_weight: float = 0.04,
+        from_speed_kmh: float = 45.0,
+        full_speed_kmh: float = 70.0,
+        off_tracking_weight: float = 0.04,
+        acceleration_weight: float = 0.03,
     ) -> None:
         """A controller for the trailer; all but ``low_speed``, the law's name, are the parameters of `Lqr`.
 
@@ -82,12 +87,12 @@ class Combined:
     ) -> tuple[CombinedMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        share = self._high.authority(signals.speed)
+        share = min(1.0, max(0.0, (_GONE - signals.speed) / (_GONE - _WHOLE)))  # of the low-speed law
         high, command = self._high.step(memory.high, tick, off_tracking, signals)
         wanted = command.angles
-        if share < 1.0:
+        if share > 0.0:
             low, command = self._low.step(memory.low, tick, off_tracking, signals)
-            wanted = wanted + (1.0 - share) * command.angles
+            wanted = wanted + share * command.angles
         else:
             low = self._low.init()  # what it would learn of a trailer that another law steers is wrong
         demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)

@@ -2,9 +2,11 @@
 
 An estimate that is lost, degraded beyond use, too old, or at odds with the wheels is passed over: for a while, and a
 way, the law goes on with the last good one. After that the trailer is steered without any: the axles go over to the
-fallback. An implausible jump is passed over in the same way, until what comes after it agrees with itself for some
-time. Either way the law then takes over again from wherever the axles are. Every change of hands begins at a slow rate
-and quickens, so that there is no jerk and a target that moves is caught.
+fallback; so it is where the first good one does not come when the path is long enough. An implausible jump is passed
+over in the same way, until what comes after it agrees with itself for some time. Either way the law then takes over
+again. At every change of hands the axles stay where they are: the difference between the two hands is added to what the
+new one asks for, and given up at a slow rate that quickens. So there is no jerk, and the new hand's own moves are made
+in full: a law whose moves were held back would swing.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from controllers.trailer import Combination, SteerCommand, TrailerGeometry, Trai
 from controllers.trailer_steering.command_steer import CommandSteerMemory
 from controllers.trailer_steering.fallback import Fallback, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.limits import check_limits
+from controllers.trailer_steering.limits import check_limits, reachable
 from controllers.trailer_steering.plausibility import Limits, Way, jumps, moved_on, moves_as_told, usable
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
@@ -28,7 +30,6 @@ from vehicle.frames import FloatArray
 _QUICKENING = 1.0  # in which the rate of a change of hands grows by as much as it began with [s]
 _HELD_WAY = 0.25  # of the follow distance: further on, where the hitch goes is a guess [-]
 _GAP = 0.3  # two frames may be missing at any speed [s]
-_REACHED = 1e-3  # all axles this close, 0.06 deg, the hands have changed [rad]
 LIMITS: Final = {
     "hold": (0.0, 1.5, "s"),
     "fade_rate": (0.001, 1.0, "rad/s"),
@@ -75,10 +76,12 @@ class GuardMemory(NamedTuple):
     sound: OffTracking | None  # newest that agrees with the one before
     sound_since: int | None  # since when all of them have been [ticks]; None: the newest is not
     good: OffTracking | None  # newest that the law may steer by
-    good_at: int  # when it arrived [ticks]
+    good_at: int  # when it arrived, or the first one was due [ticks]
+    rolled: float  # without a first one [m]
     trusted: bool  # whether sound ones are good
     steers: bool  # the law, rather than the fallback
-    changing_since: int | None  # when the hands began to change [ticks]; None: they have
+    changed_at: int  # when the axles last changed hands [ticks]
+    apart: tuple[float, ...]  # what is left of the difference between the two hands then [rad]
 
 
 class Guarded:
@@ -104,9 +107,11 @@ class Guarded:
             sound_since=None,
             good=None,
             good_at=0,
+            rolled=0.0,
             trusted=True,
             steers=True,
-            changing_since=None,
+            changed_at=-1,
+            apart=(0.0,) * len(self._trailer.steered_distances),
         )
 
     def step(
@@ -118,15 +123,12 @@ class Guarded:
         newest = memory.way.newest
         if off_tracking is not None and (newest is None or off_tracking.tick > newest.tick):
             memory = self._judged(memory, tick, off_tracking, motion)
-        memory = self._in_hands(memory, tick, motion)
+        memory = self._in_hands(memory, tick, motion, elapsed)
         law, wanted = self.law.step(memory.law, tick, _given(memory, off_tracking), signals)
         fallback, relieving = self._fallback.step(memory.fallback, tick, None, signals)
         target = wanted.angles if memory.steers else relieving.angles
-        changing, demand = self._approached(memory, tick, target, elapsed)
-        memory = memory._replace(
-            law=law, fallback=fallback, tick=tick, demand=tuple(demand.tolist()), changing_since=changing
-        )
-        return memory, SteerCommand(angles=demand)
+        memory = self._steered(memory, tick, target, elapsed)
+        return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
 
     def _judged(self, memory: GuardMemory, tick: int, seen: OffTracking, motion: HitchMotion) -> GuardMemory:
         """Memory with a new estimate, which is good if it can be believed and those before it could."""
@@ -142,32 +144,39 @@ class Guarded:
         since = tick if memory.sound_since is None else memory.sound_since
         memory = memory._replace(sound=seen, sound_since=since)
         if not memory.trusted and (tick - since) * TICK >= d.recovery:
-            memory = memory._replace(trusted=True, steers=True, changing_since=tick)
+            memory = memory._replace(trusted=True, steers=True, changed_at=tick)
         return memory._replace(good=seen, good_at=tick) if memory.trusted else memory
 
-    def _in_hands(self, memory: GuardMemory, tick: int, motion: HitchMotion) -> GuardMemory:
-        """Memory after the fallback has been given the axles, if the last good estimate says nothing any more."""
-        if memory.good is None or not memory.steers:
+    def _in_hands(self, memory: GuardMemory, tick: int, motion: HitchMotion, elapsed: float) -> GuardMemory:
+        """Memory after the fallback has been given the axles, if the last good estimate says nothing any more.
+
+        The first can not be there before the path reaches back to the follow point.
+        """
+        if not memory.steers:
             return memory
+        if memory.good is None:
+            rolled = memory.rolled + abs(motion.v_x) * elapsed
+            due = memory.good_at if rolled > self._trailer.follow_distance else tick
+            memory = memory._replace(rolled=rolled, good_at=due)
+            if (tick - due) * TICK <= self._degradation.hold + _GAP:
+                return memory
+            return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
         held, far = (tick - memory.good_at) * TICK, _HELD_WAY * self._trailer.follow_distance
         if held <= self._degradation.hold and (held <= _GAP or held * abs(motion.v_x) <= far):
             return memory
-        return memory._replace(steers=False, trusted=False, sound_since=None, changing_since=tick)
+        return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
 
-    def _approached(
-        self, memory: GuardMemory, tick: int, target: FloatArray, elapsed: float
-    ) -> tuple[int | None, FloatArray]:
-        """When the hands began to change, if they still do, and the demand [rad] on its way to the target."""
-        last, t = np.array(memory.demand), self._trailer
-        ratios = np.abs(t.steer_ratios)
-        target = np.clip(target, -t.max_steer * ratios, t.max_steer * ratios)
-        if memory.changing_since is None:
-            return None, np.clip(target, last - t.max_steer_rate * elapsed, last + t.max_steer_rate * elapsed)
-        quicker = 1.0 + (tick - memory.changing_since) * TICK / _QUICKENING
-        reach = min(self._degradation.fade_rate * quicker, t.max_steer_rate) * elapsed
-        demand = np.clip(target, last - reach, last + reach)
-        reached = bool(np.abs(target - demand).max() < _REACHED)
-        return None if reached else memory.changing_since, demand
+    def _steered(self, memory: GuardMemory, tick: int, target: FloatArray, elapsed: float) -> GuardMemory:
+        """Memory with a new demand: the target, and what is left of the difference at the last change of hands."""
+        last, t, apart = np.array(memory.demand), self._trailer, np.array(memory.apart)
+        if tick == memory.changed_at:
+            apart = last - target
+        elif apart.any():
+            quicker = 1.0 + (tick - memory.changed_at) * TICK / _QUICKENING
+            given_up = self._degradation.fade_rate * quicker * elapsed
+            apart -= np.clip(apart, -given_up, given_up)
+        demand = reachable(t, last, target + apart, elapsed)
+        return memory._replace(demand=tuple(demand.tolist()), apart=tuple(apart.tolist()))
 
 
 def _given(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:

@@ -4,7 +4,8 @@ The state comes from the combination's own sensors through a Kalman filter; the 
 the estimate of the off-tracking, brought up to now by dead reckoning (``lateral_design`` has the model and the cost).
 
 A trailer that is steered so cuts the corner of a quick change of lane: it moves aside less sharply, and does not swing
-beyond. At low speed, where articulations are large, the linear law has no meaning; it fades in over a band of speeds.
+beyond. At low speed, where articulations are large, the linear law has no meaning; it fades in over a band of speeds,
+below which a trailer is damped well enough by itself, and runs hardly wide of its path.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ class Lqr:
         trailer: TrailerGeometry,
         *,
         combination: Combination,
-        off_tracking_weight: float = 0.03,
-        acceleration_weight: float = 0.04,
-        from_speed_kmh: float = 35.0,
-        full_speed_kmh: float = 55.0,
+        off_tracking_weight: float = 0.04,
+        acceleration_weight: float = 0.03,
+        from_speed_kmh: float = 45.0,
+        full_speed_kmh: float = 70.0,
     ) -> None:
         """A controller for the trailer.
 

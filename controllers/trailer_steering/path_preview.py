@@ -14,13 +14,15 @@ trailer's kinematics know nothing of, are as slow as the estimate is old: the la
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.trailer import SteerCommand, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.limits import reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_path import chord_lengths, crossing, tangent
@@ -34,6 +36,8 @@ _MEASURABLE = 0.5  # slower than this the odometry's noise of some mm a frame is
 _HISTORY = 3000  # of the steer encoders: age of an estimate and a gap in them, with room for slow cameras [ticks]
 _OLDEST = 2000  # an estimate says nothing of where the trailer is after that, and the axles stay where they are [ticks]
 _REACH = 0.75  # half window of the fit to the path beside the follow point [m]
+_CROSSOVER = 3.5  # of the loop at most: age of the estimate, steering and tyres leave no phase beyond [rad/s]
+_SLIP_TIME = 0.2  # two estimates: slip that is taken from one alone makes the axles restless at speed [s]
 _MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is larger [rad]
 # The loop with its 0.3 s of delay is well damped at 30 km/h and swings on at 40 km/h: the law is whole up to the one
 # and gone at the other [m/s].
@@ -91,16 +95,25 @@ class PathPreviewMemory(NamedTuple):
 class PathPreview:
     """The axle angles that bring the follow point onto the path of the hitch, and keep it there."""
 
+    tunable: ClassVar[Mapping[str, tuple[float, float]]] = {  # where it is worth looking
+        "gain": (0.15, 1.5),
+        "integral": (0.0, 0.12),
+        "compliance": (0.005, 0.06),
+        "slip_distance": (0.4, 6.0),
+    }
+
     def __init__(
         self,
         trailer: TrailerGeometry,
         *,
-        gain: float = 0.5,
-        integral: float = 0.03,
+        gain: float = 0.77,
+        integral: float = 0.06,
         compliance: float = 0.022,  # 1/(4.6 g): cornering stiffness of a truck tyre over its load
-        slip_distance: float = 1.5,
+        slip_distance: float = 0.6,
     ) -> None:
         """A controller for the trailer; the parameters are those of `PathPreviewParameters`.
+
+        The defaults come from `offtrack tune`; its study is in scenarios/data/tuning/path_preview.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
@@ -128,7 +141,7 @@ class PathPreview:
         if off_tracking is not None and self._usable(off_tracking):
             memory = self._noticed(memory, off_tracking)
         memory, wanted = self._wanted(memory, tick, elapsed)
-        demand = self._reachable(np.array(memory.demand), wanted, elapsed)
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
     def _usable(self, seen: OffTracking) -> bool:
@@ -150,7 +163,7 @@ class PathPreview:
         interval = (seen.tick - before.tick) * TICK
         if seen.v_x < _MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
-        return 1.0 - math.exp(-seen.v_x * interval / self._parameters.slip_distance)
+        return 1.0 - math.exp(-interval / max(self._parameters.slip_distance / seen.v_x, _SLIP_TIME))
 
     def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, seen: OffTracking) -> float:
         """Mean slip of the axles [-] between two estimates."""
@@ -172,7 +185,8 @@ class PathPreview:
             return memory, share * self._axles.slip_angles(memory.slip)
         slip = memory.other_slip + self._inertial_slip(seen, target)
         bias = self._integrated(memory, share * target.offset * seen.v_x * elapsed)
-        follow_direction = target.direction + math.atan(self._parameters.gain * target.offset + bias)
+        gain = min(self._parameters.gain, _CROSSOVER / seen.v_x)
+        follow_direction = target.direction + math.atan(gain * target.offset + bias)
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
         return memory._replace(bias=bias), share * angles
 
@@ -204,8 +218,3 @@ class PathPreview:
         if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
             return memory.bias
         return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._parameters.integral * area))
-
-    def _reachable(self, last: FloatArray, wanted: FloatArray, elapsed: float) -> FloatArray:
-        """The wanted angles as far as the actuators' rate and angle allow [rad]."""
-        reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
-        return np.clip(np.clip(wanted, last - reach, last + reach), -limit, limit)

@@ -90,9 +90,10 @@ def drive(
     *,
     articulation: float = 0.0,
     speed: float = SPEED,
+    law: type[Believes] = Believes,
 ) -> tuple[FloatArray, FloatArray, GuardMemory]:
     """Ticks, commands (steps, axles) and the last memory, with an estimate of 0.1 s ago every 0.1 s."""
-    guarded = Guarded(Believes(), TRAILER, COMBINATION, degradation or Degradation())
+    guarded = Guarded(law(), TRAILER, COMBINATION, degradation or Degradation())
     memory, newest, commands = guarded.init(), None, []
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
@@ -217,6 +218,35 @@ def test_at_speed_the_fallback_is_straight_and_comes_earlier() -> None:
     assert (commands[(ticks > 1000) & (ticks <= 3300)] == WANTED).all()
     assert (commands[(ticks > 3340) & (ticks < 3500)] < WANTED).all()
     assert not commands[-1].any()
+
+
+def test_a_first_estimate_that_does_not_come_is_not_waited_for() -> None:
+    """The path is long enough after 14 m, 5 s; a hold and a gap later command steer has the axles."""
+    ticks, commands, memory = drive(FAULTS["lost"], 12000, articulation=math.radians(20.0))
+    assert not memory.steers
+    assert not commands[ticks < 6300].any()
+    assert np.abs(commands[-1]).max() > math.radians(5.0)
+    assert np.abs(np.diff(commands[:, 0])).max() / 0.02 <= 0.05 * (1.0 + 4.0)  # it is there after 4 s
+
+
+class Trembles(Believes):
+    """The same law, asking for what goes to and fro at 6 deg/s."""
+
+    def step(
+        self, memory: tuple[int, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[tuple[int, ...], SteerCommand]:
+        memory, command = super().step(memory, tick, off_tracking, signals)
+        return memory, SteerCommand(angles=command.angles + 0.05 * math.sin(2e-3 * tick))
+
+
+def test_what_the_law_does_after_a_change_of_hands_it_does_in_full() -> None:
+    """Held back to the slow rate its moves would lag a quarter of a period, and a closed loop would swing on that."""
+    calm, trembling = (
+        drive(within(3000, 8000, FAULTS["lost"]), 14000, law=law, articulation=0.3)[1] for law in (Believes, Trembles)
+    )
+    ticks = np.arange(9000, 10800, PERIOD)  # the law steers, and the slow rate is that of both
+    moves = (trembling - calm)[ticks // PERIOD, 0]
+    np.testing.assert_allclose(np.diff(moves), np.diff(0.05 * np.sin(2e-3 * ticks)), atol=1e-9)
 
 
 @pytest.mark.parametrize("change", [{"fallback": "straight"}, {"hold": 0.2}, {"fade_rate": 0.5}])

@@ -21,7 +21,7 @@ from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 COMBINATION, TRAILER = Combination(VEHICLE, 1), trailer_geometry(VEHICLE, 1)
-WEIGHTS = Weights(0.03, 0.04)  # the law's own
+WEIGHTS = Weights(0.04, 0.03)  # the law's own
 UNSTEERED = Weights(1e-12, 1e-12)
 SLOWEST_ACTUATOR = 1.0 / TRAILER.actuator_lag - 0.2  # modes of the yaw plane lie below, the path's beyond [1/s]
 

@@ -119,6 +119,19 @@ def test_the_gyros_bias_is_learnt_from_the_estimates() -> None:
     assert memory.bias == pytest.approx(bias, rel=0.05)
 
 
+def test_the_first_estimate_after_a_gap_teaches_nothing_but_the_path() -> None:
+    """Its yaw rate is of its last frame, not of the 3 s without any; what the axles ahead did meanwhile is in doubt."""
+    observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
+    for tick in range(0, 4001, 20):
+        memory = observer.noticed(memory, signals(tick, lead=0.0, own=1e-4 * tick))
+        if tick % 100 == 0 and 0 < tick <= 1000:
+            memory = observer.corrected(memory, estimate(tick - 100), 0.1)
+    assert memory.doubt > 0.04  # 0.02 rad/s for 2.5 s
+    after = observer.corrected(memory, estimate(3900), 3.0)
+    assert (after.bias, after.slide, after.pace) == (memory.bias, memory.slide, memory.pace)
+    np.testing.assert_array_equal(after.records, memory.records)
+
+
 def driven(
     memory: FrictionMemory, true_moment: float, model_moment: float, by_friction: float, way: float, doubt: float = 0.0
 ) -> FrictionMemory:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import Linkage, SteerCommand, TrailerGeometry
 from controllers.trailer_steering.path_preview import PathPreview, PathPreviewMemory
 from controllers.trailer_steering.unsteered import Unsteered
 from estimators.estimates import Health, OffTracking
@@ -104,10 +104,10 @@ class BelievesEstimatesFresh(PathPreview):
 
 
 def test_prediction_over_the_delays_pays(drive: Any) -> None:
-    """A quarter of a second is 0.7 m of way at 10 km/h: carried over it, the loop errs by less than a third."""
+    """A quarter of a second is 0.7 m of way at 10 km/h: carried over it, the loop errs by less than half."""
     predicting = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER), until=22.0)
     believing = drive(ROUNDABOUT, TRAILER, BelievesEstimatesFresh(TRAILER), until=22.0)
-    assert predicting.rms < believing.rms / 3.0
+    assert predicting.rms < believing.rms / 2.0
 
 
 def sliding_outwards(lateral_acceleration: float) -> float:
@@ -133,8 +133,8 @@ def test_foreseeing_the_inertial_slip_pays(drive: Any) -> None:
     A tenth less error into the turn and round it; foreseen and measured twice over, it would be several times more.
     """
     tyres: Any = {"slip": lambda lateral_acceleration: -0.022 * lateral_acceleration, "speed_kmh": 15.0, "until": 20.0}
-    foreseen = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER), **tyres)
-    only_measured = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER, compliance=0.0), **tyres)
+    foreseen = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER, slip_distance=1.5), **tyres)
+    only_measured = drive(ROUNDABOUT, TRAILER, PathPreview(TRAILER, slip_distance=1.5, compliance=0.0), **tyres)
     assert foreseen.rms < 0.9 * only_measured.rms
 
 
@@ -189,6 +189,14 @@ def test_a_path_to_the_left_turns_the_rear_to_the_left() -> None:
     _, commands = steps(PathPreview(TRAILER), 400, arriving(offset=0.2))
     assert (np.diff(commands[-1]) > 0.0).all()
     assert commands[-1][0] > 0.0
+
+
+def test_linked_axles_keep_their_ratio() -> None:
+    """Two axles on one actuator, the second at 1.4 of its angle: rate and angle are the actuator's."""
+    linked = replace(TWO_OF_THREE, linkages=(Linkage((0, 1), (1.0, 1.4)),))
+    _, commands = steps(PathPreview(linked), 600, arriving(offset=0.5))
+    np.testing.assert_allclose(commands[:, 1], 1.4 * commands[:, 0], atol=1e-12)
+    assert np.abs(np.diff(commands[:, 0])).max() == pytest.approx(linked.max_steer_rate * 0.02, rel=1e-9)
 
 
 def test_without_any_usable_estimate_the_wheels_stay_straight() -> None:

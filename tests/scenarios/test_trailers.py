@@ -54,8 +54,8 @@ def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(
 
 
 def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_good() -> None:
-    """At 3 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
-    slow = ("off_tracking=kinematic", "course.turn_deg=40", "course.exit=5", "speed_kmh=3", "course.entry=25")
+    """At 4 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
+    slow = ("off_tracking=kinematic", "course.turn_deg=30", "course.exit=5", "speed_kmh=4", "course.entry=20")
     exact = run(load_scenario("roundabout", (*slow, "signals.noise=0")), 1)
     noisy = run(load_scenario("roundabout", (*slow, "signals.noise=5")), 1)
     errors = [summary(result)["off_tracking"] for result in (exact, noisy)]

@@ -46,7 +46,7 @@ def test_trials_are_gone_on_with_and_the_defaults_come_first(tmp_path: Path) -> 
     assert second.exit_code == 0, second.stderr
     assert (out / "trials.csv").read_text().splitlines()[: len(kept)] == kept
     assert len((out / "trials.csv").read_text().splitlines()) == 4
-    assert kept[1].startswith("0,0.5,")  # the gain that path_preview ships with
+    assert kept[1].startswith("0,0.77,")  # the gain that path_preview ships with
     told = json.loads(second.stdout)
     assert set(told["judged"]) == {"defaults", "tuned"}
     assert load_scenario(str(out / "tuned.toml")).steering["gain"] == told["parameters"]["gain"]

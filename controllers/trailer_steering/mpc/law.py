@@ -188,16 +188,16 @@ class Mpc:
             outlook = self._outlook(memory, way, steer)
             if outlook is not None:
                 rates = self._planner.planned(outlook, memory.rates)
-                return memory._replace(demand=self._advanced(memory.demand, outlook, rates[0], elapsed), rates=rates)
+                return memory._replace(demand=self._advanced(outlook, rates[0], elapsed), rates=rates)
         fade = _FADE_RATE * elapsed
         straighter = memory.demand - np.clip(memory.demand, -fade, fade)
         return memory._replace(demand=straighter, rates=np.zeros_like(memory.rates))
 
-    def _advanced(self, last: FloatArray, outlook: Outlook, rate: FloatArray, elapsed: float) -> FloatArray:
-        """The demand [rad] at the beginning of a plan, within what actuators can do since the last one."""
-        reach, limit = self._trailer.max_steer_rate * elapsed, self._max_steer
-        planned = outlook.state[-len(last) :] + rate * elapsed
-        demand: FloatArray = np.clip(np.clip(planned, last - reach, last + reach), -limit, limit)
+    def _advanced(self, outlook: Outlook, rate: FloatArray, elapsed: float) -> FloatArray:
+        """The demand [rad] at the beginning of a plan, within what actuators can do from where it begins."""
+        reach = self._trailer.max_steer_rate * elapsed
+        begun = outlook.state[-len(rate) :]
+        demand: FloatArray = np.clip(begun + np.clip(rate * elapsed, -reach, reach), -self._max_steer, self._max_steer)
         return demand
 
     def _outlook(self, memory: MpcMemory, way: Way, steer: FloatArray) -> Outlook | None:

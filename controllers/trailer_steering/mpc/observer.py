@@ -23,6 +23,8 @@ _DIRECTION_TIME: Final = 0.1  # over which estimates put the hitch's direction r
 _SLIDE_SHARE: Final = 0.3  # of what was put right that goes into the rate of the slide: critically damped, about
 _SLIDE_TIME: Final = 0.5  # over which a slide of the unit ahead dies out: of tyres that grip again [s]
 _BIAS_TIME: Final = 5.0  # over which estimates show the gyro's bias and the scale of the speed [s]
+_GAP: Final = 0.5  # without estimates, some of them may be missing; after a longer one they begin anew [s]
+_UNSEEN: Final = 0.02  # by which what no gyro shows may change in every second without one [rad/s]
 _LEAST_SPEED: Final = 0.5  # a direction of travel is not defined at rest [m/s]
 
 
@@ -43,7 +45,8 @@ class ObserverMemory(NamedTuple):
     pace: float = 1.0  # speed of the hitch over what wheels and yaw of the combination say [-]
     bias: float = 0.0  # of the trailer's gyro [rad/s]
     slide: float = 0.0  # rate at which the hitch's direction changes for the slip of the unit ahead [rad/s]
-    doubt: float = 0.0  # what the hitch's direction was wrong by of late [rad]
+    doubt: float = 0.0  # what the hitch's direction was wrong by of late, or may be [rad]
+    seen_at: int | None = None  # when it was last put right [ticks]
 
     @property
     def now(self) -> Record:
@@ -67,20 +70,29 @@ class Observer:
         lead = float(signals.yaw_rates[self._unit - 1])
         own = float(signals.yaw_rates[self._unit]) - memory.bias
         speed = memory.pace * math.hypot(signals.speed, self._lever * lead)
-        direction, slide = self._drift(speed, lead), memory.slide
+        direction, slide, doubt = self._drift(speed, lead), memory.slide, memory.doubt
         if memory.records:
             last = memory.now
             span = (signals.tick - last.tick) * TICK
             turned = 0.5 * (lead + last.lead_yaw_rate - own - last.yaw_rate) + slide
             direction += last.hitch_direction - self._drift(last.speed, last.lead_yaw_rate) + turned * span
             slide *= math.exp(-span / _SLIDE_TIME)
+            if memory.seen_at is not None and (signals.tick - memory.seen_at) * TICK > _GAP:
+                doubt += _UNSEEN * span
         else:
             direction += float(signals.articulation[self._unit - 1])
         kept = tuple(record for record in memory.records if record.tick >= signals.tick - _KEPT)
-        return memory._replace(records=(*kept, Record(signals.tick, speed, own, lead, direction)), slide=slide)
+        records = (*kept, Record(signals.tick, speed, own, lead, direction))
+        return memory._replace(records=records, slide=slide, doubt=doubt)
 
     def corrected(self, memory: ObserverMemory, seen: OffTracking, interval: float) -> ObserverMemory:
-        """Memory put right by an estimate ``interval`` [s] after the one before."""
+        """Memory put right by an estimate ``interval`` [s] after the one before.
+
+        After a gap nothing tells over what time an estimate's velocities are means: it is but the first of new ones.
+        """
+        memory = memory._replace(seen_at=memory.now.tick)
+        if interval > _GAP:
+            return memory
         middle = record_at(memory.records, seen.tick - round(0.5 * interval / TICK))  # its velocities are means
         speed = math.hypot(seen.v_x, seen.v_y)
         if min(seen.v_x, middle.speed) < _LEAST_SPEED:
@@ -94,6 +106,7 @@ class Observer:
             bias=memory.bias + slow * (middle.yaw_rate - seen.yaw_rate),
             slide=memory.slide + _SLIDE_SHARE * turn / interval,
             doubt=max(memory.doubt * math.exp(-interval / _SLIDE_TIME), abs(error)),
+            seen_at=memory.seen_at,
         )
 
     def _drift(self, speed: float, lead: float) -> float:
