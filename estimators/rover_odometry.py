@@ -19,8 +19,8 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
 
 _HEADING_TIME: Final = 2.0  # over which the compass corrects the heading that the wheels show [s]
-# Over which a new slip angle takes the place of the old one: slopes change over some seconds of way, and what a trace
-# shows of a moment is known to a degree only [s]
+# Over which a new slip angle takes the place of the old one in the drift to steer against: slopes change over some
+# seconds of way, and what a trace shows of a moment is known to a degree only [s]
 _DRIFT_TIME: Final = 3.0
 _FIX_TIME: Final = 1.0  # over which a fix corrects the position [s]
 _HISTORY: Final = 20_000  # directions kept for slip angles that come late, or are of a long way [ticks]
@@ -73,6 +73,8 @@ class Turn(NamedTuple):
     tick: int
     way: float  # made by then [m]
     direction: float  # of the way that they show, against the body [rad]
+    heading: float  # of the body [rad]
+    drift: float  # that the way was reckoned with [rad]
 
 
 class OdometryMemory(NamedTuple):
@@ -82,8 +84,10 @@ class OdometryMemory(NamedTuple):
     x: float
     y: float
     psi: float
-    drift: float  # by which the way turns off where the wheels point [rad]
+    drift: float  # by which the way turns off where the wheels point, smoothed: what to steer against [rad]
+    newest_drift: float  # the same as last measured: what the way is reckoned with, where noise averages out [rad]
     slip_tick: int  # of the newest slip angle that was used
+    lagged_tick: int  # up to which the way has been reckoned again with what was known later
     turns: tuple[Turn, ...]  # newest last
 
 
@@ -108,7 +112,9 @@ class RoverOdometry:
 
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
         """At a known pose in W [m, rad]."""
-        return OdometryMemory(tick=None, x=x, y=y, psi=psi, drift=0.0, slip_tick=-1, turns=())
+        return OdometryMemory(
+            tick=None, x=x, y=y, psi=psi, drift=0.0, newest_drift=0.0, slip_tick=-1, lagged_tick=-1, turns=()
+        )
 
     def step(
         self,
@@ -128,7 +134,8 @@ class RoverOdometry:
         speed = math.hypot(rolling.v_x, rolling.v_y)
         if speed > _STANDING:
             way = (kept[-1].way if kept else 0.0) + speed * elapsed
-            kept = (*kept, Turn(readings.tick, way, math.atan2(rolling.v_y, rolling.v_x)))
+            direction = math.atan2(rolling.v_y, rolling.v_x)
+            kept = (*kept, Turn(readings.tick, way, direction, moved.psi, moved.newest_drift))
         moved = moved._replace(tick=readings.tick, turns=kept)
         pose = RoverPose(tick=readings.tick, x=moved.x, y=moved.y, psi=moved.psi, drift=moved.drift, rolling=rolling)
         return moved, pose
@@ -152,7 +159,7 @@ class RoverOdometry:
         psi = memory.psi + rolling.yaw_rate * elapsed
         psi += (1.0 - math.exp(-elapsed / _HEADING_TIME)) * wrap(readings.heading - psi)
         middle = 0.5 * (memory.psi + psi)
-        c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.drift)
+        c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.newest_drift)
         # A wheel that goes aside still rolls its turns: what it goes along its heading is what its encoder counts.
         ahead, aside = rolling.v_x - t * rolling.v_y, rolling.v_y + t * rolling.v_x
         return memory._replace(
@@ -169,7 +176,23 @@ class RoverOdometry:
         measured = wrap(slip.value - pointed)
         since = _DRIFT_TIME if memory.slip_tick < 0 else (slip.tick - memory.slip_tick) * TICK
         share = 1.0 - math.exp(-since / _DRIFT_TIME)
-        return memory._replace(drift=memory.drift + share * (measured - memory.drift), slip_tick=slip.tick)
+        drift = memory.drift + share * (measured - memory.drift)
+        return _again(memory._replace(drift=drift, newest_drift=measured, slip_tick=slip.tick), slip)
+
+
+def _again(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
+    """The way since the last slip angle that was known later, reckoned again with the newest of them."""
+    tick, before = slip.lagged_tick, memory.lagged_tick
+    if tick is None or tick <= before:
+        return memory
+    memory = memory._replace(lagged_tick=tick)
+    ends = [turn for turn in memory.turns if turn.tick in (before, tick)]
+    if len(ends) != 2:  # it is the first one, or the rover stood meanwhile
+        return memory
+    then, way = ends[1], ends[1].way - ends[0].way
+    aside = way * (math.tan(wrap(slip.lagged_value - then.direction)) - math.tan(then.drift))
+    course = then.heading + then.direction
+    return memory._replace(x=memory.x - aside * math.sin(course), y=memory.y + aside * math.cos(course))
 
 
 def _pointed(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -113,3 +114,17 @@ def test_impossible_geometry_is_refused() -> None:
         RoverGeometry(
             wheelbase=0.6, tread=0.0, wheel_radius=0.1, effective_track=0.5, max_steer=0.0, max_wheel_speed=1.0
         )
+
+
+def test_what_is_known_later_mends_the_way() -> None:
+    """A slip of 6 degrees that is seen as none at first, and rightly two seconds later: the way ends as if known at once.
+
+    What is left are the two seconds that nothing has been known of later: 0.16 m times tan(6 deg), and a step.
+    """
+    alpha = math.radians(6.0)
+    odometry = RoverOdometry(STEERED)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, 20_001, STEP):
+        seen = dataclasses.replace(slip(tick, 0.0), lagged_tick=tick - 2000, lagged_value=alpha, lagged_std=0.01)
+        memory, pose = odometry.step(memory, readings(tick), seen if tick >= 2000 else None)
+    assert pose.y == pytest.approx((1.6 - 0.16) * math.tan(alpha), abs=0.01 * math.tan(alpha))
