@@ -181,7 +181,12 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
     if steered_ahead and not any(trailer.steered):
         return Unsteered(trailer)
     combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
-    return trailer_law(scenario.trailer_steering, trailer, combination, scenario.steering, degradation)
+    parameters = dict(scenario.steering)
+    if scenario.trailer_steering == "policy":
+        if scenario.policy.path is None:
+            raise ValueError("trailer_steering = policy: policy.path is missing, the file of its network")
+        parameters["path"] = scenario.policy.path
+    return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
 
 
 def _moved(

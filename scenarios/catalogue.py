@@ -21,6 +21,7 @@ TRAILER_STEERING: Final = {
     "mpc": "controllers.trailer_steering.mpc.law:Mpc",
     "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
     "virtual_driver": "controllers.trailer_steering.virtual_driver:VirtualDriver",
+    "policy": "controllers.trailer_steering.policy:Policy",
 }
 ODOMETRY: Final = {
     "circular": "estimators.stereo_odometry:CircularOdometry",

@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import typer
 
-from scenarios.commands import assess, calibrate, estimate, listing, reproduce, run, study, tune, validate, vehicle
+from scenarios.commands import (
+    assess,
+    calibrate,
+    estimate,
+    fit_surrogate,
+    listing,
+    reproduce,
+    run,
+    study,
+    tune,
+    validate,
+    vehicle,
+)
 
 app = typer.Typer(
     name="offtrack",
@@ -35,6 +47,7 @@ app.command(epilog=study.COMPARE_EXAMPLES)(study.compare)
 app.command(epilog=study.SWEEP_EXAMPLES)(study.sweep)
 app.command(epilog=tune.EXAMPLES)(tune.tune)
 app.command(epilog=reproduce.EXAMPLES)(reproduce.reproduce)
+app.command(name="fit-surrogate", epilog=fit_surrogate.EXAMPLES)(fit_surrogate.fit_surrogate)
 app.add_typer(estimate.app, name="estimate")
 
 

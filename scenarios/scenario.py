@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
 from scenarios.options.base import Options, quantity
@@ -28,6 +28,17 @@ Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
 Parameter = bool | int | float | str
 
 
+class PolicyOptions(Options):
+    """The trained network of ``trailer_steering=policy``."""
+
+    path: str | None = None  # its file, see controllers.trailer_steering.policy
+
+    @field_validator("path")
+    @classmethod
+    def _full_path(cls, path: str | None) -> str | None:
+        return None if path is None else str(Path(path).resolve())  # the resolved scenario runs from any folder
+
+
 class Scenario(Options):
     """One closed-loop run."""
 
@@ -39,6 +50,7 @@ class Scenario(Options):
     driver: DriverOptions = DriverOptions()
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
     steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
+    policy: PolicyOptions = PolicyOptions()
     off_tracking: str = "viso_ot"  # a known estimator (offtrack run --help lists them) or package.module:Name
     odometry: str = "keyframe"  # a known odometry or package.module:Name
     steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle

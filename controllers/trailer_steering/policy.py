@@ -1,0 +1,178 @@
+"""A trained policy as a steering law: a small network of plain arrays, with no learning framework behind it.
+
+The network was trained in the environment ``TrailerSteering`` and is given here what it was given there: the newest
+estimate, held until the next, and the combination's own sensors. A file holds, as ``.npz``,
+
+    W0, b0, W1, b1 ...   weights (n_out, n_in) and biases (n_out,), layer by layer, tanh between them
+    mean, scale          (n_features,) what is taken off every feature, and what the rest is divided by
+    features             (n_features,) their names, in order
+
+The last layer's result within -1 .. 1 is the demanded angle over the actuators' limit.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer_steering.limits import check_steered, reachable
+from estimators.estimates import Health, OffTracking
+from estimators.hitch_path import chord_lengths, crossing
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: where along the path from the follow point to the hitch one looks
+
+
+class Network(NamedTuple):
+    """A multilayer perceptron and the scaling of what goes in."""
+
+    weights: tuple[FloatArray, ...]
+    biases: tuple[FloatArray, ...]
+    mean: FloatArray
+    scale: FloatArray
+    features: tuple[str, ...]
+
+    def __call__(self, features: FloatArray) -> FloatArray:
+        """The action, within -1 .. 1."""
+        values = (features - self.mean) / self.scale
+        for weights, biases in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            values = np.tanh(weights @ values + biases)
+        return np.clip(self.weights[-1] @ values + self.biases[-1], -1.0, 1.0)
+
+
+def load_network(path: Path) -> Network:
+    """The network of a file.
+
+    Raises:
+        ValueError: one line, if there is none, or its arrays do not fit together.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"policy {path}: can not be read as .npz: {error}") from error
+    n = sum(name.startswith("W") for name in arrays)
+    needed = ["mean", "scale", "features", *(f"{kind}{k}" for k in range(max(n, 1)) for kind in "Wb")]
+    missing = [name for name in needed if name not in arrays]
+    if missing:
+        raise ValueError(f"policy {path}: has no {', '.join(missing)}")
+    network = Network(
+        tuple(arrays[f"W{k}"].astype(np.float64) for k in range(n)),
+        tuple(arrays[f"b{k}"].astype(np.float64) for k in range(n)),
+        arrays["mean"].astype(np.float64),
+        arrays["scale"].astype(np.float64),
+        tuple(str(name) for name in arrays["features"]),
+    )
+    _check(network, path)
+    return network
+
+
+def save_network(network: Network, path: Path) -> None:
+    """Writes a file that ``load_network`` reads."""
+    layers = {f"W{k}": weights for k, weights in enumerate(network.weights)}
+    layers |= {f"b{k}": biases for k, biases in enumerate(network.biases)}
+    np.savez(path, mean=network.mean, scale=network.scale, features=np.array(network.features), **layers)  # type: ignore[arg-type]  # its stubs take the layers for allow_pickle
+
+
+class PolicyMemory(NamedTuple):
+    """What the law carries from one step to the next."""
+
+    tick: int | None  # of the last step; None before the first
+    seen: tuple[float, ...] | None  # what the newest usable estimate said; None before the first
+    seen_tick: int  # its capture
+    demand: tuple[float, ...]  # last command [rad]
+
+
+class Policy:
+    """The angles that a trained network demands."""
+
+    def __init__(self, trailer: TrailerGeometry, *, combination: Combination, path: str) -> None:
+        """``path`` of the network's file.
+
+        Raises:
+            ValueError: one line, if the trailer has no steered axle, or the network is none for it.
+        """
+        check_steered("policy", trailer)
+        self._trailer, self._network = trailer, load_network(Path(path))
+        names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
+        if self._network.features != names:
+            raise ValueError(f"policy {path}: is for {', '.join(self._network.features)}, not for {', '.join(names)}")
+        if len(self._network.biases[-1]) != len(trailer.steered_distances):
+            raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")
+
+    def init(self) -> PolicyMemory:
+        """Nothing seen yet, wheels straight."""
+        return PolicyMemory(None, None, 0, (0.0,) * len(self._trailer.steered_distances))
+
+    def step(
+        self, memory: PolicyMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[PolicyMemory, SteerCommand]:
+        """New memory and command at ``tick``; nothing is commanded before the path is known."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        usable = off_tracking is not None and off_tracking.health is not Health.LOST
+        if off_tracking is not None and usable:
+            memory = memory._replace(seen=self._told(off_tracking), seen_tick=off_tracking.tick)
+        wanted = last = np.array(memory.demand)
+        if memory.seen is not None:
+            age = (tick - memory.seen_tick) * TICK
+            features = np.array([*memory.seen, age, float(usable), *self._felt(signals)])
+            wanted = self._trailer.max_steer * self._network(features)
+        demand = reachable(self._trailer, last, wanted, elapsed)
+        return memory._replace(tick=tick, demand=tuple(demand.tolist())), SteerCommand(angles=demand)
+
+    def _told(self, seen: OffTracking) -> tuple[float, ...]:
+        """What the estimate says, as features."""
+        s = chord_lengths(seen.path)
+        passed = crossing(seen.path, s, -self._trailer.follow_distance)
+        back = s[-1] if passed is None else passed.s
+        stations = back - self._trailer.follow_distance * np.array(AHEAD)
+        ahead = np.interp(stations, s, seen.path[:, 1])
+        return (seen.value, seen.path_tangent, *ahead.tolist(), seen.v_x, seen.v_y, seen.yaw_rate)
+
+    def _felt(self, signals: CombinationSignals) -> tuple[float, ...]:
+        """What the combination's own sensors say, as features."""
+        own = (*signals.angles.tolist(), signals.steer, signals.speed)
+        turning = (*signals.articulation.tolist(), *signals.yaw_rates.tolist())
+        return (*own, *turning, self._trailer.follow_distance)
+
+
+def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
+    """Names of what a network for such a trailer is given, in order."""
+    return (
+        "off_tracking",
+        "path_direction",
+        *(f"path_{share:g}_ahead" for share in AHEAD),
+        "hitch_v_x",
+        "hitch_v_y",
+        "trailer_yaw_rate",
+        "age",
+        "usable",
+        *(f"steer_trailer_{k + 1}" for k in range(n_steered)),
+        "steer_tractor",
+        "speed",
+        *(f"articulation_{k + 1}" for k in range(len(units) - 1)),
+        *(f"yaw_rate_{name}" for name in units),
+        "follow_distance",
+    )
+
+
+def _check(network: Network, path: Path) -> None:
+    """Refuses layers that do not fit together, and numbers that are none."""
+    size = len(network.features)
+    if network.mean.shape != (size,) or network.scale.shape != (size,) or not np.all(network.scale > 0.0):
+        raise ValueError(f"policy {path}: mean and scale must be of {size} numbers, scale above 0")
+    for k, (weights, biases) in enumerate(zip(network.weights, network.biases, strict=True)):
+        if weights.ndim != 2 or weights.shape != (len(biases), size):
+            raise ValueError(f"policy {path}: W{k} of shape {weights.shape} must be ({len(biases)}, {size})")
+        size = len(biases)
+    numbers = (*network.weights, *network.biases, network.mean, network.scale)
+    if not all(math.isfinite(float(np.sum(array))) for array in numbers):
+        raise ValueError(f"policy {path}: has numbers that are not finite")

@@ -1,0 +1,102 @@
+"""What differs from episode to episode, as data: ranges to draw from, and what has been drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from vehicle.frames import FloatArray
+from vehicle.parameter_file import nearest
+
+Range = tuple[float, float]  # values from the first to the second, all equally likely
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Domain:
+    """What an episode's circumstances are drawn from.
+
+    Raises:
+        ValueError: if a range is empty or leaves its limits.
+    """
+
+    friction: Range = (0.2, 0.9)  # of tyre and ground: ice with grit to dry asphalt [-]
+    cross_fall: Range = (-0.025, 0.05)  # falls away from a roundabout's middle, or to the right [-]
+    speed: Range = (1.4, 5.6)  # set speed: 5 to 20 km/h; lower where friction does not carry it round [m/s]
+    load: Range = (0.4, 1.0)  # mass of the trailer, over that in its file [-]
+    length: Range = (0.85, 1.05)  # of the trailer, over that in its file [-]
+    actuator_lag: Range = (0.7, 1.5)  # of the trailer's steering, over that in its file [-]
+    sensor_error: Range = (0.5, 1.5)  # of surrogate and encoders, over the usual one [-]
+
+    def __post_init__(self) -> None:
+        drawn_within(self, _LIMITS)
+
+    def drawn(self, uniform: FloatArray) -> Circumstances:
+        """Circumstances of k episodes from numbers (k, 7) within 0 .. 1, one column for each field."""
+        ranges = np.array([getattr(self, field.name) for field in fields(self)])
+        values = ranges[:, 0] + uniform * (ranges[:, 1] - ranges[:, 0])
+        return Circumstances(*values.T)
+
+
+class Circumstances(NamedTuple):
+    """Those of k episodes, (k,) each; as in ``Domain``."""
+
+    friction: FloatArray
+    cross_fall: FloatArray
+    speed: FloatArray
+    load: FloatArray
+    length: FloatArray
+    actuator_lag: FloatArray
+    sensor_error: FloatArray
+
+
+N_DRAWN = len(Circumstances._fields)
+_LIMITS = {
+    "friction": (0.05, 1.5),
+    "cross_fall": (-0.2, 0.2),
+    "speed": (0.5, 35.0),
+    "load": (0.1, 2.0),
+    "length": (0.5, 1.5),
+    "actuator_lag": (0.1, 10.0),
+    "sensor_error": (0.0, 10.0),
+}
+
+
+D = TypeVar("D")
+
+
+def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None:
+    """Refuses ranges that leave their limits.
+
+    Raises:
+        ValueError: if one does.
+    """
+    for name, (least, most) in limits.items():
+        low, high = getattr(domain, name)
+        if not least <= low <= high <= most:
+            raise ValueError(f"{name} = {low:g} .. {high:g} must be a range within {least:g} .. {most:g}")
+
+
+def narrowed(domain: D, options: Mapping[str, Any], others: tuple[str, ...] = ()) -> D:
+    """The domain with some of it given, each as a number or as a range of two; ``others`` are known besides.
+
+    Raises:
+        ValueError: if there is no such thing, or a value leaves its limits.
+    """
+    known = [field.name for field in fields(domain)]  # type: ignore[arg-type]  # every domain is a dataclass
+    for name in options:
+        if name not in known:
+            raise ValueError(f"option '{name}' is none of an episode's{nearest(name, (*known, *others))}")
+    ranges = {name: _range(name, value) for name, value in options.items()}
+    changed: D = replace(domain, **ranges)  # type: ignore[type-var]  # likewise
+    return changed
+
+
+def _range(name: str, value: Any) -> Range:
+    if isinstance(value, int | float):
+        return float(value), float(value)
+    if isinstance(value, Sequence) and len(value) == 2:
+        return float(value[0]), float(value[1])
+    raise ValueError(f"option {name} = {value!r} must be a number, or two: from, to")

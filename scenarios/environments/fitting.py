@@ -1,0 +1,122 @@
+"""Fits the surrogate of an off-tracking estimator to the errors of runs in which the real one was looked at."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import tomli_w
+
+from scenarios.environments.surrogate import SurrogateParameters
+from scenarios.metrics import LOST, estimate_error
+from vehicle.frames import FloatArray
+
+_REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators that look through cameras
+_LEAST_FRAMES = 50  # of a run: fewer say nothing of what drifts
+_LAGS = 20  # frames over which a drift's correlation is looked at: two seconds
+_VELOCITY_NOISE, _YAW_RATE_NOISE = 0.01, 0.002  # see the sources below [m/s], [rad/s]
+_SHORTEST = 0.1  # [s]: a frame
+
+
+class RunErrors(NamedTuple):
+    """What one run has to say."""
+
+    error: FloatArray  # of every frame with health from the first of them on, NaN where it was lost [m]
+    interval: float  # between frames [s]
+
+
+def run_errors(directory: Path) -> RunErrors:
+    """The errors of the run in this directory.
+
+    Raises:
+        ValueError: one line, if it is no run with an estimator that looks through cameras, or a short one.
+    """
+    import pyarrow.parquet
+
+    scenario = directory / "scenario.toml"
+    if not scenario.is_file():
+        raise ValueError(f"{directory}: no scenario.toml: not a run's directory")
+    estimator = tomllib.loads(scenario.read_text(encoding="utf-8")).get("off_tracking")
+    if estimator not in _REAL:
+        raise ValueError(f"{directory}: off_tracking = {estimator} is none of {', '.join(_REAL)}")
+    names = ["time", "off_tracking_estimate", "off_tracking_true", "health"]
+    table = pyarrow.parquet.read_table(directory / "signals.parquet", columns=names)
+    time, estimate, truth, health = (table[name].to_numpy().astype(np.float64) for name in names)
+    frames = np.flatnonzero(np.isfinite(health) & np.isfinite(truth))
+    error = estimate_error(estimate, truth, health)[frames]
+    there = np.flatnonzero(health[frames] < LOST)
+    if len(there) < _LEAST_FRAMES:
+        raise ValueError(f"{directory}: has {len(there)} estimates, must have {_LEAST_FRAMES} at least")
+    return RunErrors(error[there[0] :], float(np.median(np.diff(time[frames]))))
+
+
+def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
+    """Parameters of the surrogate whose errors have the moments of the runs' errors.
+
+    Of every run its mean is the bias; the rest correlates from frame to frame as drift does, and what does not
+    correlate at all is the noise of single frames.
+
+    Raises:
+        ValueError: if there is no run.
+    """
+    if not runs:
+        raise ValueError("no run to fit to")
+    biases = np.array([float(np.nanmean(run.error)) for run in runs])
+    interval = float(np.mean([run.interval for run in runs]))
+    correlation = _autocovariance([run.error - bias for run, bias in zip(runs, biases, strict=True)])
+    drift, drift_time = _exponential(correlation[1:], interval)
+    lost, losses, time = 0, 0, 0.0
+    for run in runs:
+        gone = ~np.isfinite(run.error)
+        lost += int(gone.sum())
+        losses += int((gone[1:] & ~gone[:-1]).sum())
+        time += int((~gone).sum()) * interval
+    return SurrogateParameters(
+        bias=float(np.sqrt(np.mean(biases**2))),
+        drift=math.sqrt(drift),
+        drift_time=drift_time,
+        noise=math.sqrt(max(float(correlation[0]) - drift, 0.0)),
+        loss_rate=(losses + 0.5) / time,  # half a loss more than seen: runs without one do not mean never
+        loss_duration=max(lost / losses, 1.0) * interval if losses else interval,
+        velocity_noise=_VELOCITY_NOISE,
+        yaw_rate_noise=_YAW_RATE_NOISE,
+    )
+
+
+def surrogate_toml(parameters: SurrogateParameters, runs: int, frames: int) -> str:
+    """A file of the parameters with their source."""
+    fit = f"fitted to {frames} frames of {runs} runs with cameras, by offtrack fit-surrogate"
+    assumed = "assumed: some millimetres and hundredths of a degree of odometry over a frame of 0.1 s"
+    table = {
+        name: {"value": float(f"{getattr(parameters, name):.4g}"), "source": assumed if "_noise" in name else fit}
+        for name in SurrogateParameters.__dataclass_fields__
+    }
+    return tomli_w.dumps(table)
+
+
+def _autocovariance(errors: Sequence[FloatArray]) -> FloatArray:
+    """Mean product of errors so many frames apart, 0 first, over all runs."""
+    found = np.empty(_LAGS)
+    for lag in range(_LAGS):
+        products = [error[lag:] * error[: len(error) - lag] for error in errors]
+        found[lag] = np.nanmean(np.concatenate(products))
+    return found
+
+
+def _exponential(covariance: FloatArray, interval: float) -> tuple[float, float]:
+    """Variance and time constant [s] of an exponential through covariances that begin one frame apart.
+
+    Least squares on the logarithms of those that are above a tenth of the first: the tail is noise.
+    """
+    if covariance[0] <= 0.0:
+        return 0.0, _SHORTEST
+    below = np.flatnonzero(covariance < 0.1 * covariance[0])
+    used = covariance[: max(2, below[0] if len(below) else len(covariance))]
+    used = np.maximum(used, 1e-3 * covariance[0])
+    lags = interval * np.arange(1, len(used) + 1)
+    slope, level = np.polyfit(lags, np.log(used), 1)
+    return math.exp(level), max(-1.0 / min(slope, -1e-2), _SHORTEST)

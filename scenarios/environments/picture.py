@@ -1,0 +1,81 @@
+"""An episode from above, north up, as a picture of 600 by 600 pixels around the tractor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.canvas import INK, SHIFT, SOFT, TRUE, Picture, blank, curve, fixed_point, write
+from scenarios.courses import Course
+from scenarios.swept_path import UnitOutline, placed, placed_wheels
+from vehicle.description import Vehicle
+from vehicle.frames import FloatArray
+
+_SIZE = 600  # [px]
+_SCALE = 12.0  # [px/m]: 50 m, three combinations long
+_ROAD, _BODY = (236, 239, 241), (250, 251, 252)
+_BAY, _MARGIN = 6.0, 0.3  # length of a bay's lines, and its room to either side [m]
+_BACK = 6.0  # the middle of the picture behind the tractor's rear axle [m]
+
+
+class Onlooker:
+    """Draws units on their courses."""
+
+    def __init__(self, units: tuple[UnitOutline, ...], courses: Sequence[Course]) -> None:
+        """Of these outlines; every lane on the first course until it begins."""
+        self._units, self._courses = units, courses
+        self._course: dict[int, int] = {}
+
+    def begin(self, lanes: NDArray[np.intp], course: NDArray[np.intp]) -> None:
+        """New courses for these lanes."""
+        self._course.update(zip(lanes.tolist(), course.tolist(), strict=True))
+
+    def picture(
+        self,
+        lane: int,
+        poses: FloatArray,
+        steer: tuple[FloatArray, ...],
+        caption: str,
+        *,
+        goal: FloatArray | None = None,
+    ) -> Picture:
+        """Units at these poses (N, 3), their axles at these angles [rad]; a ``goal`` x, y, psi for the last one."""
+        course = self._courses[self._course.get(lane, 0)]
+        picture = blank(_SIZE, _SIZE)
+        x, y, psi = poses[0]
+        centre = np.array([x - _BACK * np.cos(psi), y - _BACK * np.sin(psi)])
+        width = round(2.0 * course.road_half_width * _SCALE)
+        curve(picture, _pixels(course.centreline, centre), _ROAD, width)
+        curve(picture, _pixels(course.path.points(0.5), centre), TRUE, 1)
+        for unit, pose, angles in zip(self._units, poses, steer, strict=True):
+            body = _pixels(placed(unit.corners, pose[None])[0], centre)
+            cv2.fillConvexPoly(picture, fixed_point(body), _BODY, cv2.LINE_AA, SHIFT)
+            for wheel in placed_wheels(unit, pose[None], angles[None])[0]:
+                cv2.fillConvexPoly(picture, fixed_point(_pixels(wheel, centre)), INK, cv2.LINE_AA, SHIFT)
+            curve(picture, body, INK, 1, closed=True)
+        if goal is not None:
+            self._goal(picture, goal, centre)
+        write(picture, caption, (12, 10), colour=SOFT)
+        return picture
+
+    def _goal(self, picture: Picture, goal: FloatArray, centre: FloatArray) -> None:
+        """A bay that the last unit fits in, its end at the goal."""
+        last = self._units[-1]
+        bay = np.array([[_BAY, 1.0], [0.0, 1.0], [0.0, -1.0], [_BAY, -1.0]]) * [1.0, 0.5 * last.width + _MARGIN]
+        curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
+
+
+def _pixels(points: FloatArray, centre: FloatArray) -> FloatArray:
+    pixels: FloatArray = 0.5 * _SIZE + _SCALE * np.array([1.0, -1.0]) * (points - centre)
+    return pixels
+
+
+def axle_angles(vehicle: Vehicle, steered: FloatArray) -> tuple[FloatArray, ...]:
+    """Angles of every unit's axles [rad], of those of all steered axles, front to rear."""
+    angles, found = iter(steered.tolist()), []
+    for unit in vehicle.units:
+        found.append(np.array([next(angles) if axle.steered else 0.0 for axle in unit.axles]))
+    return tuple(found)

@@ -1,0 +1,39 @@
+"""Courses by name for environments: those of the scenarios, and smooth ones that a number decides."""
+
+from __future__ import annotations
+
+import math
+
+from scenarios.adapters import course_of
+from scenarios.courses import Course, Turn, turns
+from scenarios.randomness import stream
+from scenarios.scenario import load_scenario
+from vehicle.description import Vehicle
+
+_RANDOM = "random-"
+_TURNS = 5  # 150 m on average: a minute at 10 km/h
+_ENTRY = 10.0  # [m]
+
+
+def named_course(name: str, vehicle: Vehicle) -> Course:
+    """The course of a scenario's name or file, or ``random-K``: five smooth turns that the number K decides.
+
+    Raises:
+        ValueError: one line, if there is no such course.
+    """
+    if not name.startswith(_RANDOM):
+        return course_of(load_scenario(name), vehicle)
+    number = name.removeprefix(_RANDOM)
+    if not number.isdigit():
+        raise ValueError(f"course {name}: must be random-K with a whole number K")
+    rng, tractor = stream(int(number), "course"), vehicle.units[0]
+    sequence = [
+        Turn(
+            direction="left" if rng.random() < 0.5 else "right",
+            radius=float(rng.uniform(11.0, 40.0)),
+            angle=math.radians(float(rng.uniform(30.0, 150.0))),
+            straight=float(rng.uniform(2.0, 20.0)),
+        )
+        for _ in range(_TURNS)
+    ]
+    return turns(front_x=tractor.front_x, width=tractor.width, sequence=sequence, entry=_ENTRY)

@@ -1,0 +1,79 @@
+"""One episode as a gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.canvas import Picture
+from scenarios.environments.core import Core
+from scenarios.environments.window import Window
+
+RenderMode = Literal["rgb_array", "human"]
+_ONLY = np.zeros(1, dtype=np.intp)
+
+
+class SingleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A core of one episode; ``build`` makes it, so that a copy or another process makes its own."""
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012  # as gymnasium declares it
+
+    def __init__(self, build: Callable[[int], Core], render_mode: RenderMode | None = None) -> None:
+        """``build(n)`` returns a core of n episodes.
+
+        Raises:
+            ValueError: one line, if an option does not fit.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode = '{render_mode}' must be one of rgb_array, human")
+        self._build = build
+        self.core = build(1)
+        self.render_mode = render_mode
+        self._window: Window | None = None
+        self.metadata = {**self.metadata, "render_fps": round(self.core.control_rate)}
+        self.action_space, self.observation_space = self.core.action_space, self.core.observation_space
+
+    def __reduce__(self) -> tuple[type[SingleEnv], tuple[Any, ...]]:
+        return (type(self), (self._build, self.render_mode))  # an episode does not travel: it begins anew
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """A new episode; see the environment's page for the options."""
+        super().reset(seed=seed)
+        self.core.begin(_ONLY, [self.np_random], options or {})
+        self._show()
+        return self.core.observe()[0], self._info()
+
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """A control step."""
+        told = self.core.step(np.asarray(action, dtype=np.float32)[None])
+        info = self._info()
+        if told.outcome[0]:
+            info["outcome"] = told.outcome[0]
+        self._show()
+        ended, cut = bool(told.terminated[0]), bool(told.truncated[0])
+        return self.core.observe()[0], float(told.reward[0]), ended, cut, info
+
+    def render(self) -> Picture | None:
+        """The episode from above, for ``rgb_array``."""
+        return self.core.picture(0) if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _info(self) -> dict[str, Any]:
+        return {name: values[0].item() for name, values in self.core.info().items()}
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = Window("offtrack")
+            self._window.show(self.core.picture(0))

@@ -1,0 +1,97 @@
+"""Environments: steps a second on one core, a long run of random steps, and processes of their own."""
+
+from __future__ import annotations
+
+import resource
+import time
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import scenarios.gym_env
+from vehicle.engine.compiler import compiler
+
+TRAILER = "offtrack/TrailerSteering-v0"
+NAMES = [f"offtrack/{name}" for name in scenarios.gym_env.CORES]
+N = 1024
+
+
+def best(run: Any, repetitions: int) -> float:
+    """Processor time of the fastest of some runs [s]: what others do on the machine makes it longer, never shorter."""
+    times = []
+    for _ in range(repetitions):
+        begin = time.process_time()
+        run()
+        times.append(time.process_time() - begin)
+    return min(times)
+
+
+@pytest.mark.parametrize(
+    ("engine", "least"), [("compiled", 150_000), ("interpreted", 25_000)], ids=["compiled", "interpreted"]
+)
+def test_a_thousand_trailers_are_stepped_fast_enough_to_learn_from(engine: str, least: int) -> None:
+    """Environment steps of 20 ms a second, full slip model, surrogate, driver, rewards and info included."""
+    if engine == "compiled" and compiler() is None:
+        pytest.skip("there is no C compiler")
+    many = gymnasium.make_vec(TRAILER, num_envs=N, engine=engine)
+    many.reset(seed=1)
+    action = np.random.default_rng(1).uniform(-0.1, 0.1, many.action_space.shape).astype(np.float32)
+    rate = N / best(lambda: many.step(action), 60 if engine == "compiled" else 20)
+    print(f"{rate:.0f} environment steps a second, {engine}")
+    assert rate >= least
+
+
+def test_a_single_trailer_is_stepped_fast_enough() -> None:
+    """The same for one."""
+    if compiler() is None:
+        pytest.skip("there is no C compiler")
+    one = gymnasium.make(TRAILER, disable_env_checker=True).unwrapped
+    one.reset(seed=1)
+    action = np.zeros(one.action_space.shape, dtype=np.float32)  # type: ignore[arg-type]  # a box has a shape
+
+    def second() -> None:
+        for _ in range(50):
+            one.step(action)
+
+    rate = 50 / best(second, 20)
+    print(f"{rate:.0f} environment steps a second, one environment")
+    assert rate >= 5_000
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_hundred_thousand_random_steps_are_finite_and_need_no_more_memory(name: str) -> None:
+    """Whatever is demanded, over many episodes; memory after the first tenth stays within 20 MB."""
+    n = 8 if "Rover" in name else 20  # few enough for episodes to end: they last a minute
+    many = gymnasium.make_vec(name, num_envs=n)
+    many.action_space.seed(1)
+    many.reset(seed=1)
+    ended, after_a_tenth = 0, 0
+    rounds = 100_000 // n
+    for k in range(rounds):
+        seen, reward, terminated, truncated, info = many.step(many.action_space.sample())
+        assert np.isfinite(seen).all()
+        assert np.isfinite(reward).all()
+        assert all(np.isfinite(values).all() for name, values in info.items() if values.dtype == np.float64), info
+        ended += int((terminated | truncated).sum())
+        if k == rounds // 10:
+            after_a_tenth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert ended > 0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - after_a_tenth < 20_000  # [kB]
+
+
+def test_single_environments_run_in_processes_of_their_own() -> None:
+    """Spawned, not forked: everything an environment needs travels, or is made anew."""
+    made = gymnasium.make_vec(
+        "scenarios.gym_env:offtrack/TrailerSteering-v0",
+        num_envs=2,
+        vectorization_mode="async",
+        vector_kwargs={"context": "spawn"},
+    )
+    try:
+        seen, _ = made.reset(seed=1)
+        further, *_ = made.step(np.zeros(made.action_space.shape, dtype=np.float32))  # type: ignore[arg-type]
+    finally:
+        made.close()
+    assert seen.shape == further.shape == (2, 18)

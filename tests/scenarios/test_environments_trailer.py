@@ -1,0 +1,274 @@
+"""The physics of environments: that of the scenarios, whatever the number of vehicles."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import scenarios.gym_env
+from controllers.driver import PERIOD, PreviewDriver
+from scenarios.adapters import course_of, tractor_geometry
+from scenarios.environments import endings, rewards
+from scenarios.environments.domain import N_DRAWN, Domain, narrowed
+from scenarios.environments.encoders import Encoders
+from scenarios.environments.fleet import Fleet, Ground, Seen
+from scenarios.environments.hitch_paths import HitchPaths
+from scenarios.environments.moment import Moment
+from scenarios.environments.movers import Rolling
+from scenarios.environments.road import named_course
+from scenarios.environments.variation import Variation
+from scenarios.metrics import true_off_tracking
+from scenarios.scenario import load_scenario
+from sensors.navigation import DriverPerception
+from vehicle.clock import to_ticks
+from vehicle.description import load_vehicle
+from vehicle.frames import Pose2
+from vehicle.plant import Plant, VehicleCommand
+from vehicle.surface import Surface
+from vehicle.symbolic import numbers
+
+VEHICLE = load_vehicle("uk_longer_semitrailer")
+STEP = to_ticks(PERIOD, "period")
+NOMINAL = {"cross_fall": 0.0, "load": 1.0, "length": 1.0, "actuator_lag": 1.0, "sensor_error": 0.0}
+
+
+def drawn(**values: float) -> Any:
+    """Circumstances of one episode."""
+    domain = narrowed(Domain(), {**NOMINAL, "friction": 0.8, "speed": 3.0, **values})
+    return domain.drawn(np.zeros((1, N_DRAWN)))
+
+
+def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
+    """Twelve seconds into a roundabout with cross-fall at 20 km/h, trailer axles straight, against plant and driver.
+
+    The course is a table here and its project one step of Newton's: some hundredths of a millimetre. Off-tracking is
+    told from points 0.1 m apart: a tenth of a millimetre on a circle of 10 m.
+    """
+    course = course_of(load_scenario("roundabout"), VEHICLE)
+    plant = Plant(VEHICLE, Surface(friction=0.6, cross_fall=0.03, centre=course.surface_centre))
+    speed = math.sqrt(0.5 * 9.81 * 0.6 / (1.0 / 12.5))
+    driver = PreviewDriver(tractor_geometry(VEHICLE, course), course.path, min(speed, 5.0))
+    state, memory = plant.initial_state(course.start, min(speed, 5.0)), driver.init()
+    env = gymnasium.make("offtrack/TrailerSteering-v0", observation="truth", disable_env_checker=True)
+    given = {**NOMINAL, "cross_fall": 0.03, "friction": 0.6, "speed": 5.0, "course": "roundabout"}
+    env.reset(seed=1, options=given)
+    core = env.unwrapped.core  # type: ignore[attr-defined]
+    poses, told = [], []
+    for k in range(600):
+        truth = plant.observe(state, k * STEP)
+        poses.append(truth.poses[1])
+        memory, demand = driver.step(memory, k * STEP, DriverPerception().sample(truth))
+        state = plant.step(state, VehicleCommand(*demand, trailer_steer=(0.0, 0.0)), STEP)
+        *_, info = env.step(np.zeros(2, dtype=np.float32))
+        told.append(info["off_tracking"])
+    true = true_off_tracking(*np.array([*poses, plant.observe(state, 0).poses[1]]).T, 14.0)[1:]
+    assert core._seen.poses[0] == pytest.approx(plant.observe(state, 0).poses, abs=1e-3)
+    assert np.nanmax(np.abs(true)) > 1.0
+    assert np.array(told)[np.isfinite(true)] == pytest.approx(true[np.isfinite(true)], abs=2e-3)
+
+
+def test_left_and_right_are_mirror_images() -> None:
+    """On the mirrored roundabout every lateral quantity of the observation flips, and nothing else does."""
+    seen = []
+    for course, side in (("roundabout", 1.0), ("roundabout-right", -1.0)):
+        env = gymnasium.make("offtrack/TrailerSteering-v0", observation="truth", disable_env_checker=True)
+        env.reset(seed=1, options={**NOMINAL, "friction": 0.3, "speed": 3.0, "course": course, "cross_fall": 0.02})
+        for _ in range(600):
+            observation, *_ = env.step(np.array([-0.2, -0.5], dtype=np.float32) * np.float32(side))
+        seen.append(observation)
+        names = [feature.name for feature in env.unwrapped.core.features]  # type: ignore[attr-defined]
+    even = {"hitch_v_x", "age", "usable", "speed", "follow_distance"}
+    flipped = np.where([name in even for name in names], 1.0, -1.0) * seen[1]
+    assert np.abs(seen[0][0]) > 0.1  # it does something
+    assert flipped == pytest.approx(seen[0], abs=1e-5)  # rounding of 32 bits
+
+
+def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
+    """Two vehicles of other numbers on other ground in one fleet, against a plant for each, over two seconds."""
+    variation, fleet = Variation(VEHICLE), Fleet(VEHICLE, 2, "auto")
+    loads, frictions = [1.0, 0.5], [0.8, 0.3]
+    both = [drawn(load=load) for load in loads]
+    rows = np.concatenate([variation.numbers(one) for one in both])
+    ground = Ground(np.array(frictions), np.array([0.0, 0.04]), np.full((2, 2), np.nan))
+    fleet.place(np.arange(2), rows, ground, np.array([3.0, 6.0]))
+    demand = (np.full(2, 0.2), np.full(2, 0.3), np.full((2, 2), -0.1))
+    for _ in range(100):
+        seen = fleet.step(*demand, STEP)
+    for k, (load, friction) in enumerate(zip(loads, frictions, strict=True)):
+        trailer = VEHICLE.units[1]
+        lighter = {"mass": load * trailer.mass, "yaw_inertia": load * trailer.yaw_inertia}
+        own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
+        assert rows[k] == pytest.approx(numbers(own), rel=1e-12)
+        plant = Plant(own, Surface(friction=friction, cross_fall=[0.0, 0.04][k]))
+        state = plant.initial_state(course_of(load_scenario("roundabout"), VEHICLE).start, [3.0, 6.0][k])
+        for _ in range(100):
+            state = plant.step(state, VehicleCommand(0.2, 0.3, (-0.1, -0.1)), STEP)
+        assert seen.poses[k] == pytest.approx(plant.observe(state, 0).poses, abs=1e-9)  # rounding over 2000 ticks
+
+
+def test_a_fleet_starts_leaning_as_the_ground_does() -> None:
+    """On conical ground a plant's bodies rest on their springs with the load of the lower side's wheels larger."""
+    centre = (10.0, 20.0)
+    plant = Plant(VEHICLE, Surface(friction=0.8, cross_fall=0.04, centre=centre))
+    truth = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 0)
+    fleet, one = Fleet(VEHICLE, 2, "auto"), drawn(cross_fall=0.04)
+    ground = Ground(one.friction, one.cross_fall, np.array([centre]))
+    seen = fleet.place(np.array([1]), Variation(VEHICLE).numbers(one), ground, one.speed)
+    assert abs(truth.load_transfer[1]) > 0.01
+    assert seen.load_transfer[1] == pytest.approx(truth.load_transfer, abs=1e-9)
+
+
+def test_encoders_err_throughout_an_episode_as_much_as_their_data_sheet_says() -> None:
+    """Biases of 0.1 deg and 0.1 deg/s, 1 sigma, over 500 episodes; 3 sigma of such a sample's deviation are 10 %."""
+    encoders, n = Encoders(500, 2), 500
+    encoders.begin(np.arange(n), [np.random.default_rng(k) for k in range(n)], np.ones(n))
+    seen = Seen(np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
+    articulation, yaw_rates = encoders.read(seen)
+    assert np.degrees(articulation.std()) == pytest.approx(0.1, rel=0.1)
+    assert np.degrees(yaw_rates.std()) == pytest.approx(0.1, rel=0.1)
+    assert np.array_equal(encoders.read(seen)[0], articulation)
+
+
+def test_a_longer_trailer_is_longer_everywhere() -> None:
+    """Its follow point, end and axles move back by the same way, and the hitch keeps its share of the load."""
+    variation = Variation(VEHICLE)
+    row, nominal = variation.numbers(drawn(length=1.05))[0], numbers(VEHICLE)
+    assert variation.follow_distance(drawn(length=1.05)) == pytest.approx([14.7])
+    assert sorted(set(np.round((nominal - row)[np.isclose(nominal - row, 0.7)], 6))) == [0.7]
+    assert np.isclose(nominal - row, 0.7).sum() == 7  # three axles, two centres of their wheels' axes, point and end
+
+
+def test_off_tracking_beside_a_circle_is_the_closed_form() -> None:
+    """A point straight behind the hitch, heading along the tangent: the circle lies R - sqrt(R^2 - L^2) inside.
+
+    Points of the path are 0.1 m apart: a chord between two of them would be 0.01/(8 R) = 0.125 mm inside the circle.
+    They lie on chords of 0.03 m that are 0.01 mm inside, which 1/cos of the path's direction makes 0.02 mm.
+    """
+    radius, length = 10.0, 8.0
+    angles = np.arange(0.0, 2.0, 0.003)
+    poses = np.column_stack([radius * np.sin(angles), radius * (1.0 - np.cos(angles)), angles])
+    paths = HitchPaths(1, 14.0)
+    paths.begin(np.arange(1), poses[:1], np.array([length]))
+    for pose in poses[1:]:
+        beside = paths.step(pose[None])
+    assert beside.offset[0] == pytest.approx(radius - math.sqrt(radius**2 - length**2), abs=3e-5)
+    assert beside.direction[0] == pytest.approx(
+        -math.asin(length / radius), abs=1e-3
+    )  # 0.01 mm over a chord of 0.1 m, ten times
+
+
+def test_two_trailers_remember_paths_of_their_own() -> None:
+    """Straight ahead nothing lies beside, whatever the other does and wherever it goes."""
+    paths = HitchPaths(2, 14.0)
+    paths.begin(np.arange(2), np.zeros((2, 3)), np.array([14.0, 10.0]))
+    for k in range(1, 400):
+        turned = 0.01 * k
+        beside = paths.step(
+            np.array([[0.1 * k, 0.0, 0.0], [10.0 * math.sin(turned), 10.0 - 10.0 * math.cos(turned), turned]])
+        )
+    assert beside.offset[0] == pytest.approx(0.0, abs=1e-12)
+    assert abs(beside.offset[1]) > 3.0
+
+
+def test_options_narrow_the_domain_without_changing_the_rest_of_the_draw() -> None:
+    """The same seed with one thing given keeps all else, so that its effect alone is seen."""
+    uniform = np.random.default_rng(1).random((1, N_DRAWN))
+    wide = Domain().drawn(uniform)
+    given = narrowed(Domain(), {"friction": 0.3}).drawn(uniform)
+    assert given.friction == pytest.approx([0.3])
+    assert given._replace(friction=wide.friction) == wide
+
+
+def test_the_domain_is_reached_from_end_to_end() -> None:
+    """A range is drawn from evenly: the extremes of a thousand draws are within a hundredth of its ends."""
+    values = Domain().drawn(np.random.default_rng(1).random((1000, N_DRAWN)))
+    for name, column in values._asdict().items():
+        low, high = getattr(Domain(), name)
+        assert column.min() == pytest.approx(low, abs=0.01 * (high - low))
+        assert column.max() == pytest.approx(high, abs=0.01 * (high - low))
+
+
+def test_random_courses_are_decided_by_their_number() -> None:
+    """The same number is the same course, another one another."""
+    first, again, other = (named_course(name, VEHICLE) for name in ("random-3", "random-3", "random-4"))
+    assert first.path == again.path
+    assert first.path != other.path
+    assert first.length > 30.0
+
+
+def moment(**values: Any) -> Moment:
+    """A moment of one combination at which all is well, but for ``values``."""
+    fine = Moment(
+        off_tracking=np.zeros(1),
+        turn=np.zeros(1),
+        steer_rate=np.zeros((1, 2)),
+        articulation=np.zeros((1, 1)),
+        load_transfer=np.zeros((1, 2)),
+        beside_road=np.zeros(1),
+        speed=np.ones(1),
+        finite=np.ones(1, dtype=bool),
+    )
+    return fine._replace(**values)
+
+
+def test_rewards_cost_nothing_where_all_is_well_and_are_told_in_their_units() -> None:
+    """Each part by hand; a left turn whose path lies left of the follow point has it outside."""
+    for part in (rewards.follow_error, rewards.tail_swing, rewards.kerb, rewards.steer_effort):
+        assert part(moment())[0] == 0.0
+    assert rewards.follow_error(moment(off_tracking=np.array([0.2])))[0] == pytest.approx(-0.04)
+    assert rewards.follow_error(moment(off_tracking=np.array([50.0])))[0] == pytest.approx(-9.0)
+    outside = moment(off_tracking=np.array([0.2]), turn=np.array([0.1]))
+    assert rewards.tail_swing(outside)[0] == pytest.approx(-0.2)
+    assert rewards.tail_swing(outside._replace(turn=-outside.turn))[0] == 0.0
+    assert rewards.kerb(moment(off_tracking=np.array([-0.6])))[0] == -1.0
+    assert rewards.steer_effort(moment(steer_rate=np.array([[0.1, 0.3]])))[0] == pytest.approx(-0.05)
+    both = rewards.weighted({rewards.kerb: 2.0, rewards.follow_error: 1.0})
+    assert both(moment(off_tracking=np.array([1.0])))[0] == pytest.approx(-3.0)
+
+
+def test_endings_are_met_at_their_limits() -> None:
+    """And not before."""
+    for ending, name, harmless, bad in (
+        (endings.jackknifed, "articulation", [[1.5]], [[-1.6]]),
+        (endings.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),
+        (endings.left_the_road, "beside_road", [4.4], [-4.6]),
+        (endings.diverged, "finite", [True], [False]),
+    ):
+        assert not ending(moment(**{name: np.array(harmless)}))[0]
+        assert ending(moment(**{name: np.array(bad)}))[0]
+
+
+def test_rolling_round_a_circle_ends_in_the_closed_form_articulation() -> None:
+    """Steady articulation of a trailer that rolls without slip: tan(g1) = c/R, sin(g2) = d/sqrt(R^2 + c^2)."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    mover, steer = Rolling(vehicle, 1), 0.2
+    mover.place(np.arange(1), drawn())
+    for k in range(4000):
+        moved = mover.step(np.array([steer]), np.array([1.0 if k < 50 else 0.0]))
+    radius = vehicle.units[0].steered_axles[0].x / math.tan(steer)
+    hitch, axles = vehicle.units[0].rear_hitch[0], vehicle.units[1].axles
+    length = -sum(axle.x for axle in axles) / len(axles)
+    expected = math.asin(length / math.hypot(radius, hitch)) - math.atan(hitch / radius)
+    articulation = moved.poses[0, 0, 2] - moved.poses[0, 1, 2]
+    assert articulation == pytest.approx(expected, abs=1e-3)  # halfway rule over 5 mm
+    assert moved.speed[0] == pytest.approx(1.0)
+
+
+def test_rolling_back_retraces_the_way_that_was_rolled_forwards() -> None:
+    """Without slip the geometry has no time in it: with the wheel held, backwards is forwards played again."""
+    mover = Rolling(load_vehicle("eu_tractor_semitrailer"), 1)
+    start = mover.place(np.arange(1), drawn())
+    nothing, push = np.zeros(1), np.ones(1)
+    for acceleration in (push, nothing, -push, -push, nothing, push):
+        for _ in range(50):
+            moved = mover.step(nothing + 0.0, acceleration)
+    assert moved.poses[0] == pytest.approx(start.poses[0], abs=1e-9)
+
+
+def test_unknown_environments_are_not_registered() -> None:
+    """Those that there are begin with the project's name."""
+    assert all(f"offtrack/{name}" in gymnasium.registry for name in scenarios.gym_env.CORES)
