@@ -117,7 +117,7 @@ def test_impossible_geometry_is_refused() -> None:
 
 
 def test_what_is_known_later_mends_the_way() -> None:
-    """A slip of 6 degrees that is seen as none at first, and rightly two seconds later: the way ends as if known at once.
+    """A slip of 6 degrees that is seen as none at first, and rightly two seconds later: the way is mended.
 
     What is left are the two seconds that nothing has been known of later: 0.16 m times tan(6 deg), and a step.
     """
