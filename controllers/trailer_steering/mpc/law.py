@@ -86,7 +86,7 @@ class Mpc:
         trailer: TrailerGeometry,
         *,
         combination: Combination,
-        tolerance: float = 0.01,
+        tolerance: float = 0.004,
         effort: float = 0.25,
         tail_swing: float = 0.3,
         cut_in: float = 5.0,

@@ -30,7 +30,7 @@ STEPS: Final = sum(BLOCKS)
 _BLOCK_OF: Final = np.repeat(np.arange(len(BLOCKS)), BLOCKS)
 _QUICK: Final = 5.0  # [m/s] from which on a trailer yaws the more for an angle the faster it goes
 _UNEVEN: Final = 0.02  # slip of an axle beside the mean of the steered ones that counts as one [rad]
-_BREACH: Final = 0.003  # of a soft limit of place that counts as one: a third of the off-tracking's default [m]
+_BREACH: Final = 0.3  # of a soft limit of place that counts as one, over the off-tracking that does: limits go first
 _PEAK: Final = 2.5  # friction over stiffness, at which truck tyres are near the peak of their side force [-]
 
 
@@ -124,8 +124,9 @@ class Planner:
         middle = _Term(wanted.beside + 0.5 * self._follow * turned.value, 0.5 * self._follow * turned.by_rates)
         root = 1.0 / np.sqrt(STEP)
         yield off_tracking / (root * self._sizes.off_tracking)
-        yield rear.beyond(limits.tail_swing) / (root * _BREACH)
-        yield middle.beyond(limits.cut_in) / (root * _BREACH)
+        breach = root * _BREACH * self._sizes.off_tracking
+        yield rear.beyond(limits.tail_swing) / breach
+        yield middle.beyond(limits.cut_in) / breach
         peak = _PEAK * outlook.friction / self._model.stiffness
         for slip in predicted.slip:
             mean = _Term(slip.value - slip.value.mean(), slip.by_rates - slip.by_rates.mean(axis=0))
