@@ -13,7 +13,7 @@ from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
 from scenarios.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
-from scenarios.metrics import LOST
+from scenarios.log import LOST
 from scenarios.results import RunResult, error_of_estimate
 from scenarios.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray

@@ -9,12 +9,18 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from estimators.estimates import Health
 from vehicle.frames import FloatArray
+
+HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # as numbers of a signal
+HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
+LOST: Final = HEALTH[Health.LOST]
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scenarios.log import LOST
 from vehicle.frames import FloatArray
-
-LOST = 2.0  # how the log writes Health.LOST: 0 ok, 1 degraded, 2 lost
 
 
 def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_distance: float) -> FloatArray:

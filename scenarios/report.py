@@ -5,50 +5,52 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable
 from html import escape
+from typing import Final
 
 import cv2
 import numpy as np
 
 from scenarios import figures
 from scenarios.page import html_page, section_html
+from scenarios.report_numbers import Shown, cards_html, table_html
 from scenarios.results import CameraFrame, RunResult, Summary, manifest, trailer_summaries
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-# group, name in the summary, what people call it, unit shown, factor to that unit, digits, meaning
-_NUMBERS: tuple[tuple[str, str, str, str, float, int, str], ...] = (
-    ("off_tracking", "true_rms_m", "True off-tracking, RMS", "m", 1, 3,
-     "How far the trailer's follow point typically runs beside the path of its hitch."),
-    ("off_tracking", "true_max_m", "True off-tracking, largest", "m", 1, 3,
-     "The largest distance of the follow point from the path of its hitch."),
-    ("off_tracking", "estimate_error_rms_m", "Estimate error, RMS", "mm", 1e3, 1,
-     "How far the estimate is typically from the truth at the moment the picture was taken."),
-    ("off_tracking", "estimate_error_max_m", "Estimate error, largest", "mm", 1e3, 1,
-     "The worst single estimate of the run."),
-    ("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
-     "Share of the estimates that could be used, once the trailer had driven its own length."),
-    ("swept_path", "max_width_m", "Swept width", "m", 1, 2,
-     "The widest strip of ground that the bodies of the combination need."),
-    ("swept_path", "min_inner_radius_m", "Inner radius", "m", 1, 2,
-     "The closest any body comes to the centre of the roundabout."),
-    ("swept_path", "tail_swing_m", "Tail swing", "m", 1, 3,
-     "How far a rear corner swings out beyond the straight before or after the turn."),
-    ("swept_path", "tail_swing_entry_m", "of it into the turn", "m", 1, 3, "The same before the first turn alone."),
-    ("swept_path", "tail_swing_exit_m", "of it out of the turn", "m", 1, 3, "The same after the last turn alone."),
-    ("steer", "max_deg", "Largest trailer steer angle", "°", 1, 1,
-     "The largest angle of any steered trailer wheel."),
-    ("steer", "max_rate_deg_s", "Fastest trailer steering", "°/s", 1, 1,
-     "The highest rate at which a trailer axle was turned."),
-    ("tyres", "friction_used_max", "Friction used", "%", 100, 0,
-     "The largest share of the available friction that any tyre used."),
-    ("odometry", "matches_mean", "Matches per frame", "", 1, 0,
-     "Features found again in all images of a frame, on average."),
-    ("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
-     "Those of them that agree on one motion of the camera, on average."),
-    ("odometry", "lost_frames", "Lost frames", "", 1, 0,
-     "Frames from which no motion of the camera could be found."),
-    ("odometry", "drift_percent", "Drift", "%", 1, 3,
-     "Position error of the visual odometry over one trailer length, as a share of the way driven."),
+_NUMBERS: Final = (
+    Shown("off_tracking", "true_rms_m", "True off-tracking, RMS", "m", 1, 3,
+          "How far the trailer's follow point typically runs beside the path of its hitch."),
+    Shown("off_tracking", "true_max_m", "True off-tracking, largest", "m", 1, 3,
+          "The largest distance of the follow point from the path of its hitch."),
+    Shown("off_tracking", "estimate_error_rms_m", "Estimate error, RMS", "mm", 1e3, 1,
+          "How far the estimate is typically from the truth at the moment the picture was taken."),
+    Shown("off_tracking", "estimate_error_max_m", "Estimate error, largest", "mm", 1e3, 1,
+          "The worst single estimate of the run."),
+    Shown("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
+          "Share of the estimates that could be used, once the trailer had driven its own length."),
+    Shown("swept_path", "max_width_m", "Swept width", "m", 1, 2,
+          "The widest strip of ground that the bodies of the combination need."),
+    Shown("swept_path", "min_inner_radius_m", "Inner radius", "m", 1, 2,
+          "The closest any body comes to the centre of the roundabout."),
+    Shown("swept_path", "tail_swing_m", "Tail swing", "m", 1, 3,
+          "How far a rear corner swings out beyond the straight before or after the turn."),
+    Shown("swept_path", "tail_swing_entry_m", "of it into the turn", "m", 1, 3,
+          "The same before the first turn alone."),
+    Shown("swept_path", "tail_swing_exit_m", "of it out of the turn", "m", 1, 3, "The same after the last turn alone."),
+    Shown("steer", "max_deg", "Largest trailer steer angle", "°", 1, 1,
+          "The largest angle of any steered trailer wheel."),
+    Shown("steer", "max_rate_deg_s", "Fastest trailer steering", "°/s", 1, 1,
+          "The highest rate at which a trailer axle was turned."),
+    Shown("tyres", "friction_used_max", "Friction used", "%", 100, 0,
+          "The largest share of the available friction that any tyre used."),
+    Shown("odometry", "matches_mean", "Matches per frame", "", 1, 0,
+          "Features found again in all images of a frame, on average."),
+    Shown("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
+          "Those of them that agree on one motion of the camera, on average."),
+    Shown("odometry", "lost_frames", "Lost frames", "", 1, 0,
+          "Frames from which no motion of the camera could be found."),
+    Shown("odometry", "drift_percent", "Drift", "%", 1, 3,
+          "Position error of the visual odometry over one trailer length, as a share of the way driven."),
 )  # fmt: skip
 _GROUPS = {
     "off_tracking": "Off-tracking",
@@ -57,14 +59,15 @@ _GROUPS = {
     "tyres": "Tyres",
     "odometry": "Visual odometry",
 }
-_CARDS = ("true_rms_m", "estimate_error_rms_m", "max_width_m", "realtime_factor")
-_REALTIME = ("timing", "realtime_factor", "Speed of the simulation", "× real time", 1, 2,
+_REALTIME: Final = Shown("timing", "realtime_factor", "Speed of the simulation", "× real time", 1, 2,
              "Simulated time over computing time: above 1 it ran faster than reality.")  # fmt: skip
+_ON_CARDS: Final = ("true_rms_m", "estimate_error_rms_m", "max_width_m")
+_CARDS: Final = (*(number for number in _NUMBERS if number.name in _ON_CARDS), _REALTIME)
 
 
 def report_html(result: RunResult, summary: Summary) -> str:
     """The whole page; ``summary`` is the run in numbers as :func:`scenarios.results.summary` gives it."""
-    body = "\n".join([_heading(result), _cards(summary), *_sections(result, summary)])
+    body = "\n".join([_heading(result), cards_html(summary, _CARDS), *_sections(result, summary)])
     return html_page(f"{result.scenario} · offtrack", body)
 
 
@@ -73,7 +76,7 @@ def _sections(result: RunResult, summary: Summary) -> Iterable[str]:
         yield from _drawn(result)
     else:
         yield section_html("Nothing to draw", "The run ended before the vehicle had moved.")
-    yield section_html("All numbers", "", _table(summary))
+    yield section_html("All numbers", "", table_html(summary, _NUMBERS, _GROUPS))
     if result.trailers_ahead:
         yield section_html("Trailers", _TRAILERS, _trailers(result))
     yield section_html("Where the time went", _timing_line(result), _timing(result))
@@ -125,53 +128,18 @@ def _heading(result: RunResult) -> str:
     )
 
 
-def _cards(summary: Summary) -> str:
-    shown = [row for row in (*_NUMBERS, _REALTIME) if row[1] in _CARDS and _value(summary, *row[:2]) is not None]
-    return '<div class="cards">\n' + "\n".join(_card(summary, *row) for row in shown) + "\n</div>"
-
-
-def _card(
-    summary: Summary, group: str, name: str, label: str, unit: str, factor: float, digits: int, meaning: str
-) -> str:
-    number = _text(_value(summary, group, name), factor, digits)
-    return f'<div class="card"><b>{number} <small>{unit}</small></b><span>{label}</span><p>{meaning}</p></div>'
-
-
-def _table(summary: Summary) -> str:
-    lines = []
-    for group, title in _GROUPS.items():
-        rows = [row for row in _NUMBERS if row[0] == group and _value(summary, group, row[1]) is not None]
-        lines += [f'<tr class="group"><th colspan="3">{title}</th></tr>'] if rows else []
-        for _, name, label, unit, factor, digits, meaning in rows:
-            number = _text(_value(summary, group, name), factor, digits)
-            lines.append(
-                f'<tr><th>{label}</th><td class="value">{number} {unit}</td><td class="meaning">{meaning}</td></tr>'
-            )
-    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
-
-
 def _trailers(result: RunResult) -> str:
     """Off-tracking and steering of every watched trailer side by side."""
     of_each = trailer_summaries(result)
     head = "".join(f'<th class="value">{escape(name)}</th>' for name in of_each)
     lines = [f"<tr><th></th>{head}</tr>"]
-    for group, name, label, unit, factor, digits, _ in _NUMBERS:
-        key = f"steer_{name}" if group == "steer" else name
+    for number in _NUMBERS:
+        key = f"steer_{number.name}" if number.group == "steer" else number.name
         values = [numbers.get(key) for numbers in of_each.values()]
         if any(value is not None for value in values):
-            cells = "".join(f'<td class="value">{_text(value, factor, digits)} {unit}</td>' for value in values)
-            lines.append(f"<tr><th>{label}</th>{cells}</tr>")
+            cells = "".join(f'<td class="value">{number.text(value)} {number.unit}</td>' for value in values)
+            lines.append(f"<tr><th>{number.label}</th>{cells}</tr>")
     return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
-
-
-def _value(summary: Summary, group: str, name: str) -> float | int | None:
-    numbers = summary[group]
-    value = numbers[name] if isinstance(numbers, dict) else None
-    return None if isinstance(value, dict) else value
-
-
-def _text(value: float | int | None, factor: float, digits: int) -> str:
-    return "–" if value is None else f"{factor * value:.{digits}f}"
 
 
 def _most_telling(result: RunResult) -> CameraFrame:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenarios import metrics
-from scenarios.log import Log, write_log
+from scenarios.log import LOST, Log, write_log
 from scenarios.swept_path import SweptPath, swept_path
 from scenarios.swept_path import UnitOutline as UnitOutline  # part of this module's words: a RunResult is built from it
 from vehicle.frames import FloatArray
@@ -229,13 +229,13 @@ def _odometry(result: RunResult) -> Numbers:
     drift = metrics.odometry_drift(
         result.poses(result.trailer)[captures],
         np.column_stack([result.signal(f"odometry_{part}")[captures] for part in ("dx", "dy", "dpsi")]),
-        health[captures] >= metrics.LOST,
+        health[captures] >= LOST,
         result.follow_distance,
     )
     return {
         "matches_mean": number(metrics.mean(result.signal("matches"))),
         "inliers_mean": number(metrics.mean(result.signal("inliers"))),
-        "lost_frames": int(np.sum(health[captures] >= metrics.LOST)) if captures.any() else None,
+        "lost_frames": int(np.sum(health[captures] >= LOST)) if captures.any() else None,
         "drift_percent": number(100.0 * metrics.mean(drift)),
     }
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -13,12 +12,10 @@ from controllers.trailer import SteerCommand
 from estimators.estimates import Health, Motion, OffTracking
 from estimators.self_calibration import SelfCalibratedMotion
 from scenarios import metrics
-from scenarios.log import Log, Signal
+from scenarios.log import HEALTH, Log, Signal
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, planar
 from vehicle.truth import Truth
-
-_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: metrics.LOST}
 
 _POSE = (("x", "m", "position east"), ("y", "m", "position north"), ("psi", "rad", "yaw, continuous"))
 _VELOCITY = (
@@ -191,6 +188,6 @@ def _estimate_values(estimate: Estimate, X_SC: FloatArray | None) -> tuple[float
     value = e.value if e.health is not Health.LOST else np.nan
     std = e.std if e.health is not Health.LOST else np.nan
     if motion is None or X_SC is None:
-        return (value, std, _HEALTH[e.health], *[np.nan] * (len(_ESTIMATE) - 3))
+        return (value, std, HEALTH[e.health], *[np.nan] * (len(_ESTIMATE) - 3))
     moved = planar(X_SC @ motion.X_PC @ inverse(X_SC))
-    return (value, std, _HEALTH[e.health], motion.matches, motion.inliers, _HEALTH[motion.health], *moved)
+    return (value, std, HEALTH[e.health], motion.matches, motion.inliers, HEALTH[motion.health], *moved)

@@ -13,7 +13,8 @@ import numpy as np
 from PIL import Image
 
 from scenarios.canvas import ESTIMATED, INK, LINE, PAPER, SOFT, TRUE, Colour, Picture, StripChart, blank, write
-from scenarios.metrics import LOST, peak
+from scenarios.log import LOST
+from scenarios.metrics import peak
 from scenarios.plan_view import PlanView
 from scenarios.results import CameraFrame, Progress, RunResult
 from vehicle.frames import FloatArray
@@ -148,7 +149,7 @@ def camera_picture(frame: CameraFrame) -> Picture:
     resized = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
     shown = np.asarray(cv2.cvtColor(resized, cv2.COLOR_BGR2RGB), dtype=np.uint8)
     tracks: FloatArray = scale * (frame.tracks.astype(np.float64) + 0.5) - 0.5
-    _draw_flow(shown, tracks)
+    draw_flow(shown, tracks)
     picture = np.full((size[1], _WIDTH, 3), INK, np.uint8)
     left = (_WIDTH - size[0]) // 2
     picture[:, left : left + size[0]] = shown
@@ -167,7 +168,7 @@ def camera_picture(frame: CameraFrame) -> Picture:
     return picture
 
 
-def _draw_flow(picture: Picture, tracks: FloatArray) -> None:
+def draw_flow(picture: Picture, tracks: FloatArray) -> None:
     """Strokes from the previous to the current place of every feature (m, 4), coloured by their length."""
     if not len(tracks):
         return

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.trailer import SteerCommand, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.limits import reachable
+from controllers.trailer_steering.limits import check_limits, check_steered, reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from estimators.hitch_path import chord_lengths, crossing, tangent
@@ -58,10 +58,7 @@ class PathPreviewParameters:
     slip_distance: float  # low-pass on the rest of the axles' slip [m]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            (low, high, unit), value = _LIMITS[field.name], getattr(self, field.name)
-            if not low <= value <= high:
-                raise ValueError(f"{field.name} = {value} {unit} must be between {low:g} and {high:g} {unit}")
+        check_limits(asdict(self), _LIMITS)
 
 
 _LIMITS = {
@@ -118,8 +115,7 @@ class PathPreview:
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
-        if not trailer.steered_distances:
-            raise ValueError("path_preview: the trailer has no steered axle")
+        check_steered("path_preview", trailer)
         self._trailer = trailer
         self._parameters = PathPreviewParameters(
             gain=gain, integral=integral, compliance=compliance, slip_distance=slip_distance

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from scenarios.drawing import ESTIMATED, GREY, TRUE, WIDTH, drawn
-from scenarios.log import Log
-from scenarios.metrics import LOST
+from scenarios.log import LOST, Log
 from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.summary import error_of_estimate
 from vehicle.frames import FloatArray

@@ -15,45 +15,46 @@ from scenarios.recordings import figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 from scenarios.recordings.images import read_grey
 from scenarios.report import camera_svg
+from scenarios.report_numbers import Shown, cards_html, table_html
 from scenarios.results import CameraFrame, versions
 from vehicle.clock import TICK
 
 _LISTED = 50  # dropped frames named on the page; the summary names all
 
-# group and name in the summary, what people call it, unit shown, factor to that unit, digits, meaning
-_NUMBERS: Final[tuple[tuple[str, str, str, str, float, int, str], ...]] = (
-    ("off_tracking", "estimate_error_rms_m", "Error, RMS", "mm", 1e3, 1,
-     "How far the estimated off-tracking typically is from that of the recording's own poses."),
-    ("off_tracking", "estimate_error_max_m", "Error, largest", "mm", 1e3, 1, "The worst single estimate."),
-    ("off_tracking", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
-     "Share of the errors below 2.5 stated standard deviations; 95 % or more if the estimator knows how good it is."),
-    ("off_tracking", "rms_m", "Off-tracking, RMS", "m", 1, 3,
-     "How far the hitch's path typically lies beside the follow point."),
-    ("off_tracking", "max_m", "Off-tracking, largest", "m", 1, 3, "The largest such distance."),
-    ("off_tracking", "std_mean_m", "Stated standard deviation", "mm", 1e3, 1, "Mean over the estimates."),
-    ("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
-     "Share of the frames with a usable estimate, once the trailer had driven its own length."),
-    ("odometry", "distance_m", "Way driven", "m", 1, 1, "Length of the hitch's path, by the odometry."),
-    ("odometry", "matches_mean", "Matches per frame", "", 1, 0, "Features found again, on average."),
-    ("odometry", "inliers_mean", "Inliers per frame", "", 1, 0, "Those of them that agree on one motion."),
-    ("odometry", "degraded_frames", "Degraded frames", "", 1, 0, "Frames whose motion is doubtful."),
-    ("odometry", "lost_frames", "Lost frames", "", 1, 0, "Frames from which no motion could be found."),
-    ("frames", "dropped", "Dropped frames", "", 1, 0, "Frames whose images were missing or broken."),
-    ("odometry", "drift_percent", "Drift over the trailer's length", "%", 1, 3,
-     "Position error over one follow distance, as a share of it."),
-    ("odometry", "drift_deg_per_m", "The same in rotation", "°/m", 1, 5, "Angle error over the same way."),
-    ("kitti", "drift_percent", "Drift as KITTI defines it", "%", 1, 3,
-     "Position error over all stretches of 100, 200, … 800 m that the way was long enough for."),
-    ("kitti", "drift_deg_per_m", "The same in rotation", "°/m", 1, 5, "Angle error over the same stretches."),
-    ("timing", "odometry_ms_per_frame", "Odometry per frame", "ms", 1, 1, "Computing time on this machine."),
+_NUMBERS: Final = (
+    Shown("off_tracking", "estimate_error_rms_m", "Error, RMS", "mm", 1e3, 1,
+          "How far the estimated off-tracking typically is from that of the recording's own poses."),
+    Shown("off_tracking", "estimate_error_max_m", "Error, largest", "mm", 1e3, 1, "The worst single estimate."),
+    Shown("off_tracking", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
+          "Share of the errors below 2.5 stated standard deviations: 95 % or more if the estimator knows itself."),
+    Shown("off_tracking", "rms_m", "Off-tracking, RMS", "m", 1, 3,
+          "How far the hitch's path typically lies beside the follow point."),
+    Shown("off_tracking", "max_m", "Off-tracking, largest", "m", 1, 3, "The largest such distance."),
+    Shown("off_tracking", "std_mean_m", "Stated standard deviation", "mm", 1e3, 1, "Mean over the estimates."),
+    Shown("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
+          "Share of the frames with a usable estimate, once the trailer had driven its own length."),
+    Shown("odometry", "distance_m", "Way driven", "m", 1, 1, "Length of the hitch's path, by the odometry."),
+    Shown("odometry", "matches_mean", "Matches per frame", "", 1, 0, "Features found again, on average."),
+    Shown("odometry", "inliers_mean", "Inliers per frame", "", 1, 0, "Those of them that agree on one motion."),
+    Shown("odometry", "degraded_frames", "Degraded frames", "", 1, 0, "Frames whose motion is doubtful."),
+    Shown("odometry", "lost_frames", "Lost frames", "", 1, 0, "Frames from which no motion could be found."),
+    Shown("frames", "dropped", "Dropped frames", "", 1, 0, "Frames whose images were missing or broken."),
+    Shown("odometry", "drift_percent", "Drift over the trailer's length", "%", 1, 3,
+          "Position error over one follow distance, as a share of it."),
+    Shown("odometry", "drift_deg_per_m", "The same in rotation", "°/m", 1, 5, "Angle error over the same way."),
+    Shown("kitti", "drift_percent", "Drift as KITTI defines it", "%", 1, 3,
+          "Position error over all stretches of 100, 200, … 800 m that the way was long enough for."),
+    Shown("kitti", "drift_deg_per_m", "The same in rotation", "°/m", 1, 5, "Angle error over the same stretches."),
+    Shown("timing", "odometry_ms_per_frame", "Odometry per frame", "ms", 1, 1, "Computing time on this machine."),
 )  # fmt: skip
-_CARDS: Final = ("estimate_error_rms_m", "rms_m", "drift_percent", "odometry_ms_per_frame")
+_ON_CARDS: Final = ("estimate_error_rms_m", "rms_m", "drift_percent", "odometry_ms_per_frame")
+_CARDS: Final = tuple(number for number in _NUMBERS if number.name in _ON_CARDS)
 
 
 def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> str:
     """The whole page; ``numbers`` is the summary."""
     name = estimation.recording.sequence.directory.resolve().name
-    body = "\n".join([_heading(estimation, numbers), _cards(numbers), *_sections(estimation, log, numbers)])
+    body = "\n".join([_heading(estimation, numbers), cards_html(numbers, _CARDS), *_sections(estimation, log, numbers)])
     return html_page(f"{name} · off-tracking · offtrack", body)
 
 
@@ -71,16 +72,6 @@ def _heading(estimation: Estimation, numbers: dict[str, Any]) -> str:
     )
 
 
-def _cards(numbers: dict[str, Any]) -> str:
-    shown: dict[str, str] = {}
-    for group, name, label, unit, factor, digits, meaning in _NUMBERS:
-        value = numbers[group][name]
-        if name in _CARDS and value is not None:
-            text = f"{factor * value:.{digits}f} <small>{unit}</small>"
-            shown.setdefault(name, f'<div class="card"><b>{text}</b><span>{label}</span><p>{meaning}</p></div>')
-    return '<div class="cards">\n' + "\n".join(shown.values()) + "\n</div>"
-
-
 def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iterator[str]:
     if estimation.recording.assumed:
         told = (
@@ -91,7 +82,7 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
         yield from _drawn(estimation, log)
     if numbers["dropped_frames"] or numbers["notes"]:
         yield section_html("Noticed in the recording", "", _listed(_noticed(numbers)))
-    yield section_html("All numbers", "", _table(numbers))
+    yield section_html("All numbers", "", table_html(numbers, _NUMBERS))
     yield section_html("Made with", ", ".join(f"{name} {version}" for name, version in versions().items()))
 
 
@@ -126,16 +117,6 @@ def _noticed(numbers: dict[str, Any]) -> list[str]:
 
 def _listed(lines: list[str] | tuple[str, ...]) -> str:
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
-
-
-def _table(numbers: dict[str, Any]) -> str:
-    rows = [
-        f'<tr><th>{label}</th><td class="value">{factor * numbers[group][name]:.{digits}f} {unit}</td>'
-        f'<td class="meaning">{meaning}</td></tr>'
-        for group, name, label, unit, factor, digits, meaning in _NUMBERS
-        if numbers[group][name] is not None
-    ]
-    return '<div class="scroll"><table>' + "\n".join(rows) + "</table></div>"
 
 
 def _most_telling(estimation: Estimation) -> FrameEstimate | None:

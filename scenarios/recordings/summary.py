@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scenarios import metrics
-from scenarios.log import Log
+from scenarios.log import LOST, Log
 from scenarios.recordings.drift import KITTI_EVERY, KITTI_LENGTHS, drift
 from scenarios.recordings.estimation import Estimation
 from vehicle.clock import TICK
@@ -68,7 +68,7 @@ def _off_tracking(log: Log) -> dict[str, float | int | None]:
 
 def _valid_fraction(log: Log) -> float:
     """Share of the frames with a usable off-tracking, once the buffer has first been full; dropped ones have none."""
-    usable = log["health"] < metrics.LOST
+    usable = log["health"] < LOST
     first = int(np.argmax(usable)) if usable.any() else len(usable)
     return float(np.mean(usable[first:])) if first < len(usable) else math.nan
 
@@ -80,7 +80,7 @@ def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]
         "matches_mean": _number(metrics.mean(log["matches"])),
         "inliers_mean": _number(metrics.mean(log["inliers"])),
         "degraded_frames": int(np.sum(log["odometry_health"] == 1.0)),
-        "lost_frames": int(np.sum(log["odometry_health"] >= metrics.LOST)),
+        "lost_frames": int(np.sum(log["odometry_health"] >= LOST)),
         "distance_m": _number(float(steps.sum())),
         "drift_percent": own["drift_percent"],
         "drift_deg_per_m": own["drift_deg_per_m"],

@@ -12,12 +12,9 @@ import numpy as np
 
 from estimators.estimates import Health
 from estimators.self_calibration import SelfCalibratedMotion
-from scenarios.log import Log, Signal
-from scenarios.metrics import LOST
+from scenarios.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 
-_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: LOST}
-_WORDS: Final = {value: health.value for health, value in _HEALTH.items()}
 _SIGNALS: Final = (
     Signal("frame", "-", "number of the frame, counted from 0"),
     Signal("time", "s", "time of the frame as recorded"),
@@ -69,7 +66,7 @@ def _estimated(frame: FrameEstimate) -> tuple[float, ...]:
         return (math.nan,) * 6
     e, motion = frame.off_tracking, frame.motion
     value, std = (math.nan, math.nan) if e.health is Health.LOST else (e.value, e.std)
-    return (value, std, _HEALTH[e.health], motion.matches, motion.inliers, _HEALTH[motion.health])
+    return (value, std, HEALTH[e.health], motion.matches, motion.inliers, HEALTH[motion.health])
 
 
 def _motion(frame: FrameEstimate) -> tuple[float, ...]:
@@ -99,7 +96,7 @@ def _cells(log: Log, row: int, dropped: bool, shown: list[Signal]) -> Iterator[s
     for signal in shown:
         value = float(log[signal.name][row])
         if signal.name in ("health", "odometry_health"):
-            yield "dropped" if dropped else _WORDS.get(value, "")
+            yield "dropped" if dropped else HEALTH_WORDS.get(value, "")
         elif not math.isfinite(value):
             yield ""
         elif signal.unit == "-":

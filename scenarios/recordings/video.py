@@ -23,8 +23,8 @@ from scenarios.canvas import (
     nice_step,
     write,
 )
-from scenarios.log import Log
-from scenarios.metrics import LOST, peak
+from scenarios.log import LOST, Log
+from scenarios.metrics import peak
 from scenarios.recordings.estimation import Estimation, Progress
 from scenarios.recordings.figures import elapsed, paths
 from scenarios.recordings.page import camera_frame

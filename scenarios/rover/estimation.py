@@ -12,17 +12,15 @@ import numpy as np
 
 from estimators.estimates import Health, SlipAngle
 from scenarios import metrics
-from scenarios.log import Log, Signal
+from scenarios.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results import number
 from scenarios.rover.assembly import SlipSource
 from scenarios.rover.recording import RoverRecording
-from scenarios.rover.run_log import LOST
 from vehicle.clock import TICK
 
 Progress = Callable[[int, int], None]  # views done, of how many
-_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: LOST}
 _DROPPED: Final = 3.0
-HEALTH_WORDS: Final = {value: health.value for health, value in _HEALTH.items()} | {_DROPPED: "dropped"}
+ROW_WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
 _SIGNALS: Final = (
     Signal("time", "s", "time of the image"),
     Signal("slip_angle", "rad", "slip angle of the body, + left"),
@@ -125,7 +123,7 @@ def _log(recording: RoverRecording, found: list[SlipAngle | None]) -> Log:
     table[:, 0] = times
     rows = {round(time / TICK): k for k, time in enumerate(times)}
     for k, estimate in enumerate(found):
-        table[k, 3] = _DROPPED if estimate is None else _HEALTH[estimate.health]
+        table[k, 3] = _DROPPED if estimate is None else HEALTH[estimate.health]
         if estimate is None or estimate.health is Health.LOST:
             continue
         table[k, 1:3] = estimate.value, estimate.std

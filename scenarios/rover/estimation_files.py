@@ -20,7 +20,7 @@ from scenarios.drawing import TRUE as TRUE_LINE
 from scenarios.log import Log, write_log
 from scenarios.page import html_page, section_html
 from scenarios.results import appearing_at_once, versions
-from scenarios.rover.estimation import HEALTH_WORDS, Progress, SlipEstimation, slip_summary
+from scenarios.rover.estimation import ROW_WORDS, Progress, SlipEstimation, slip_summary
 from scenarios.rover.trace_view import draw_trace
 from scenarios.video import Reel, write_reel
 
@@ -61,7 +61,7 @@ def csv_text(log: Log) -> str:
         for signal in log.signals:
             value = float(log[signal.name][row])
             if signal.name == "health":
-                cells.append(HEALTH_WORDS[value])
+                cells.append(ROW_WORDS[value])
             elif not math.isfinite(value):
                 cells.append("")
             else:

@@ -10,38 +10,39 @@ from typing import Final
 import numpy as np
 
 from scenarios.page import html_page, section_html
+from scenarios.report_numbers import Shown, cards_html, table_html
 from scenarios.results import Summary
 from scenarios.rover import figures
 from scenarios.rover.results import RoverResult, rover_manifest
 from scenarios.rover.trace_view import traced
 
-# group, name in the summary, what people call it, unit shown, factor to that unit, digits, meaning
-_NUMBERS: Final[tuple[tuple[str, str, str, str, float, int, str], ...]] = (
-    ("slip", "cross_track_rms_m", "Beside the path, RMS", "mm", 1e3, 1,
-     "How far the rover typically was beside its path."),
-    ("slip", "cross_track_max_m", "Beside the path, largest", "mm", 1e3, 1, "The largest such distance."),
-    ("slip", "error_rms_deg", "Error of the slip angle, RMS", "°", 1, 2,
-     "How far the estimate typically is from the truth at the moment the picture was taken."),
-    ("slip", "error_max_deg", "The same, largest", "°", 1, 2, "The worst single estimate."),
-    ("slip", "lagged_error_rms_deg", "Error of the estimate some seconds later, RMS", "°", 1, 2,
-     "What is known of a moment's slip once more of its trace has been seen."),
-    ("slip", "valid_fraction", "Frames with an estimate", "%", 100, 1,
-     "Share of the pictures in which a trace was found."),
-    ("slip", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
-     "95 % or more if the estimator knows how good it is."),
-    ("slip", "true_mean_deg", "True slip angle, mean", "°", 1, 2,
-     "Direction of travel against the body's axis, + left."),
-    ("slip", "reference_error_rms_deg", "Error of laser tracker and compass, RMS", "°", 1, 2,
-     "The instruments that the field tests of the paper judged by."),
-    ("position", "distance_m", "Way driven", "m", 1, 2, "Length of the way that the rover really made."),
-    ("position", "wheels_error_m", "Position error by wheels and compass", "m", 1, 3, "At the end of the run."),
-    ("position", "corrected_error_m", "The same with the slip angle", "m", 1, 3, "At the end of the run."),
-    ("wheels", "slip_ratio_mean", "Longitudinal slip, mean", "%", 100, 1, "Of all wheels."),
-    ("wheels", "sinkage_max_m", "Deepest sinkage", "mm", 1e3, 1, "Of any wheel."),
-    ("timing", "realtime_factor", "Speed of the simulation", "× real time", 1, 2,
-     "Above 1 it ran faster than reality."),
+_NUMBERS: Final = (
+    Shown("slip", "cross_track_rms_m", "Beside the path, RMS", "mm", 1e3, 1,
+          "How far the rover typically was beside its path."),
+    Shown("slip", "cross_track_max_m", "Beside the path, largest", "mm", 1e3, 1, "The largest such distance."),
+    Shown("slip", "error_rms_deg", "Error of the slip angle, RMS", "°", 1, 2,
+          "How far the estimate typically is from the truth at the moment the picture was taken."),
+    Shown("slip", "error_max_deg", "The same, largest", "°", 1, 2, "The worst single estimate."),
+    Shown("slip", "lagged_error_rms_deg", "Error of the estimate some seconds later, RMS", "°", 1, 2,
+          "What is known of a moment's slip once more of its trace has been seen."),
+    Shown("slip", "valid_fraction", "Frames with an estimate", "%", 100, 1,
+          "Share of the pictures in which a trace was found."),
+    Shown("slip", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
+          "95 % or more if the estimator knows how good it is."),
+    Shown("slip", "true_mean_deg", "True slip angle, mean", "°", 1, 2,
+          "Direction of travel against the body's axis, + left."),
+    Shown("slip", "reference_error_rms_deg", "Error of laser tracker and compass, RMS", "°", 1, 2,
+          "The instruments that the field tests of the paper judged by."),
+    Shown("position", "distance_m", "Way driven", "m", 1, 2, "Length of the way that the rover really made."),
+    Shown("position", "wheels_error_m", "Position error by wheels and compass", "m", 1, 3, "At the end of the run."),
+    Shown("position", "corrected_error_m", "The same with the slip angle", "m", 1, 3, "At the end of the run."),
+    Shown("wheels", "slip_ratio_mean", "Longitudinal slip, mean", "%", 100, 1, "Of all wheels."),
+    Shown("wheels", "sinkage_max_m", "Deepest sinkage", "mm", 1e3, 1, "Of any wheel."),
+    Shown("timing", "realtime_factor", "Speed of the simulation", "× real time", 1, 2,
+          "Above 1 it ran faster than reality."),
 )  # fmt: skip
-_CARDS: Final = ("cross_track_rms_m", "error_rms_deg", "true_mean_deg", "realtime_factor")
+_ON_CARDS: Final = ("cross_track_rms_m", "error_rms_deg", "true_mean_deg", "realtime_factor")
+_CARDS: Final = tuple(number for number in _NUMBERS if number.name in _ON_CARDS)
 _STYLE: Final = (
     ".traces { display: grid; gap: .8rem; grid-template-columns: 1fr 1fr 1fr; } "
     ".traces img { width: 100%; border-radius: 6px; }"
@@ -51,14 +52,14 @@ _FRAMES: Final = (0.15, 0.5, 0.85)  # of the run, shown in the page
 
 def rover_report_html(result: RoverResult, summary: Summary) -> str:
     """The whole page."""
-    body = "\n".join([_heading(result), _cards(summary), *_sections(result, summary)])
+    body = "\n".join([_heading(result), cards_html(summary, _CARDS), *_sections(result, summary)])
     return html_page(f"{result.scenario} · offtrack", body, _STYLE)
 
 
 def _sections(result: RoverResult, summary: Summary) -> Iterator[str]:
     if len(result.log) > 1:
         yield from _drawn(result)
-    yield section_html("All numbers", "", _table(summary))
+    yield section_html("All numbers", "", table_html(summary, _NUMBERS))
     timing = result.timing
     yield section_html(
         "Where the time went",
@@ -107,29 +108,3 @@ def _heading(result: RoverResult) -> str:
         f'<header>\n<h1>{escape(result.scenario)}<span class="outcome{good}">{escape(result.outcome)}</span></h1>\n'
         f"<p>{escape(result.rover)} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated</p>\n</header>"
     )
-
-
-def _value(summary: Summary, group: str, name: str) -> float | int | None:
-    numbers = summary[group]
-    value = numbers.get(name) if isinstance(numbers, dict) else None
-    return None if isinstance(value, dict) else value
-
-
-def _cards(summary: Summary) -> str:
-    cards = []
-    for group, name, label, unit, factor, digits, meaning in _NUMBERS:
-        value = _value(summary, group, name)
-        if name in _CARDS and value is not None:
-            number = f"{factor * value:.{digits}f} <small>{unit}</small>"
-            cards.append(f'<div class="card"><b>{number}</b><span>{label}</span><p>{meaning}</p></div>')
-    return '<div class="cards">\n' + "\n".join(cards) + "\n</div>"
-
-
-def _table(summary: Summary) -> str:
-    rows = []
-    for group, name, label, unit, factor, digits, meaning in _NUMBERS:
-        value = _value(summary, group, name)
-        if value is not None:
-            number = f"{factor * value:.{digits}f} {unit}"
-            rows.append(f'<tr><th>{label}</th><td class="value">{number}</td><td class="meaning">{meaning}</td></tr>')
-    return '<div class="scroll"><table>' + "\n".join(rows) + "</table></div>"

@@ -11,9 +11,8 @@ import numpy as np
 
 from estimators.reference_slip import LaserSlip
 from scenarios import metrics
-from scenarios.log import Log
+from scenarios.log import LOST, Log
 from scenarios.results import Summary, Timing, number, versions, write_files
-from scenarios.rover.run_log import LOST
 from sensors.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 from vehicle.rover.command import WHEELS

@@ -8,13 +8,11 @@ from typing import Final
 import numpy as np
 
 from estimators.estimates import Health, SlipAngle
-from scenarios.log import Log, Signal
+from scenarios.log import HEALTH, Log, Signal
 from scenarios.rover.loop import RoverRow
 from vehicle.clock import TICK
 from vehicle.rover.command import REAR_LEFT, WHEELS
 
-LOST: Final = 2.0
-_HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: LOST}
 _ESTIMATE: Final = (
     Signal("slip_angle_estimate", "rad", "estimated slip angle of the body, + left, at the tick of capture"),
     Signal("slip_angle_std", "rad", "its standard deviation"),
@@ -105,7 +103,7 @@ def _estimate_values(estimate: SlipAngle) -> Iterator[float]:
     lost = estimate.health is Health.LOST
     yield np.nan if lost else estimate.value
     yield np.nan if lost else estimate.std
-    yield _HEALTH[estimate.health]
+    yield HEALTH[estimate.health]
     yield np.nan if lost else estimate.wheel_slip
     yield np.nan if lost else estimate.trace_offset
     yield estimate.confidence

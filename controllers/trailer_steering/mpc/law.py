@@ -9,12 +9,13 @@ While the path does not reach back to the follow point yet, the trailer is taken
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer_steering.limits import check_limits, check_steered
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
 from controllers.trailer_steering.mpc.planning import BLOCKS, STEPS, Limits, Outlook, Planner, Sizes
@@ -49,10 +50,7 @@ class MpcParameters:
     cut_in: float  # soft limit of the distance between the path and the middle of hitch and follow point: a kerb [m]
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            (low, high, unit), value = _LIMITS[field.name], getattr(self, field.name)
-            if not low <= value <= high:
-                raise ValueError(f"{field.name} = {value} {unit} must be between {low:g} and {high:g} {unit}")
+        check_limits(asdict(self), _LIMITS)
 
 
 _LIMITS = {
@@ -96,8 +94,7 @@ class Mpc:
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
-        if not trailer.steered_distances:
-            raise ValueError("mpc: the trailer has no steered axle")
+        check_steered("mpc", trailer)
         self._trailer, self._combination = trailer, combination
         self._parameters = MpcParameters(
             tolerance=tolerance,
