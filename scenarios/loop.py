@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import time
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
-from typing import Any, Literal, get_args
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +15,7 @@ from scenarios.assembly import LOG_PERIOD, Assembly
 from scenarios.outcomes import Referee
 from scenarios.recording import RecordingWriter
 from scenarios.run_log import Estimate, Row
+from scenarios.stopwatch import Stopwatch
 from scenarios.trailer_loop import TrailerLoop
 from sensors.messages import StereoFrame
 from sensors.navigation import DriverPerception
@@ -30,8 +28,6 @@ _CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver 
 _PATIENCE = 1.5  # a run that takes so much longer than its path at set speed has got stuck
 _GRACE = 10.0  # and some time for a start on a slope [s]
 
-Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry, which runs beside
-
 
 class Session:
     """A run in progress: the only mutable object of the house."""
@@ -42,7 +38,7 @@ class Session:
         self.tick = 0
         self.outcome: str | None = None  # None while the run goes on
         self.rows: list[Row] = []
-        self.seconds: dict[Stage, float] = dict.fromkeys(get_args(Stage), 0.0)
+        self.stopwatch = Stopwatch()
         self._keep_frames = keep_frames
         self._recorder = recorder
         self._images = hashlib.sha256()
@@ -54,7 +50,7 @@ class Session:
         self._station = 0.0  # of the guided point along the course [m]
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
         self._frames: list[tuple[int, Future[bytes]]] = []
-        self.trailers = tuple(TrailerLoop(trailer, self._worker, self._timed) for trailer in parts.trailers)
+        self.trailers = tuple(TrailerLoop(trailer, self._worker, self.stopwatch.timed) for trailer in parts.trailers)
         self._driver: Any = parts.driver.init() if parts.driver else None
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._n_trailer_axles = sum(len(unit.steered_axles) for unit in parts.vehicle.units[1:])
@@ -87,8 +83,8 @@ class Session:
 
     def advance(self) -> None:
         """One round of the loop: up to and including the integration to the next log row."""
-        with self._timed("total"):
-            with self._timed("physics"):
+        with self.stopwatch.timed("total"):
+            with self.stopwatch.timed("physics"):
                 truth = self.parts.motive.observe(self._state, self.tick)
             self._sample(truth)
             for trailer in self.trailers:
@@ -104,7 +100,7 @@ class Session:
         for trailer in self.trailers:
             if not trailer.watched.sensing.schedule.due(self.tick):
                 continue
-            with self._timed("render"):
+            with self.stopwatch.timed("render"):
                 message = trailer.watched.sensing.sensor.sample(truth)
             if message is not None:
                 trailer.send(message, self.tick)
@@ -120,7 +116,7 @@ class Session:
     def _seen_for_recording(self, truth: Truth) -> StereoFrame | None:
         if self.parts.cameras is None:
             return None
-        with self._timed("render"):
+        with self.stopwatch.timed("render"):
             seen = self.parts.cameras.camera.sample(truth)
         self._images.update(seen.left.tobytes())
         self._images.update(seen.right.tobytes())
@@ -159,7 +155,7 @@ class Session:
             trailer_steer=self._trailer_steer(),
         )
         try:
-            with self._timed("physics"):
+            with self.stopwatch.timed("physics"):
                 self._state = self.parts.motive.step(self._state, command, LOG_PERIOD)
         except DivergedError:
             self.outcome = "diverged"
@@ -181,14 +177,6 @@ class Session:
             self.outcome = "completed"
         elif self.outcome is None and self.tick * TICK > allowed:
             self.outcome = "timed out"
-
-    @contextmanager
-    def _timed(self, stage: Stage) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] += time.perf_counter() - begin
 
 
 def _jpeg(frame: StereoFrame) -> bytes:

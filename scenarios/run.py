@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from scenarios.loop import Session
 from scenarios.randomness import stream
 from scenarios.recording import RecordingWriter
 from scenarios.reference import reference_off_tracking
-from scenarios.results import CameraFrame, RunResult, Timing, TrailerAhead
+from scenarios.results import CameraFrame, RunResult, TrailerAhead
 from scenarios.run_log import run_log, with_trailer_ahead
 from scenarios.scenario import Scenario
 from vehicle.clock import TICK
@@ -51,14 +52,33 @@ def run(
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
         session = Session(parts, keep_frames=keep_frames, recorder=recorder)
         cleanup.callback(session.close)
-        try:
-            while session.outcome is None:
-                session.advance()
-                if progress:
-                    progress(session.progress, session.tick * TICK)
-        except KeyboardInterrupt:
-            session.outcome = "interrupted"
+        drive(session, progress)
         return _result(session)
+
+
+class Driven(Protocol):
+    """A run in progress, of whatever drives."""
+
+    outcome: str | None  # None while the run goes on
+    tick: int
+
+    @property
+    def progress(self) -> float:
+        """How much of the course is done, 0 to 1."""
+
+    def advance(self) -> None:
+        """One round of the loop."""
+
+
+def drive(session: Driven, progress: Progress | None) -> None:
+    """Goes on until there is an outcome; an interrupt is one."""
+    try:
+        while session.outcome is None:
+            session.advance()
+            if progress:
+                progress(session.progress, session.tick * TICK)
+    except KeyboardInterrupt:
+        session.outcome = "interrupted"
 
 
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
@@ -90,7 +110,6 @@ def _result(session: Session) -> RunResult:
         )
     if parts.scenario.reference_unit:
         log = _with_reference(log, session)
-    seconds = session.seconds
     return RunResult(
         scenario=parts.scenario.name,
         scenario_toml=parts.scenario.to_toml(),
@@ -102,14 +121,7 @@ def _result(session: Session) -> RunResult:
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
         circle_centre=parts.course.surface_centre,
-        timing=Timing(
-            simulated_s=session.tick * TICK,
-            wall_s=seconds["total"],
-            physics_s=seconds["physics"],
-            render_s=seconds["render"],
-            odometry_s=seconds["odometry"],
-            odometry_beside_s=seconds["odometry"] - seconds["wait"],
-        ),
+        timing=session.stopwatch.timing(session.tick * TICK),
         frames=_camera_frames(session),
         manifest={
             "opengl_renderer": parts.cameras.renderer.name if parts.cameras else "none",

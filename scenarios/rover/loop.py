@@ -8,12 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-import time
-from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any
 
 import cv2
 import numpy as np
@@ -22,6 +19,7 @@ from estimators.estimates import SlipAngle
 from estimators.reference_slip import LaserSlip
 from estimators.rover_odometry import RoverOdometry, RoverPose
 from scenarios.rover.assembly import PERIOD, RoverAssembly
+from scenarios.stopwatch import Stopwatch
 from sensors.messages import LaserFix, RoverReadings, RoverView
 from sensors.rover_navigation import ExactSlip
 from vehicle.clock import TICK, Pipe
@@ -31,8 +29,6 @@ from vehicle.rover.truth import RoverTruth
 
 _PATIENCE = 3.0  # a run that takes so much longer than its path at the wheels' speed has got stuck: wheels slip much
 _GRACE = 10.0  # and some time to start [s]
-
-Stage = Literal["physics", "render", "odometry", "wait", "total"]  # odometry: the slip estimator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +56,7 @@ class RoverSession:
         self.rows: list[RoverRow] = []
         self.estimates: list[SlipAngle] = []
         self.frames: list[tuple[int, bytes]] = []  # tick and JPEG of what the camera saw, for people
-        self.seconds: dict[Stage, float] = dict.fromkeys(get_args(Stage), 0.0)
+        self.stopwatch = Stopwatch()
         self._keep_frames, self._recorder = keep_frames, recorder
         self._images = hashlib.sha256()
         self._state = parts.plant.initial_state(parts.path.start, parts.scenario.speed)
@@ -92,10 +88,11 @@ class RoverSession:
 
     def advance(self) -> None:
         """One round of the loop: up to and including the integration to the next log row."""
-        with self._timed("total"):
-            with self._timed("physics"):
+        with self.stopwatch.timed("total"):
+            with self.stopwatch.timed("physics"):
                 truth = self.parts.plant.observe(self._state, self.tick)
-            self._driven.append(truth)
+            if self.parts.world is not None:
+                self._driven.append(truth)
             readings = self.parts.instruments.sample(truth)
             fix = self._fixed(truth)
             self._sample(truth, readings)
@@ -123,7 +120,7 @@ class RoverSession:
         world, camera = self.parts.world, self.parts.camera
         if world is None or camera is None:
             return None
-        with self._timed("render"):
+        with self.stopwatch.timed("render"):
             world.drive(self._driven)
             self._driven = []
             view = RoverView(
@@ -142,14 +139,14 @@ class RoverSession:
 
     def _estimate(self, message: Any) -> SlipAngle:
         """What the estimator makes of a message; called in the worker, one message after the other."""
-        with self._timed("odometry"):
+        with self.stopwatch.timed("odometry"):
             self._source, estimate = self.parts.source.step(self._source, message)
         return estimate
 
     def _deliver(self) -> None:
         self._in_flight, due = self._in_flight.deliver(self.tick)
         for future in due:
-            with self._timed("wait"):
+            with self.stopwatch.timed("wait"):
                 self._newest = future.result()
             self.estimates.append(self._newest)
 
@@ -193,7 +190,7 @@ class RoverSession:
 
     def _integrate(self, command: RoverCommand) -> None:
         try:
-            with self._timed("physics"):
+            with self.stopwatch.timed("physics"):
                 self._state = self.parts.plant.step(self._state, command, PERIOD)
         except DivergedError:
             self.outcome = "diverged"
@@ -208,14 +205,6 @@ class RoverSession:
             self.outcome = "completed"
         elif self.outcome is None and self.tick * TICK > _GRACE + _PATIENCE * path.length / self.parts.scenario.speed:
             self.outcome = "timed out"
-
-    @contextmanager
-    def _timed(self, stage: Stage) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] += time.perf_counter() - begin
 
 
 def cross_track(parts: RoverAssembly, row: RoverRow) -> float:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from contextlib import ExitStack
 from pathlib import Path
 
-from scenarios.results import Timing
 from scenarios.rover.assembly import assemble_rover
 from scenarios.rover.loop import RoverSession, cross_track
 from scenarios.rover.recording import RoverRecordingWriter
 from scenarios.rover.results import RoverResult, TraceFrame
 from scenarios.rover.run_log import rover_log
 from scenarios.rover.scenario import RoverScenario
-from scenarios.run import Progress
+from scenarios.run import Progress, drive
 from vehicle.clock import TICK
 
 _SPACING = 0.02  # of the path's points in figures [m]
@@ -43,18 +42,12 @@ def run_rover(
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
         session = RoverSession(parts, keep_frames=keep_frames, recorder=recorder)
         cleanup.callback(session.close)
-        try:
-            while session.outcome is None:
-                session.advance()
-                if progress:
-                    progress(session.progress, session.tick * TICK)
-        except KeyboardInterrupt:
-            session.outcome = "interrupted"
+        drive(session, progress)
         return _result(session)
 
 
 def _result(session: RoverSession) -> RoverResult:
-    parts, seconds = session.parts, session.seconds
+    parts = session.parts
     return RoverResult(
         scenario=parts.scenario.name,
         scenario_toml=parts.scenario.to_toml(),
@@ -64,14 +57,7 @@ def _result(session: RoverSession) -> RoverResult:
         rover=parts.rover.name,
         path=parts.path.points(_SPACING),
         rig=parts.rig,
-        timing=Timing(
-            simulated_s=session.tick * TICK,
-            wall_s=seconds["total"],
-            physics_s=seconds["physics"],
-            render_s=seconds["render"],
-            odometry_s=seconds["odometry"],
-            odometry_beside_s=seconds["odometry"] - seconds["wait"],
-        ),
+        timing=session.stopwatch.timing(session.tick * TICK),
         frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.frames),
         manifest={"frames_sha256": session.images_sha256 if parts.camera else "none"},
     )
