@@ -49,7 +49,8 @@ class DriverCommand(NamedTuple):
     """What the driver demands of his tractor."""
 
     steer: float  # road-wheel angle [rad]
-    acceleration: float  # [m/s2]
+    acceleration: float  # above 0 drives the way the gear does, below 0 brakes [m/s2]
+    gear: float = 1.0  # +1 forward, -1 backward
 
 
 class DriverMemory(NamedTuple):
@@ -98,6 +99,16 @@ class PreviewDriver:
             self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
 
     @property
+    def speed(self) -> float:
+        """Set speed [m/s]."""
+        return self._speed
+
+    @property
+    def path_length(self) -> float:
+        """Length of the path [m]."""
+        return self._path.length
+
+    @property
     def duration(self) -> float:
         """How long he means to take for the path [s]."""
         return self._path.length / self._speed if self._profile is None else self._profile.duration
@@ -106,16 +117,27 @@ class PreviewDriver:
         """Memory at the start of the path, wheels straight."""
         return DriverMemory(tick=None, station=0.0, demand=0.0, steer=0.0, front_slip=0.0, speed_integral=0.0)
 
-    def step(self, memory: DriverMemory, tick: int, ego: EgoState) -> tuple[DriverMemory, DriverCommand]:
-        """New memory and command at ``tick``."""
+    def step(
+        self, memory: DriverMemory, tick: int, ego: EgoState, speed_limit: float = math.inf
+    ) -> tuple[DriverMemory, DriverCommand]:
+        """New memory and command at ``tick``; no faster than ``speed_limit`` [m/s]."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
         front_slip = self._front_slip(memory.front_slip, steer, ego, elapsed)
         station, demand = self._steer_demand(memory._replace(steer=steer, front_slip=front_slip), ego)
         wanted = self._speed if self._profile is None else self._profile.at(station)
-        integral, acceleration = self._speed_control(memory.speed_integral, wanted - ego.v_x, elapsed)
+        error = min(wanted, speed_limit) - ego.v_x
+        integral, acceleration = speed_control(memory.speed_integral, error, elapsed)
         after = DriverMemory(tick, station, demand, steer, front_slip, integral)
         return after, DriverCommand(steer=demand, acceleration=acceleration)
+
+    def led(self, memory: DriverMemory, tick: int, ego: EgoState, demand: float) -> DriverMemory:
+        """Memory when somebody else drives on, steering by ``demand`` [rad]; he starts anew from where that leads."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        steer = self._settled(memory.steer, memory.demand, elapsed)
+        point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self._tractor.x_ref, self._tractor.y_ref, 0.0)
+        station = self._path.project(point.x, point.y, memory.station)
+        return DriverMemory(tick, station, demand, steer, 0.0, 0.0)
 
     def _settled(self, steer: float, demand: float, duration: float) -> float:
         t = self._tractor
@@ -154,10 +176,14 @@ class PreviewDriver:
         step = Pose2(horizon * (c * ego.v_x - s * ego.v_y), horizon * (s * ego.v_x + c * ego.v_y), 2.0 * turned)
         return Pose2(ego.x, ego.y, ego.psi) @ step
 
-    def _speed_control(self, integral: float, error: float, elapsed: float) -> tuple[float, float]:
-        """New integral and acceleration demand, both [m/s2]; the integral waits while the demand is at its limit."""
-        wanted = integral + _SPEED_INTEGRAL * error * elapsed
-        demand = _SPEED_GAIN * error + wanted
-        if abs(demand) <= _MAX_ACCELERATION:
-            return wanted, demand
-        return integral, math.copysign(_MAX_ACCELERATION, demand)
+
+def speed_control(integral: float, error: float, elapsed: float) -> tuple[float, float]:
+    """New integral and acceleration demand, both [m/s2], against an ``error`` of the speed [m/s].
+
+    The integral waits while the demand is at its limit.
+    """
+    wanted = integral + _SPEED_INTEGRAL * error * elapsed
+    demand = _SPEED_GAIN * error + wanted
+    if abs(demand) <= _MAX_ACCELERATION:
+        return wanted, demand
+    return integral, math.copysign(_MAX_ACCELERATION, demand)

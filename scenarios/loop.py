@@ -153,6 +153,7 @@ class Session:
             steer=self._driver_demand.steer,
             acceleration=self._driver_demand.acceleration,
             trailer_steer=self._trailer_steer(),
+            gear=self._driver_demand.gear,
         )
         try:
             with self.stopwatch.timed("physics"):

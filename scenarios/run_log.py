@@ -159,7 +159,8 @@ def _signals(units: Sequence[str], n_steered: int) -> Iterator[Signal]:
         yield Signal(f"steer_trailer_{k}", "rad", f"trailer: road-wheel angle of steered axle {k}, + left")
     for k in range(1, n_steered + 1):
         yield Signal(f"steer_trailer_{k}_command", "rad", "the controller's demand for it")
-    yield Signal("acceleration_command", "m/s2", "the driver's demand")
+    yield Signal("acceleration_command", "m/s2", "the driver's demand: drive the way of the gear, below 0 brakes")
+    yield Signal("gear", "-", "+1 forward, -1 backward")
     yield Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses")
     yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel")
     yield from _ESTIMATE
@@ -179,6 +180,7 @@ def _values(row: Row, steers_ahead: int) -> Iterator[float]:
     yield from truth.steer[steers_ahead : steers_ahead + len(row.steering[-1].angles)]
     yield from row.steering[-1].angles
     yield row.driver.acceleration
+    yield row.driver.gear
     yield float(truth.friction_used.max())
     yield float(truth.wheel_loads.min())
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Degradation, Guarded
+from controllers.trailer_steering.reverse_lock import ReverseLock
 from scenarios.catalogue import TRAILER_STEERING, resolve
 from vehicle.parameter_file import nearest
 
@@ -24,7 +25,7 @@ def trailer_law(
     """The law of that name, a known one or ``package.module:Name``, for the trailer.
 
     It is guarded against bad estimates, by default as `Degradation` says, unless its class has
-    ``uses_off_tracking = False``.
+    ``uses_off_tracking = False``; backwards the axles are locked straight.
 
     Raises:
         ValueError: one line, if there is no such law, it has no such parameter, or it can not be constructed.
@@ -41,6 +42,8 @@ def trailer_law(
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: can not be constructed as {shape}: {error}") from error
-    if not (trailer.steered_distances and getattr(part, "uses_off_tracking", True)):
+    if not trailer.steered_distances:
         return law
-    return Guarded(law, trailer, combination, degradation or Degradation())
+    if getattr(part, "uses_off_tracking", True):
+        law = Guarded(law, trailer, combination, degradation or Degradation())
+    return ReverseLock(law, trailer)

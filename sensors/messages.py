@@ -46,7 +46,7 @@ class GnssIns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EgoState:
-    """What a driver perceives of his own tractor: where it is on the road and how it moves (frame T)."""
+    """What a driver perceives: where his tractor is on the road, how it moves (frame T), and what it tows."""
 
     tick: int
     x: float  # [m]
@@ -55,6 +55,7 @@ class EgoState:
     v_x: float  # [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # [rad/s]
+    articulation: tuple[float, ...] = ()  # (N-1,) at each hitch, in his mirrors [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

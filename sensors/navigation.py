@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sensors.messages import BodyPose, EgoState
 from vehicle.truth import Truth
 
@@ -16,7 +18,8 @@ class DriverPerception:
         """Where the tractor is and how it moves."""
         x, y, psi = truth.poses[0].tolist()
         v_x, v_y, yaw_rate = truth.velocities[0].tolist()
-        return EgoState(tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate)
+        towed = tuple((-np.diff(truth.poses[:, 2])).tolist())
+        return EgoState(tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, articulation=towed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,7 @@ class PlantBatch:
         self._start = kernel_for_many(start_function(self._vehicle), values, n, "interpreted")
         self._under = SurfacesUnder(surfaces, self._vehicle, n)
         self._everywhere = self._under.everywhere
-        self._n_trailer = demand_sizes(self._vehicle).trailer_steer
+        self._n_trailer, self._n_demands = demand_sizes(self._vehicle).trailer_steer, sum(demand_sizes(self._vehicle))
         self._at = Places(*spans(place_sizes(self._vehicle)))
         self._of_wheels = WheelTruth(*spans(wheel_truth_sizes(self._vehicle)))
         in_state = State(*spans(state_sizes(self._vehicle)))
@@ -80,18 +80,25 @@ class PlantBatch:
         return self._start(self._nothing, np.hstack([start, self._footing(level)]))
 
     def step(
-        self, state: FloatArray, steer: ArrayLike, acceleration: ArrayLike, trailer_steer: ArrayLike, ticks: int
+        self,
+        state: FloatArray,
+        steer: ArrayLike,
+        acceleration: ArrayLike,
+        trailer_steer: ArrayLike,
+        ticks: int,
+        gear: ArrayLike = 1.0,
     ) -> FloatArray:
         """States (n, n_state) after whole ticks under held demands, a new array.
 
-        Steer (n,) of the tractors [rad], acceleration (n,) [m/s2] and steer (n, n_steered) of the trailer axles [rad].
+        Steer (n,) of the tractors [rad], acceleration (n,) [m/s2], steer (n, n_steered) of the trailer axles [rad] and
+        gear (n,): +1 forward, -1 backward.
 
         Raises:
-            ValueError: if the number of ticks or the shape of the demands does not fit.
+            ValueError: if the number of ticks or the shape of the demands does not fit, or a gear is none.
         """
         if ticks < 1:
             raise ValueError(f"ticks = {ticks} must be at least 1 tick of {TICK * 1e3:g} ms")
-        demands = self._demands(steer, acceleration, trailer_steer)
+        demands = self._demands(steer, acceleration, trailer_steer, gear)
         while ticks > 0:
             now = ticks if self._everywhere is not None else min(ticks, ticks_to_next_look(self._fastest(state)))
             state = self._advance(state, np.hstack([demands, self._footing(state)]), now)
@@ -112,19 +119,23 @@ class PlantBatch:
 
     def observe_wheels(self, state: FloatArray) -> WheelTruth[FloatArray]:
         """What axles and wheels do, an array (n, ...) each."""
-        idle = np.zeros((self._n, 2 + self._n_trailer))  # no truth depends on a demand
+        idle = np.zeros((self._n, self._n_demands))  # no truth depends on a demand
         told = self._wheels(state, np.hstack([idle, self._footing(state)]))
         return WheelTruth(*(told[:, span] for span in self._of_wheels))
 
-    def _demands(self, steer: ArrayLike, acceleration: ArrayLike, trailer_steer: ArrayLike) -> FloatArray:
+    def _demands(
+        self, steer: ArrayLike, acceleration: ArrayLike, trailer_steer: ArrayLike, gear: ArrayLike
+    ) -> FloatArray:
         of_trailers = np.asarray(trailer_steer, dtype=np.float64)
         if of_trailers.shape != (self._n, self._n_trailer):
             raise ValueError(
                 f"trailer_steer of shape {of_trailers.shape} must be ({self._n}, {self._n_trailer}): "
                 f"{self._vehicle.name} steers {self._n_trailer} trailer axles"
             )
-        demands = np.empty((self._n, 2 + self._n_trailer))
-        demands[:, 0], demands[:, 1], demands[:, 2:] = steer, acceleration, of_trailers
+        demands = np.empty((self._n, self._n_demands))
+        demands[:, 0], demands[:, 1], demands[:, 2:-1], demands[:, -1] = steer, acceleration, of_trailers, gear
+        if not (np.abs(demands[:, -1]) == 1.0).all():
+            raise ValueError("gear must be 1 (forward) or -1 (backward) for every vehicle")
         return demands
 
     def _footing(self, state: FloatArray) -> FloatArray:

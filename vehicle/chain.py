@@ -208,6 +208,7 @@ def _wheel_motions(
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,
+            gear=u.gear,
         )
         found.append(wheel_motion(vehicle, wheel, state))
     return found

@@ -18,8 +18,9 @@ class Demands(NamedTuple, Generic[V]):
     """What driver and trailer controllers ask for; the field order is the order in the vector."""
 
     steer: V  # of the tractor's foremost steered axle; what is linked to it follows in its ratio [rad]
-    acceleration: V  # [m/s2]
+    acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
     trailer_steer: V  # of every steered trailer axle, front to rear [rad]
+    gear: V  # +1 forward, -1 backward
 
 
 class Footing(NamedTuple, Generic[V]):
@@ -33,7 +34,7 @@ class Footing(NamedTuple, Generic[V]):
 
 def demand_sizes(vehicle: Vehicle) -> Demands[int]:
     """Length of every part of the vector."""
-    return Demands(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
+    return Demands(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]), 1)
 
 
 def footing_sizes(vehicle: Vehicle) -> Footing[int]:
@@ -64,6 +65,7 @@ def chain_input(vehicle: Vehicle, demands: Demands[ca.SX], under: Footing[ca.SX]
     return Input(
         steer=ca.vertcat(ca.SX(0, 1), *asked),
         acceleration=demands.acceleration,
+        gear=demands.gear,
         friction=under.friction,
         gravity_x=gravity_x,
         gravity_y=gravity_y,

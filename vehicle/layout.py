@@ -45,6 +45,7 @@ class Input(NamedTuple, Generic[V]):
 
     steer: V  # (n_actuators,) demanded angle of every steering actuator, front to rear [rad]
     acceleration: V  # demanded [m/s2]
+    gear: V  # +1 drives forward, -1 backward
     friction: V  # (n_wheels,) friction coefficient under each wheel [-]
     gravity_x: V  # (N,) gravity along the ground under each unit, along W's x [m/s2]
     gravity_y: V  # (N,) along W's y
@@ -163,6 +164,7 @@ def input_sizes(vehicle: Vehicle) -> Input[int]:
     return Input(
         steer=len(steering_actuators(vehicle)),
         acceleration=1,
+        gear=1,
         friction=n_wheels,
         gravity_x=N,
         gravity_y=N,

@@ -29,8 +29,9 @@ class VehicleCommand(NamedTuple):
     """What driver and trailer controllers demand of the vehicle."""
 
     steer: float  # of the tractor's foremost steered axle [rad]
-    acceleration: float  # [m/s2]
+    acceleration: float  # above 0 drives the way the gear does, below 0 brakes [m/s2]
     trailer_steer: tuple[float, ...]  # of every steered trailer axle, front to rear [rad]
+    gear: float = 1.0  # +1 forward, -1 backward; it is in at once, so change it at a standstill
 
 
 class DivergedError(Exception):
@@ -61,7 +62,7 @@ class Plant:
         self._bodies = kernel_for_one(body_function(vehicle), values, "interpreted")
         self._start = kernel_for_one(start_function(vehicle), values, "interpreted")
         self._n_trailer = demand_sizes(vehicle).trailer_steer
-        self._idle = np.zeros(2 + self._n_trailer)
+        self._idle = np.zeros(sum(demand_sizes(vehicle)))
         self._at = Places(*spans(place_sizes(vehicle)))
         self._of_wheels = WheelTruth(*spans(wheel_truth_sizes(vehicle)))
         in_state = State(*spans(state_sizes(vehicle)))
@@ -80,7 +81,8 @@ class Plant:
         """State after whole ticks under a held command, a new array.
 
         Raises:
-            ValueError: if the number of ticks or of trailer steer demands does not fit, or a demand is not finite.
+            ValueError: if the number of ticks or of trailer steer demands does not fit, a demand is not finite, or the
+                gear is none.
             DivergedError: if the new state is not finite, or beyond 1e12 in any SI unit.
         """
         if ticks < 1:
@@ -119,7 +121,7 @@ class Plant:
         return after
 
     def _demands(self, command: VehicleCommand) -> tuple[float, ...]:
-        demands = (command.steer, command.acceleration, *command.trailer_steer)
+        demands = (command.steer, command.acceleration, *command.trailer_steer, command.gear)
         if len(demands) != len(self._idle):
             raise ValueError(
                 f"trailer_steer has {len(command.trailer_steer)} angles, "
@@ -127,6 +129,8 @@ class Plant:
             )
         if not math.isfinite(sum(demands)):
             raise ValueError(f"{command} must be of finite numbers [rad, m/s2]")
+        if command.gear not in (1.0, -1.0):
+            raise ValueError(f"gear = {command.gear} must be 1 (forward) or -1 (backward)")
         return demands
 
     def _seen(self, state: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def straight_running(vehicle: Vehicle, speed: float, friction: float) -> tuple[F
         brake_windup=np.ones(vehicle.n_wheels),  # as rolling leaves it
         acceleration=np.array([drag]),
     )
-    u = u._replace(friction=np.full(vehicle.n_wheels, friction))
+    u = u._replace(gear=np.array([1.0]), friction=np.full(vehicle.n_wheels, friction))
     x = _balanced(vehicle, np.concatenate(s), np.concatenate(u))
     if x is None:
         raise ValueError(f"speed = {speed} m/s can not be held by {vehicle.name} on a friction of {friction}")

@@ -27,6 +27,7 @@ class WheelState(NamedTuple):
     load: Num  # [N]
     friction: Num  # [-]
     acceleration: Num  # that drive and brake torques stand for [m/s2]
+    gear: Num  # +1 drives forward, -1 backward
 
 
 class Relaxation(NamedTuple):
@@ -107,6 +108,10 @@ def _spin_relaxation(axle: Axle, on: Contact) -> Num:
 
 
 def _drive_torque(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> Num:
-    """Torque [N m] of the driveline, within the engine's power."""
+    """Torque [N m] of the driveline, within the engine's power, the way the gear drives.
+
+    A wheel that still turns the other way is held back by the slipping clutch, at the demanded torque.
+    """
     demanded = (vehicle.mass * wheel.axle.wheel_radius) * ca.fmax(s.acceleration, 0.0)
-    return wheel.drive_share * ca.fmin(demanded, vehicle.drive.max_power / ca.fmax(s.omega, _CLUTCH_OMEGA))
+    with_gear = ca.fmax(s.gear * s.omega, _CLUTCH_OMEGA)
+    return (s.gear * wheel.drive_share) * ca.fmin(demanded, vehicle.drive.max_power / with_gear)

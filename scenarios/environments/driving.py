@@ -1,12 +1,13 @@
 """Driving a combination oneself: its end, forwards to a gate or backwards into a bay.
 
-``offtrack/TractorTrailerDriving-v0``: a control step of 20 ms. ``task="gate"`` drives the plant with slipping tyres;
-``task="bay"`` reverses, for which wheels roll where they point (``movers``).
+``offtrack/TractorTrailerDriving-v0``: a control step of 20 ms on slipping tyres, forwards and backwards.
 
 Action, ``Box(-1, 1, (2,))``: demanded steer of the tractor over its limit, + left; demanded acceleration over 1 m/s2,
-not heard beyond 2 m/s (bay) or 8 m/s (gate).
+which points backwards below 0, brakes where it is against the motion, and is not heard beyond 2 m/s (bay) or 8 m/s
+(gate) its way. Near standstill, below 0.1 m/s, the gear follows its sign.
 
-Observation, ``Box((n_features,))`` in SI units, exact:
+Observation, ``Box((n_features,))`` in SI units, exact, as there are no cameras; each cut off at its limit, and
+``core.features`` lists them:
 
     goal_ahead, goal_aside      m      the goal as the last trailer's end sees it
     goal_direction_cos, _sin    -      its direction against the trailer's
@@ -43,7 +44,7 @@ from scenarios.canvas import Picture
 from scenarios.courses import straight
 from scenarios.environments.core import Feature, Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
-from scenarios.environments.movers import Mover, Rolling, Slipping
+from scenarios.environments.movers import Slipping
 from scenarios.environments.picture import Onlooker, axle_angles
 from scenarios.outcomes import FOLDED, LIFTED
 from vehicle.description import Vehicle, load_vehicle
@@ -94,12 +95,13 @@ class TractorTrailerDriving:
         vehicle = self._vehicle = load_vehicle(options.vehicle)
         if len(vehicle.units) < 2 or vehicle.units[0].steering is None:
             raise ValueError(f"vehicle {vehicle.name}: must be a tractor with steering that tows a trailer")
-        self._mover: Mover = Rolling(vehicle, n) if options.task == "bay" else Slipping(vehicle, n, options.engine)
+        self._mover = Slipping(vehicle, n, options.engine)
         self._end = -vehicle.units[-1].rear_x
         self._steer_limit = vehicle.units[0].steering.limit
         self._fastest, self._time = _FASTEST[options.task], _TIME[options.task]
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = observation_space(_features(vehicle))
+        self.features = _features(vehicle)
+        self.observation_space = observation_space(self.features)
         self._ends = np.full(n, self._end)
         self._goal, self._elapsed = np.zeros((n, 3)), np.zeros(n)
         self._onlooker = Onlooker(outlines(vehicle), [straight(front_x=vehicle.units[0].front_x, length=1.0)])
@@ -152,6 +154,9 @@ class TractorTrailerDriving:
         straight_on[0] = self._now.steer[lane]
         steer = axle_angles(self._vehicle, straight_on)
         return self._onlooker.picture(lane, self._now.poses[lane], steer, caption, goal=self._goal[lane])
+
+    def close(self) -> None:
+        """Nothing is open."""
 
     def _to_goal(self) -> FloatArray:
         """The goal seen from the trailer's end: ahead and aside [m], and its direction [rad], (n, 3)."""

@@ -62,6 +62,7 @@ class Fleet:
         nominal = numbers(vehicle)
         self._u = np.zeros((n, first_number + len(nominal)))
         self._u[:, self._numbers] = nominal
+        self._u[:, self._n_demands - 1] = 1.0  # forward
         self._u[:, self._footing.friction] = 1.0
         self._state = np.zeros((n, sum(state_sizes(vehicle))))
         self._start_u = np.zeros((n, 4 + sum(footing) + len(nominal)))
@@ -83,7 +84,7 @@ class Fleet:
         self._u[lanes, self._footing.friction] = ground.friction[:, None]
         self._cross_fall[lanes], self._centre[lanes] = ground.cross_fall, ground.centre
         self._conical = bool(np.isfinite(self._centre[:, 0]).any())
-        self._u[lanes, : self._n_demands] = 0.0
+        self._u[lanes, : self._n_demands - 1] = 0.0
         self._u[lanes, self._footing.slope_x] = 0.0
         self._u[lanes, self._footing.slope_y] = np.where(np.isfinite(ground.centre[:, 0]), 0.0, ground.cross_fall)[
             :, None
@@ -97,11 +98,26 @@ class Fleet:
         self._rest(lanes)  # leaning as the ground does where they stand
         return self.see()
 
-    def step(self, steer: FloatArray, acceleration: FloatArray, trailer_steer: FloatArray, ticks: int) -> Seen:
-        """Steps all under held demands, and looks: steer (n,) [rad], acceleration (n,) [m/s2], (n, n_steered) [rad]."""
-        self._u[:, 0], self._u[:, 1], self._u[:, 2 : self._n_demands] = steer, acceleration, trailer_steer
+    def step(
+        self,
+        steer: FloatArray,
+        acceleration: FloatArray,
+        trailer_steer: FloatArray,
+        ticks: int,
+        gear: FloatArray | float = 1.0,
+    ) -> Seen:
+        """Steps all under held demands, and looks: steer (n,) [rad], acceleration (n,) [m/s2], (n, n_steered) [rad].
+
+        ``gear`` (n,): +1 forward, -1 backward; above 0 acceleration drives that way, below 0 it brakes.
+        """
+        last = self._n_demands - 1
+        self._u[:, 0], self._u[:, 1], self._u[:, 2:last], self._u[:, last] = steer, acceleration, trailer_steer, gear
         self._state = self._advance(self._state, self._u, ticks)
         return self.see()
+
+    def alone(self, lane: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """A vehicle's state, its demands and footing, and its numbers, as ``vehicle.compiled`` takes them."""
+        return self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers]
 
     def see(self) -> Seen:
         """Looks at all; those whose state is no number stand at the origin."""

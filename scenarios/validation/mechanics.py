@@ -121,6 +121,7 @@ def _inputs(vehicle: Vehicle, rng: np.random.Generator, count: int) -> FloatArra
     drawn = Input(
         steer=rng.uniform(-0.6, 0.6, (sizes.steer, count)),
         acceleration=rng.uniform(-6.0, 2.0, (1, count)),
+        gear=np.where(np.arange(count) % 2, -1.0, 1.0)[None, :],
         friction=rng.uniform(0.05, 1.2, (sizes.friction, count)),
         gravity_x=rng.uniform(-1.0, 1.0, (sizes.gravity_x, count)),
         gravity_y=rng.uniform(-1.0, 1.0, (sizes.gravity_y, count)),

@@ -45,6 +45,7 @@ class OtherStepPlant:
         u = Input(
             steer=np.array([*[command.steer] * on_tractor, *command.trailer_steer]),
             acceleration=np.array([command.acceleration]),
+            gear=np.array([command.gear]),
             friction=np.full(sizes.friction, self._friction),
             gravity_x=np.zeros(sizes.gravity_x),
             gravity_y=np.zeros(sizes.gravity_y),

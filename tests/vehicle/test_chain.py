@@ -67,7 +67,7 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     steer=-1,
     acceleration=1,
 )
-LATERAL_INPUT = Input(steer=-1, acceleration=1, friction=1, gravity_x=1, gravity_y=-1, road=1)
+LATERAL_INPUT = Input(steer=-1, acceleration=1, gear=1, friction=1, gravity_x=1, gravity_y=-1, road=1)
 PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
 
 
@@ -78,6 +78,7 @@ def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[
     u = Input(
         steer=rng.uniform(-0.5, 0.5, sizes.steer),
         acceleration=rng.uniform(-5, 2, 1),
+        gear=np.array([1.0 if seed % 2 else -1.0]),
         friction=rng.uniform(0.1, 1.0, sizes.friction),
         gravity_x=rng.uniform(-1, 1, sizes.gravity_x),
         gravity_y=rng.uniform(-1, 1, sizes.gravity_y),

@@ -47,6 +47,7 @@ def given(
     return u._replace(
         steer=steered,
         acceleration=np.array([acceleration]),
+        gear=np.array([1.0]),
         friction=np.full(vehicle.n_wheels, friction),
         gravity_x=np.full(len(u.gravity_x), -g * grade),
         gravity_y=np.full(len(u.gravity_y), -g * fall),

@@ -43,6 +43,7 @@ def random_inputs(vehicle: Vehicle) -> FloatArray:
             rng.uniform(-0.6, 0.6, (N, demands.steer)),
             rng.uniform(-5.0, 2.0, (N, demands.acceleration)),
             rng.uniform(-0.4, 0.4, (N, demands.trailer_steer)),
+            np.where(np.arange(N) % 2, 1.0, -1.0)[:, None],
             rng.uniform(0.1, 1.0, (N, under.friction)),
             rng.uniform(-0.1, 0.1, (N, under.slope_x + under.slope_y)),
             rng.uniform(-0.05, 0.05, (N, under.road)),

@@ -1,0 +1,81 @@
+"""A combination that rolls where its wheels point: what a driver needs to know of it to push it backwards."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vehicle.description import Unit, Vehicle
+from vehicle.frames import FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RollingChain:
+    """Lengths of a tractor and the units that it tows, each on one axle, their steered axles straight."""
+
+    wheelbase: float  # of the tractor [m]
+    max_steer: float  # of its front wheels [rad]
+    hitches: tuple[float, ...]  # of every unit but the last: how far ahead of its axle the next one hangs [m]
+    lengths: tuple[float, ...]  # of every towed unit: hitch to axle [m]
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> RollingChain:
+        """The lengths of a vehicle.
+
+        Raises:
+            ValueError: if it tows nothing, or its tractor has no steering.
+        """
+        tractor, *towed = vehicle.units
+        if not towed or tractor.steering is None:
+            raise ValueError(f"vehicle {vehicle.name}: must be a tractor with steering that tows a trailer")
+        axles = [0.0, *(_rolling_axle(unit) for unit in towed)]  # T has its origin at the rear axle
+        return cls(
+            wheelbase=tractor.steered_axles[0].x,
+            max_steer=tractor.steering.limit,
+            hitches=tuple(unit.rear_hitch[0] - x for unit, x in zip(vehicle.units[:-1], axles, strict=False)),
+            lengths=tuple(-x for x in axles[1:]),
+        )
+
+    def last_axle(self, X_WT: Pose2, articulation: Sequence[float]) -> Pose2:
+        """Where the last unit's axle is, and where that unit points; articulation (N,) at each hitch [rad]."""
+        x, y, psi = X_WT
+        for hitch, length, gamma in zip(self.hitches, self.lengths, articulation, strict=True):
+            ahead, psi = psi, psi - gamma
+            x += hitch * math.cos(ahead) - length * math.cos(psi)
+            y += hitch * math.sin(ahead) - length * math.sin(psi)
+        return Pose2(x, y, psi)
+
+    def rates(self, articulation: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
+        """Speeds (N + 1,) and yaw rates (N + 1,) of all axles per metre that the tractor's goes on a ``curvature``."""
+        speeds, yaw_rates = np.ones(1 + len(self.lengths)), np.full(1 + len(self.lengths), curvature)
+        for k, (hitch, length) in enumerate(zip(self.hitches, self.lengths, strict=True), start=1):
+            c, s = math.cos(articulation[k - 1]), math.sin(articulation[k - 1])
+            ahead, aside = speeds[k - 1], hitch * yaw_rates[k - 1]
+            speeds[k], yaw_rates[k] = c * ahead - s * aside, (s * ahead + c * aside) / length
+        return speeds, yaw_rates
+
+    def steady(self, curvature: float) -> tuple[FloatArray, float]:
+        """Articulation (N,) [rad] and curvature of the tractor's way [1/m] when the last axle's has this one.
+
+        An axle of way curvature k carries its hitch, d away from it, at d k to its direction; the distance of the
+        turning centre from a hitch is the same seen from both of its units.
+        """
+        found: list[float] = []
+        for hitch, length in zip(reversed(self.hitches), reversed(self.lengths), strict=True):
+            ahead = curvature / math.sqrt(1.0 + curvature**2 * (length**2 - hitch**2))
+            found.insert(0, math.atan(length * curvature) - math.atan(hitch * ahead))
+            curvature = ahead
+        return np.array(found), curvature
+
+
+def _rolling_axle(unit: Unit) -> float:
+    """Where the one axle is that would roll as a unit's group does [m].
+
+    A hitch asks for any side force and for no moment: sum x F = 0 with forces in proportion to slip, hence
+    r = -u sum x / sum x^2.
+    """
+    places = [axle.x for axle in unit.axles]
+    return sum(x * x for x in places) / sum(places)
