@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -65,7 +66,7 @@ class OffTracking:
     std: float  # [m]
     health: Health
     path: FloatArray  # (n, 2) past hitch positions in S, newest first, starting at the hitch itself (0, 0) [m]
-    hitch_direction: float  # direction of the hitch's travel in S, + left [rad]
+    hitch_direction: float  # direction of the hitch's travel in S, + left; going back, that of the line it goes [rad]
     hitch_direction_rate: float  # its rate of change in S [rad/s]
     path_tangent: float  # direction of the hitch path (as it was travelled) beside the follow point, in S [rad]
     v_x: float  # velocity of the hitch along the axes of S, from the last motions [m/s]
@@ -99,3 +100,16 @@ class SlipAngle:
     def age(self, tick: int) -> float:
         """How old the measurement is at ``tick`` [s]."""
         return (tick - self.tick) * TICK
+
+
+def lost_slip(tick: int) -> SlipAngle:
+    """No trace is seen."""
+    return SlipAngle(
+        tick=tick,
+        value=0.0,
+        std=math.inf,
+        health=Health.LOST,
+        wheel_slip=0.0,
+        trace_offset=0.0,
+        confidence=0.0,
+    )

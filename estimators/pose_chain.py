@@ -3,10 +3,16 @@
 Every sample but the first hangs on an older one, its anchor: the sample before it where motions are measured from
 frame to frame, a keyframe where they are not. The error between two samples is made of those links alone that lead
 from one to the other: a whole chain of frames in the first case, a few keyframes in the second.
+
+The hitch's path leads through the samples as it was travelled forwards. A hitch that goes back takes up its path: the
+samples that it has gone back past leave the path, each as soon as the hitch is behind the line that lay across the
+trailer there, and the newest sample is joined to the one that it came back to. A keyframe that motions are still
+measured from stays among the samples, but beside the path.
 """
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +32,8 @@ class Sample(NamedTuple):
     anchor: int  # tick of the sample that it was measured from; its own for the first
     covariance: FloatArray  # (6, 6) of that measurement's errors (d_theta [rad], d_p [m]), along the axes of O
     doubtful: bool  # whether that measurement is degraded or bridged
+    on_path: bool = True  # False: a keyframe that the hitch has gone back past
+    joined: bool = False  # whether the path was cut behind it, after going back
 
 
 class Link(NamedTuple):
@@ -57,7 +65,8 @@ def extended(
     """The samples with one more at the end of the increment, measured from the anchor if that is still among them.
 
     The newest sample so far is dropped if it lies too near to its predecessor, unless it is to be kept: a standstill
-    does not fill the chain, and the newest sample is always where the body really is.
+    does not fill the chain, and the newest sample is always where the body really is. So are those that the hitch has
+    gone back past.
     """
     X_OA = {sample.tick: sample.X_OS for sample in samples}
     measured, origin = increment.covariance, samples[0].tick
@@ -65,17 +74,58 @@ def extended(
         measured, origin = anchor.covariance, anchor.tick
     R = np.kron(np.eye(2), X_OA[origin][:3, :3])
     end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, R @ measured @ R.T, doubtful)
-    return (end, *samples) if keep_start else _thinned((end, *samples), None if anchor is None else anchor.tick)
+    if keep_start:
+        return (end, *samples)
+    keyframe = None if anchor is None else anchor.tick
+    return _thinned(_taken_up((end, *samples), keyframe), keyframe)
+
+
+def rested(
+    samples: tuple[Sample, ...], tick: int, covariance: FloatArray, doubtful: bool, keyframe: int | None
+) -> tuple[Sample, ...]:
+    """The samples with the newest where it is until a later tick, but for errors of this covariance (6, 6)."""
+    newest = samples[0]
+    R = np.kron(np.eye(2), newest.X_OS[:3, :3])
+    end = Sample(tick, newest.X_OS, newest.tick, R @ covariance @ R.T, doubtful)
+    return _thinned((end, *samples), keyframe)
+
+
+def _taken_up(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:
+    """The samples without those of the path that the newest has gone back past.
+
+    The ``keyframe`` (a tick) that later motions will be measured from only leaves the path. If no more than the last
+    but one is passed it may have been noise, and the path is not taken to have been cut.
+    """
+    place, passed, cut = 1, 0, False
+    while place < len(samples) and (not samples[place].on_path or _is_behind(samples[0], samples[place])):
+        cut |= samples[place].on_path and (passed > 0 or samples[place].joined)
+        passed += samples[place].on_path
+        if samples[place].tick == keyframe:
+            samples = (*samples[:place], samples[place]._replace(on_path=False), *samples[place + 1 :])
+            place += 1
+        else:
+            samples = _without(samples, place)
+    return (samples[0]._replace(joined=True), *samples[1:]) if cut else samples
+
+
+def _is_behind(sample: Sample, other: Sample) -> bool:
+    """Whether the hitch of one sample is behind the line across the trailer of the other."""
+    return float((sample.X_OS[:3, 3] - other.X_OS[:3, 3]) @ other.X_OS[:3, 0]) < 0.0
 
 
 def _thinned(samples: tuple[Sample, ...], keyframe: int | None) -> tuple[Sample, ...]:
-    """The samples without the last but one, if it lies too near to the one before it.
+    """The samples without the last but one of the path, if it lies too near to the one before it.
 
     If the last but one is the ``keyframe`` (a tick) that later motions will be measured from, that one goes instead.
     """
-    while len(samples) > 2 and _distance(samples[1], samples[2]) < _STEP:
-        samples = _without(samples, 2 if samples[1].tick == keyframe else 1)
+    while len(near := _first_of_path(samples)) > 2 and _distance(samples[near[1]], samples[near[2]]) < _STEP:
+        samples = _without(samples, near[2] if samples[near[1]].tick == keyframe else near[1])
     return samples
+
+
+def _first_of_path(samples: tuple[Sample, ...]) -> list[int]:
+    """Indices of the newest three samples of the path."""
+    return list(islice((k for k, sample in enumerate(samples) if sample.on_path), 3))
 
 
 def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
@@ -90,8 +140,9 @@ def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
     """The measurements that lead from the newest sample to the one with the index ``older``."""
     index = {sample.tick: k for k, sample in enumerate(samples)}
     newest, past = _ancestry(samples, index, 0), _ancestry(samples, index, older)
-    own = [Link(k, 1.0) for k in newest if k not in past]
-    return (*own, *(Link(k, -1.0) for k in past if k not in newest))
+    shared = set(newest) & set(past)
+    own = [Link(k, 1.0) for k in newest if k not in shared]
+    return (*own, *(Link(k, -1.0) for k in past if k not in shared))
 
 
 def _ancestry(samples: tuple[Sample, ...], index: dict[int, int], start: int) -> list[int]:

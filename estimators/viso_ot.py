@@ -7,11 +7,11 @@ Dynamics, 2018.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, NamedTuple
+from typing import ClassVar, Generic, NamedTuple
 
 from estimators.estimates import Anchor, Health, Motion, OffTracking
 from estimators.odometry import Memory, Odometry
-from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.rigid_motion import UncertainMotion, seen_from
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
@@ -36,15 +36,27 @@ class VisoOtMemory(NamedTuple, Generic[Memory]):
 class VisoOt(Generic[Memory]):
     """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
 
-    def __init__(self, calibration: StereoCalibration, follow_distance: float, odometry: Odometry[Memory]) -> None:
+    buffer_options: ClassVar[bool] = True  # it is constructed with those of the buffer
+
+    def __init__(
+        self,
+        calibration: StereoCalibration,
+        follow_distance: float,
+        odometry: Odometry[Memory],
+        *,
+        reversing_distance: float = REVERSING,
+        smoothing: bool = False,
+    ) -> None:
         """For the rig behind ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
+        Path and smoothing are as `OffTrackingBuffer` has them.
+
         Raises:
-            ValueError: if ``follow_distance`` is not positive.
+            ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` [m] negative.
         """
         self._X_SC = calibration.X_SC
         self._odometry = odometry
-        self._buffer = OffTrackingBuffer(follow_distance)
+        self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
 
     def init(self) -> VisoOtMemory[Memory]:
         """Memory before the first frame."""

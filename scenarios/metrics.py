@@ -5,11 +5,16 @@ Arrays run along time. NaN means "no value here" and is passed over.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.log import LOST
 from vehicle.frames import FloatArray
+
+_AT_REST = 1e-7  # less between two samples is an integrator's rounding, not a way back [m]
 
 
 def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_distance: float) -> FloatArray:
@@ -25,32 +30,55 @@ def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_dist
     crossing of the line through the follow point across the trailer counts, so a path may cross itself. NaN where
     the path does not reach back that far.
 
+    The path is the track of the hitch as it travels forwards. A hitch that goes back takes it up: what it has gone back
+    past, each point as soon as the hitch is behind the line that lay across the trailer there, is no longer part of
+    the path, which goes on from the hitch.
+
     The search strides like a ray march: a path point at distance d ahead of the line can not be followed by a crossing
     within the next d metres of path. Between samples the path is a Catmull-Rom cubic: a chord alone would be
     ds^2/(8 R) off, 0.02 mm at walking pace and ten times that at 45 km/h.
     """
     if follow_distance <= 0.0:
         raise ValueError(f"follow_distance = {follow_distance} m must be positive")
-    if len(x) < 2:
-        return np.full(len(x), np.nan)
-    path = x + 1j * y
-    older, found = _crossing(path, psi, follow_distance)
     off_tracking = np.full(len(x), np.nan)
-    padded = np.concatenate([[2 * path[0] - path[1]], path, [2 * path[-1] - path[-2]]])  # straight on at both ends
-    corners = padded[older[:, None] + np.arange(4)]  # samples older-1 ... older+2
-    corners_S = (corners - path[found, None]) * np.exp(-1j * psi[found, None])
-    off_tracking[found] = _lateral_at(corners_S, -follow_distance)
+    if len(x) < 2:
+        return off_tracking
+    track, heading = x + 1j * y, np.exp(-1j * psi)
+    for samples, first in _paths(track, heading):
+        path = track[samples]
+        older, found = _crossing(path, heading[samples], follow_distance, first)
+        padded = np.concatenate([[2 * path[0] - path[1]], path, [2 * path[-1] - path[-2]]])  # straight on at both ends
+        corners = padded[older[:, None] + np.arange(4)]  # samples older-1 ... older+2
+        corners_S = (corners - path[found, None]) * heading[samples[found], None]
+        off_tracking[samples[found]] = _lateral_at(corners_S, -follow_distance)
     return off_tracking
 
 
+def _paths(track: NDArray[np.complex128], heading: NDArray[np.complex128]) -> Iterator[tuple[NDArray[np.intp], int]]:
+    """The samples of every path there has been, oldest first, and the place in it from which on they are new.
+
+    A path grows until the hitch goes back; each sample on the way back begins another one.
+    """
+    back = (np.diff(track) * heading[:-1]).real < -_AT_REST
+    samples = np.empty(0, dtype=np.intp)
+    for begin, end in pairwise([0, *(np.flatnonzero(back) + 1).tolist(), len(track)]):
+        kept = len(samples)
+        while kept and ((track[begin] - track[samples[kept - 1]]) * heading[samples[kept - 1]]).real < 0.0:
+            kept -= 1
+        samples = np.concatenate([samples[:kept], np.arange(begin, end)])
+        if len(samples) > 1:
+            yield samples, kept
+
+
 def _crossing(
-    path: NDArray[np.complex128], psi: FloatArray, follow_distance: float
+    path: NDArray[np.complex128], heading: NDArray[np.complex128], follow_distance: float, first: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Per found sample the last index at or behind the follow point's line; and which samples these are."""
+    """Per found sample from ``first`` on the last index at or behind the follow point's line; and which they are."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
-    candidate = np.searchsorted(travelled, travelled - follow_distance, side="right") - 1
+    new = np.arange(first, len(path))
+    candidate = np.full(len(path), -1)
+    candidate[new] = np.searchsorted(travelled, travelled[new] - follow_distance, side="right") - 1
     searching = np.flatnonzero(candidate >= 0)
-    heading = np.exp(-1j * psi)
     found: list[NDArray[np.intp]] = []
     while searching.size:
         at = candidate[searching]

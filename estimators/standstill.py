@@ -1,0 +1,74 @@
+"""Whether the trailer stands: what its motions come to against their own uncertainty.
+
+A standing vehicle's odometry goes on measuring, and where it measures from frame to frame its noise would walk the
+trailer off its path. Motions that are as good as none are withheld therefore, singly and in sum. As soon as some of
+them together are more than noise the trailer has been moving for so long, and they are given back: a slow start loses
+nothing, and a standstill adds nothing, neither motion nor uncertainty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from itertools import accumulate
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.rigid_motion import UncertainMotion, composed, rotation_vector
+from vehicle.frames import FloatArray
+
+_WINDOW = 15  # motions in a row that are looked at together, by when a creep of a third of a sigma shows
+_GATE = 25.0  # squared normalised motion (yaw, x, y) of a standstill at most: noise exceeds it once in 60 000 times
+_PLANAR = [2, 3, 4]  # of rotation vector and translation: roll, pitch and heave are no travel
+_LEAST = np.diag([1e-6, 1e-5, 1e-5]) ** 2  # exact motions have no covariance: rounding [rad, m]
+_MOST = np.array([0.003, 0.02, 0.02])  # of a motion that can be noise: a tenth of a second at walking pace [rad, m]
+
+
+class Step(NamedTuple):
+    """A motion, and the tick of the keyframe it was measured from, if any."""
+
+    motion: UncertainMotion
+    keyframe: int | None
+
+
+Withheld = tuple[Step, ...]  # oldest first
+
+
+def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion | None]:
+    """What is withheld after one more motion, and the motion that has come about; None: the trailer stands."""
+    noise_alone = _can_be_noise(step.motion)
+    if not (noise_alone or withheld):
+        return (), step.motion
+    steps = (*withheld, step)[-_WINDOW:]
+    sums = list(accumulate((s.motion for s in reversed(steps)), lambda newer, older: composed(older, newer)))
+    scores = [_score(total, _covariance(steps[-k:], total)) for k, total in enumerate(sums, start=1)]
+    if noise_alone and max(scores) < _GATE:
+        return steps, None
+    return (), sums[int(np.argmax(scores))]
+
+
+def _can_be_noise(motion: UncertainMotion) -> bool:
+    """Whether the motion is small, and known well enough to say so."""
+    std = np.sqrt(np.diag(motion.covariance)[_PLANAR])
+    return bool(np.all(np.abs(_planar(motion.X)) < _MOST) and np.all(std < _MOST))
+
+
+def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
+    """Of the total (6, 6): against one keyframe the errors of motions do not add up."""
+    one_keyframe = steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps)
+    if not one_keyframe:
+        return total.covariance
+    mean: FloatArray = reduce(np.add, (step.motion.covariance for step in steps)) / len(steps)
+    return mean
+
+
+def _score(total: UncertainMotion, covariance: FloatArray) -> float:
+    """The planar motion squared, in units of its covariance."""
+    moved = _planar(total.X)
+    return float(moved @ np.linalg.solve(covariance[np.ix_(_PLANAR, _PLANAR)] + _LEAST, moved))
+
+
+def _planar(X: FloatArray) -> FloatArray:
+    """Yaw [rad], x and y [m] (3,) of a small motion."""
+    return np.array([rotation_vector(X[:3, :3])[2], X[0, 3], X[1, 3]])
