@@ -55,8 +55,7 @@ class RoverGeometry:
 
     def places(self) -> FloatArray:
         """Wheels (4, 2) in R [m], in their order."""
-        a, b = 0.5 * self.wheelbase, 0.5 * self.tread
-        return np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
+        return wheel_places(self.wheelbase, self.tread)
 
 
 class Rolling(NamedTuple):
@@ -65,6 +64,23 @@ class Rolling(NamedTuple):
     v_x: float  # along the body's axes [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # [rad/s]
+
+
+def wheel_places(wheelbase: float, tread: float) -> FloatArray:
+    """Wheels (4, 2) in R [m]: front left, front right, rear left, rear right."""
+    a, b = 0.5 * wheelbase, 0.5 * tread
+    return np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
+
+
+def rolled(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling:
+    """The rigid motion that fits wheels best that go where they point.
+
+    Wheels (n, 2) about their own middle [m], speeds (n,) of their rims [m/s] and angles (n,) against the body [rad].
+    """
+    along, across = speeds * np.cos(steer), speeds * np.sin(steer)
+    x, y = places.T
+    turning = (x @ across - y @ along) / (x @ x + y @ y)
+    return Rolling(float(along.mean()), float(across.mean()), float(turning))
 
 
 class Turn(NamedTuple):
@@ -143,14 +159,11 @@ class RoverOdometry:
     def rolling(self, readings: RoverReadings) -> Rolling:
         """The rigid motion that the wheels' turns and angles show, without any slip of theirs."""
         speed = self._rover.wheel_radius * readings.wheel_speeds
-        ways = np.column_stack([speed * np.cos(readings.steer), speed * np.sin(readings.steer)])
-        v_x, v_y = ways.mean(axis=0).tolist()
-        x, y = self._places.T
+        rolling = rolled(self._places, speed, readings.steer)
         if self._rover.steered:
-            yaw_rate = float((x @ ways[:, 1] - y @ ways[:, 0]) / (x @ x + y @ y))
-        else:
-            yaw_rate = float(speed[[1, 3]].mean() - speed[[0, 2]].mean()) / self._rover.effective_track
-        return Rolling(v_x, v_y, yaw_rate)
+            return rolling
+        yaw_rate = float(speed[[1, 3]].mean() - speed[[0, 2]].mean()) / self._rover.effective_track
+        return rolling._replace(yaw_rate=yaw_rate)
 
     def _moved(
         self, memory: OdometryMemory, readings: RoverReadings, rolling: Rolling, elapsed: float

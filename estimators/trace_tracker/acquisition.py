@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimators.trace_tracker.channels import CHANNELS
+from estimators.trace_tracker.channels import CHANNELS, MARKS
 from estimators.trace_tracker.ground_patch import BAND, STEP, FloatImage
-from estimators.trace_tracker.matching import unit, windows
+from estimators.trace_tracker.matching import likeness, unit, windows
 from estimators.trace_tracker.templates import HALF, Profiles, at_slips
 from vehicle.frames import FloatArray
 
@@ -23,18 +23,21 @@ class Find(NamedTuple):
     """The best straight trace of a picture."""
 
     slip: float  # of the wheel's travel against the body [rad]
-    score: float  # mean correlation with its template
+    score: float  # how much it looks like a rut, see ``likeness``
+    marks: float  # correlation of the lug marks alone
 
 
 def best_straight(image: FloatImage, behind: FloatArray, told: Profiles) -> Find:
     """The straight line through the wheel that looks most like a rut; ``told`` (n, slips, ...) are the ways it may."""
     cut = _slanting(image, behind)
-    scores = np.empty(len(_ANGLES))
-    for k, ways in enumerate(np.moveaxis(at_slips(told, _ANGLES), 1, 0)):
-        flat = unit(ways).reshape(len(ways), -1)
-        scores[k] = (cut[k].reshape(cut.shape[1], -1) @ flat.T).max() / CHANNELS
-    k = int(scores.argmax())
-    return Find(float(_ANGLES[k]), float(scores[k]))
+    finds = []
+    for angle, seen, ways in zip(_ANGLES, cut, np.moveaxis(at_slips(told, _ANGLES), 1, 0), strict=True):
+        flat = unit(ways)
+        marks = seen[:, MARKS] @ flat[:, MARKS].T
+        scores = likeness(seen.reshape(len(seen), -1) @ flat.reshape(len(flat), -1).T / CHANNELS, marks)
+        shift, way = np.unravel_index(scores.argmax(), scores.shape)
+        finds.append(Find(float(angle), float(scores[shift, way]), float(marks[shift, way])))
+    return max(finds, key=lambda find: find.score)
 
 
 def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from estimators.trace_tracker.ground_patch import FloatImage
 
 CHANNELS: Final = 3
+MARKS: Final = 1  # the channel of the lugs
 _DARK: Final = 4.0  # grey level under which noise and JPEG prevail
 _ACROSS: Final = (1, 25)  # mean taken off across the trace: 5 cm, half a wheel [px of 2 mm]
 _SATURATION: Final = 0.22  # of log brightness: lug and wall marks reach this, shadow edges 1 and more

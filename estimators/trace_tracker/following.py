@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.trace_tracker import histories, path_line
+from estimators.trace_tracker.channels import MARKS
 from estimators.trace_tracker.ground_patch import STEP, FloatImage
 from estimators.trace_tracker.histories import Histories
-from estimators.trace_tracker.matching import SEARCH, correlation, peaks, straightened, windows
+from estimators.trace_tracker.matching import SEARCH, correlation, likeness, peaks, straightened, unit, windows
 from estimators.trace_tracker.sun_belief import weighed
 from estimators.trace_tracker.templates import Profiles, at_slips
 from sensors.trace_rig import TraceRig
@@ -33,10 +34,16 @@ class Look(NamedTuple):
 
     path: Histories  # corrected
     scores: FloatArray  # (bands,) correlation of the best match
+    marks: FloatArray  # (bands,) that of the lug marks alone
     seen: NDArray[np.bool_]  # (bands,) whether that was taken for the trace
     sunny: NDArray[np.bool_]  # (bands,) whether it looks like a trace in the sun rather than in shade
     profiles: Profiles  # (bands, CHANNELS, WIDTH) unit windows there
     slips: FloatArray  # (bands,) by which the front wheel's rut lies aside, see ``path_line.with_fronts`` [rad]
+
+    @property
+    def likeness(self) -> float:
+        """Of the whole line to a rut."""
+        return float(likeness(self.scores, self.marks).mean())
 
 
 class Ground(NamedTuple):
@@ -69,7 +76,8 @@ def _look(ground: Ground, prior: Histories, path: Histories, told: tuple[Profile
     slips = path_line.fronts_at(line, rig, ground.bands)
     cut = windows(straightened(ground.image, path_line.trace(line, rig, ground.behind)))
     std = np.sqrt(np.einsum("ij,jk,ik->i", gradient, line.covariance, gradient) + _SWAY**2)
-    in_sun, in_shade = (correlation(cut, at_slips(profiles, slips)) for profiles in told)
+    sunny, shaded = (unit(at_slips(profiles, slips)) for profiles in told)
+    in_sun, in_shade = correlation(cut, sunny), correlation(cut, shaded)
     off, scores = peaks(np.maximum(in_sun, in_shade), std)
     places = path_line.trace(line, rig, ground.bands) + off
     seen = (scores > _MATCHED) & (np.abs(places - expected) < _FARTHEST * std + _SPARE)
@@ -79,7 +87,9 @@ def _look(ground: Ground, prior: Histories, path: Histories, told: tuple[Profile
         corrected = histories.with_trace(prior, rig, ground.bands, places, seen, noise)
     at = np.rint(off / STEP).astype(int) + SEARCH
     band = np.arange(len(at))
-    return Look(corrected, scores, seen, (in_sun > in_shade)[band, at], cut[band, at], slips)
+    best, lit = cut[band, at], (in_sun > in_shade)[band, at]
+    marks = np.where(lit[:, None], sunny[:, MARKS], shaded[:, MARKS])
+    return Look(corrected, scores, np.einsum("bw,bw->b", best[:, MARKS], marks), seen, lit, best, slips)
 
 
 def _noise(scores: FloatArray, bands: FloatArray) -> FloatArray:

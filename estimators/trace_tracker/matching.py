@@ -7,6 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike
 
 from estimators.trace_tracker.channels import CHANNELS
 from estimators.trace_tracker.ground_patch import BAND, STEP, FloatImage
@@ -42,10 +43,19 @@ def unit(profiles: Profiles) -> Profiles:
 
 
 def correlation(cut: Profiles, templates: Profiles) -> FloatArray:
-    """Mean over the channels (bands, shifts) of windows (bands, shifts, ...) and templates (bands, ...)."""
+    """Mean over the channels (bands, shifts) of unit windows (bands, shifts, ...) and unit templates (bands, ...)."""
     bands, shifts = cut.shape[:2]
-    flat = cut.reshape(bands, shifts, -1) @ unit(templates).reshape(bands, -1, 1)
+    flat = cut.reshape(bands, shifts, -1) @ templates.reshape(bands, -1, 1)
     return np.asarray(flat[..., 0] / CHANNELS, dtype=np.float64)
+
+
+def likeness(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
+    """Of sand to a rut, by the mean correlation of all channels and that of the lug marks alone.
+
+    Shadows have edges as walls have, and are as dark as ruts: but only wheels leave marks. These count twice.
+    """
+    more: FloatArray = (CHANNELS * np.asarray(scores) + np.asarray(marks)) / (CHANNELS + 1)
+    return more
 
 
 def peaks(scores: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:

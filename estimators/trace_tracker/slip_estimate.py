@@ -17,24 +17,11 @@ from vehicle.clock import TICK
 _LAG: Final = 2.0  # of the second, better estimate [s]
 # Of errors against what the filter believes: it allows for slip that changes quickly, and for shadows, at any moment.
 _OF_BELIEVED: Final = 0.85
-_CERTAIN: Final = (0.3, 0.65)  # correlations of sand without a trace, and of clear traces
-
-
-def lost(tick: int) -> SlipAngle:
-    """No trace is seen."""
-    return SlipAngle(
-        tick=tick,
-        value=0.0,
-        std=math.inf,
-        health=Health.LOST,
-        wheel_slip=0.0,
-        trace_offset=0.0,
-        confidence=0.0,
-    )
+_CERTAIN: Final = (0.3, 0.7)  # likeness of sand without a trace, and of clear traces
 
 
 def slip_angle(rig: TraceRig, histories: Histories, steer: float, tick: int, score: float) -> SlipAngle:
-    """The message of a trace seen with a mean correlation ``score`` behind a wheel at an angle ``steer`` [rad]."""
+    """The message of a trace seen with a likeness ``score`` behind a wheel at an angle ``steer`` [rad]."""
     path = histories.together
     before = path.ticks <= tick - _LAG / TICK
     piece = int(np.argmax(before))
@@ -63,16 +50,6 @@ def wheel_direction(rig: TraceRig, slip: float, rate: float) -> float:
     """
     x, y = rig.wheel
     return math.atan2(math.sin(slip) + rate * x, math.cos(slip) - rate * y)
-
-
-def yaw_rate(rig: TraceRig, view: RoverView) -> float:
-    """Of the rigid motion that fits the turns and angles of all wheels best [rad/s]."""
-    a, b = 0.5 * rig.wheelbase, 0.5 * rig.tread
-    places = np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
-    speed = rig.wheel_radius * view.wheel_speeds
-    x, y = places.T
-    turning = x @ (speed * np.sin(view.steer)) - y @ (speed * np.cos(view.steer))
-    return float(turning / (places**2).sum())
 
 
 def steered_to(view: RoverView) -> float:

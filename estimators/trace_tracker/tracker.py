@@ -13,15 +13,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import SlipAngle
+from estimators.estimates import SlipAngle, lost_slip
+from estimators.rover_odometry import rolled, wheel_places
 from estimators.trace_tracker import histories, path_line
 from estimators.trace_tracker.acquisition import best_straight
 from estimators.trace_tracker.channels import channels
-from estimators.trace_tracker.following import Ground, Look, looked, with_sun
+from estimators.trace_tracker.following import Ground, looked, with_sun
 from estimators.trace_tracker.ground_patch import GroundPatch
 from estimators.trace_tracker.histories import Histories
 from estimators.trace_tracker.path_state import SHORTEST, moved, with_compass
-from estimators.trace_tracker.slip_estimate import lost, slip_angle, steered_to, yaw_rate
+from estimators.trace_tracker.pursuit import MARKED, Pursuit, begun, judged
+from estimators.trace_tracker.slip_estimate import slip_angle, steered_to
 from estimators.trace_tracker.sun_belief import expected, lit, probable, unknown_sun
 from estimators.trace_tracker.templates import Profiles, Templates, shipped_templates
 from sensors.messages import RoverView
@@ -30,10 +32,8 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.rover.command import REAR_LEFT
 
-_FOUND: Final = 0.33  # mean correlation of a rut found: sand alone reaches this once in some hundred pictures
-_KEPT: Final = 0.28  # of one that is followed over all of the view: faint ones in shade have 0.33, sand 0.2
+_FOUND: Final = 0.36  # likeness of a rut found: sand under moving shadows reaches this once in a hundred pictures
 _PICTURES_TO_FIND: Final = 2  # running
-_PICTURES_TO_LOSE: Final = 5  # running
 _YOUNG: Final = 20  # pieces whose slip says how the trace near the wheel runs
 # By which a wheel turns farther than it goes; it stretches the history that is looked for. Light rovers on level dry
 # sand have 0.05 to 0.15; assumed, as no instrument on board tells it.
@@ -49,9 +49,9 @@ class TraceMemory(NamedTuple):
     turned: float  # by the encoders on that way [rad]
     seconds: float  # on that way
     path: Histories | None
+    pursuit: Pursuit | None  # of the trace along the path; None: none is followed
+    hints: int  # pictures running that show one
     sun: FloatArray  # log likelihood of suns
-    following: bool
-    running: int  # pictures running that say the opposite
     estimate: SlipAngle | None  # the last one
 
 
@@ -61,11 +61,12 @@ class FTracePlus:
     def __init__(self, rig: TraceRig, templates: Templates | None = None) -> None:
         self._rig = rig
         self._patch = GroundPatch(rig=rig)
+        self._wheels = wheel_places(rig.wheelbase, rig.tread)
         self._templates = shipped_templates() if templates is None else templates
 
     def init(self) -> TraceMemory:
         """Before the first view."""
-        return TraceMemory(None, 0.0, 0.0, 0.0, None, unknown_sun(), following=False, running=0, estimate=None)
+        return TraceMemory(None, 0.0, 0.0, 0.0, None, None, 0, unknown_sun(), None)
 
     def step(self, memory: TraceMemory, view: RoverView) -> tuple[TraceMemory, SlipAngle]:
         """Memory and slip angle; until a picture shows something new it is that of the last one."""
@@ -77,30 +78,33 @@ class FTracePlus:
         ground = Ground(self._rig, channels(self._patch.rectified(view.image)), self._patch.behind, self._patch.bands)
         line = path.together
         known = lit(self._templates, float(line.headings[0]) + float(line.body_slips[:_YOUNG].mean()))
-        if not memory.following:
+        if memory.pursuit is None:
             memory, path = self._searched(memory, path, ground, known)
-        score = 0.0
-        if memory.following:
+        estimate, pursuit = lost_slip(view.tick), memory.pursuit
+        if pursuit is not None:
             look = looked(ground, path, (expected(known, memory.sun), self._templates.shaded))
-            memory, path, score = _judged(memory, look, known), look.path, _presence(look)
-        steer = float(view.steer[REAR_LEFT])
-        estimate = slip_angle(self._rig, path, steer, view.tick, score) if score > 0.0 else lost(view.tick)
+            path, pursuit = look.path, judged(pursuit, look.likeness, float(look.marks.mean()))
+            if pursuit.seen:
+                memory = memory._replace(sun=with_sun(memory.sun, look, known))
+                estimate = slip_angle(self._rig, path, float(view.steer[REAR_LEFT]), view.tick, look.likeness)
+            if pursuit.lost:
+                pursuit = None
         path = path.each(lambda one: path_line.with_fronts(one, self._rig))
-        return memory._replace(path=path, estimate=estimate), estimate
+        return memory._replace(path=path, pursuit=pursuit, estimate=estimate), estimate
 
     def _rolled(self, memory: TraceMemory, view: RoverView) -> TraceMemory:
         """With what the encoders counted since the last view; a rover that backs over its trace begins anew."""
         if memory.tick is None:
             return memory._replace(tick=view.tick)
         seconds = (view.tick - memory.tick) * TICK
-        rolled = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
-        length = (1.0 - _SLIP_RATIO) * rolled
+        way = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
+        length = (1.0 - _SLIP_RATIO) * way
         if memory.unused + length < -SHORTEST:
             return self.init()._replace(tick=view.tick, sun=memory.sun)
         return memory._replace(
             tick=view.tick,
             unused=memory.unused + length,
-            turned=memory.turned + (1.0 - _SLIP_RATIO) * seconds * yaw_rate(self._rig, view),
+            turned=memory.turned + (1.0 - _SLIP_RATIO) * seconds * self._yaw_rate(view),
             seconds=memory.seconds + seconds,
         )
 
@@ -110,14 +114,12 @@ class FTracePlus:
         """After a search for a trace from scratch."""
         told = np.concatenate([known[probable(memory.sun)], self._templates.shaded[None]])
         find = best_straight(ground.image, ground.behind, told)
-        running = memory.running + 1 if find.score > _FOUND else 0
-        if running < _PICTURES_TO_FIND:
-            return memory._replace(running=running), path
+        hints = memory.hints + 1 if find.score > _FOUND and find.marks > MARKED else 0
+        if hints < _PICTURES_TO_FIND:
+            return memory._replace(hints=hints), path
         line = path.together
         slip = find.slip - line.steered - path_line.bend(line, 0) * self._rig.wheel[0]
-        # One picture in which it is not seen along its history tells it from what only looked like one.
-        doubtful = _PICTURES_TO_LOSE - 1
-        return memory._replace(following=True, running=doubtful), histories.found(path, slip, _FOUND_STD)
+        return memory._replace(hints=0, pursuit=begun(find)), histories.found(path, slip, _FOUND_STD)
 
     def _path(self, memory: TraceMemory, view: RoverView) -> Histories:
         """The history up to the view, by encoders and compass."""
@@ -129,16 +131,6 @@ class FTracePlus:
             lambda path: with_compass(moved(path, way, yaw, seconds, steer, view.tick), view.heading)
         )
 
-
-def _judged(memory: TraceMemory, look: Look, known: Profiles) -> TraceMemory:
-    """Follows on, or gives up when a trace was not seen several times running."""
-    if _presence(look) > 0.0:
-        return memory._replace(sun=with_sun(memory.sun, look, known), running=0)
-    lose = memory.running + 1 >= _PICTURES_TO_LOSE
-    return memory._replace(following=not lose, running=0 if lose else memory.running + 1)
-
-
-def _presence(look: Look) -> float:
-    """How well a trace is seen; 0 if it is not."""
-    score = float(look.scores.mean())
-    return score if score > _KEPT else 0.0
+    def _yaw_rate(self, view: RoverView) -> float:
+        """By the encoders, of wheels that do not slip [rad/s]."""
+        return rolled(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer).yaw_rate

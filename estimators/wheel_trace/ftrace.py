@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, SlipAngle
+from estimators.estimates import Health, SlipAngle, lost_slip
 from estimators.slip import (
     Heading,
     Pointing,
@@ -103,7 +103,7 @@ class FTrace:
         if seen.best is None:
             missed = memory.missed + 1
             reference = memory.reference if missed < _PATIENCE else None
-            return memory._replace(reference=reference, missed=missed), _lost(view.tick)
+            return memory._replace(reference=reference, missed=missed), lost_slip(view.tick)
         rho, phi = seen.candidates.image[seen.best].tolist()
         d, theta, beside = seen.candidates.ground[seen.best].tolist()
         reference = TraceReference((rho, phi), (d, theta))
@@ -159,16 +159,4 @@ def _differences(candidates: Candidates, reference: TraceReference) -> FloatArra
             turn_between(candidates.ground[:, 1], theta),
             np.abs(candidates.ground[:, 2]),
         ]
-    )
-
-
-def _lost(tick: int) -> SlipAngle:
-    return SlipAngle(
-        tick=tick,
-        value=0.0,
-        std=math.inf,
-        health=Health.LOST,
-        wheel_slip=0.0,
-        trace_offset=0.0,
-        confidence=0.0,
     )

@@ -83,6 +83,16 @@ def test_bare_sand_shows_no_trace() -> None:
         assert math.isinf(estimate.std)
 
 
+def test_stripes_of_shadow_that_move_with_the_rover_are_no_trace() -> None:
+    """A mast's shadow as wide as a wheel has walls and is dark inside like a rut; but no lug has left marks in it."""
+    rows, columns = np.mgrid[0:480, 0:640]
+    stripe = np.abs(columns - 330.0 + 0.30 * rows) < 60.0  # from the wheel on, 0.1 m wide
+    moments = list(labelled_sequence("uniform", seed=74, frames=12, rover=ROVER, profile="none", bare=0.99))
+    images = [np.where(stripe, 0.5 * m.view.image, m.view.image).astype(np.uint8) for m in moments]
+    views = [replace(m.view, image=image) for m, image in zip(moments, images, strict=True)]
+    assert all(estimate.health is Health.LOST for estimate in run(RIG, views))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crab(RoverPass):
     """All wheels turn by 5 deg within 3 s while their slip stays the same."""

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from estimators.trace_tracker import histories, path_line, path_state, slip_estimate
+from estimators.trace_tracker.acquisition import Find
 from estimators.trace_tracker.channels import CHANNELS
 from estimators.trace_tracker.ground_patch import STEP, GroundPatch
 from estimators.trace_tracker.learning import Lesson, learned
-from estimators.trace_tracker.matching import SEARCH, correlation, peaks, windows
+from estimators.trace_tracker.matching import SEARCH, correlation, likeness, peaks, unit, windows
 from estimators.trace_tracker.pace import QUICK
 from estimators.trace_tracker.path_state import OFFSET, PIECES, PathState
+from estimators.trace_tracker.pursuit import Pursuit, begun
+from estimators.trace_tracker.pursuit import judged as pursuit_after
 from estimators.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, shipped_templates
 from sensors.sand.rig import nominal_rig
 from vehicle.frames import inverse
@@ -176,7 +179,7 @@ def test_matching_finds_a_shift_to_a_tenth_of_a_cell() -> None:
         return np.sum(waves, axis=0).astype(np.float32)
 
     template = profiles(t)[..., SEARCH : SEARCH + WIDTH]
-    off, score = peaks(correlation(windows(profiles(t - 3.4)), template), np.full(2, 0.1))
+    off, score = peaks(correlation(windows(profiles(t - 3.4)), unit(template)), np.full(2, 0.1))
     assert off == pytest.approx(3.4 * STEP, abs=0.1 * STEP)
     assert (score > 0.95).all()
 
@@ -198,3 +201,40 @@ def test_templates_are_the_same_in_a_mirror() -> None:
         turned = level[np.arange(AZIMUTHS) * -1 % AZIMUTHS][:, ::-1, :, ::-1]
         assert level == pytest.approx(turned, abs=near)  # a byte's rounding in the shipped ones
         assert templates.shaded == pytest.approx(templates.shaded[::-1, :, ::-1], abs=near)
+
+
+def test_lug_marks_tell_a_rut_from_a_shadow() -> None:
+    """Of two lines with the same mean correlation the one with marks is more like a rut; without, it is 3/4 of it."""
+    shadow, rut = likeness(np.array([0.4, 0.4]), np.array([0.0, 0.4]))
+    assert (shadow, rut) == pytest.approx((0.3, 0.4), abs=1e-12)
+
+
+def judged(pictures: list[tuple[float, float]], marks: float = 0.4) -> Pursuit:
+    """Of a trace found with such marks, after pictures of a likeness and marks."""
+    pursuit = begun(Find(0.0, 0.5, marks))
+    for picture in pictures:
+        pursuit = pursuit_after(pursuit, *picture)
+    return pursuit
+
+
+def test_a_trace_is_believed_after_three_pictures_with_clear_marks() -> None:
+    """Chance marks are gone in the next picture; what was never sure is given up the first time it is not seen."""
+    assert not judged([(0.5, 0.5)] * 2).seen
+    assert judged([(0.5, 0.5)] * 3).seen
+    faint = judged([(0.5, 0.0)] * 3)
+    assert not faint.seen
+    assert faint.lost
+
+
+def test_a_trace_that_is_known_may_be_unseen_for_a_second() -> None:
+    """Four pictures without it may be a shadow; five running are the end of it, and one with it begins anew."""
+    known = [(0.5, 0.7)] * 5
+    assert not judged([*known, (0.2, 0.5)]).seen
+    assert not judged(known + [(0.2, 0.5)] * 4).lost
+    assert judged(known + [(0.2, 0.5)] * 5).lost
+    assert judged(known + [(0.2, 0.5)] * 4 + known[:1]).seen
+
+
+def test_a_line_without_marks_is_given_up_however_dark_it_is() -> None:
+    """A trace that leads into a shadow's edge: as like a rut as ever on the whole, but no lug was there."""
+    assert judged([(0.5, 0.7)] * 5 + [(0.5, 0.1)] * 15).lost
