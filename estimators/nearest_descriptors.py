@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from estimators.viso2_features import Features
 from vehicle.frames import FloatArray
 
-_BAND = 16  # features are sorted into bands of rows so high [px]
-_WIDTH = 1 << 14  # more columns than any image has, so that the sort keys of bands do not mix [px]
+# Cells that features are sorted into, as shares of the window: smaller ones cost more look-ups, larger ones more
+# features that are looked at in vain.
+_WIDE = 0.125
+_HIGH = 0.25
 
 Indices = NDArray[np.int64]
 
@@ -49,27 +51,49 @@ def most_similar(sought: Placed, others: Placed, window: Window) -> Indices:
 def _candidates(sought: Placed, others: Placed, window: Window) -> tuple[Indices, Indices]:
     """All pairs of one kind with the other in the window of the one, sorted by the one.
 
-    In every band of rows they are a range of columns.
+    The others are sorted into cells of a grid; in every row of cells those to be looked at follow one another.
     """
-    lowest = float(np.min(sought.at[:, 1], initial=0.0)) - window.rows
-    highest = float(np.max(sought.at[:, 1], initial=0.0)) + window.rows
-    bands = int((highest - lowest) // _BAND) + 2
-    inside = np.flatnonzero((others.at[:, 1] >= lowest) & (others.at[:, 1] <= highest))
-    keys = _keys(others.features.kind[inside] * bands + (others.at[inside, 1] - lowest) // _BAND, others.at[inside, 0])
-    order = np.argsort(keys, kind="stable")
-    kind, u, v = sought.features.kind * bands, sought.at[:, 0], sought.at[:, 1] - lowest
-    steps = np.arange(int(2.0 * window.rows // _BAND) + 2)
-    band = kind[:, None] + np.minimum(((v - window.rows) // _BAND)[:, None] + steps, bands - 1)
-    start = np.searchsorted(keys[order], _keys(band, (u - window.left)[:, None]).ravel())
-    count = np.searchsorted(keys[order], _keys(band, (u + window.right)[:, None]).ravel(), side="right") - start
-    one = np.repeat(np.repeat(np.arange(len(u)), len(steps)), count)
-    place = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
-    other = inside[order[np.repeat(start, count) + place]]
-    near = np.abs(sought.at[one, 1] - others.at[other, 1]) <= window.rows
+    nothing = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if len(sought.at) == 0 or len(others.at) == 0:
+        return nothing
+    u, v = _columns(sought.at)
+    u_others, v_others = _columns(others.at)
+    low_u, high_u = max(u.min() - window.left, u_others.min()), min(u.max() + window.right, u_others.max())
+    low_v, high_v = max(v.min() - window.rows, v_others.min()), min(v.max() + window.rows, v_others.max())
+    if low_u > high_u or low_v > high_v:
+        return nothing
+    per_column = 1.0 / max(_WIDE * (window.left + window.right), 1.0)
+    per_row = 1.0 / max(_HIGH * 2.0 * window.rows, 1.0)
+    columns, rows = int((high_u - low_u) * per_column) + 1, int((high_v - low_v) * per_row) + 1
+    inside = np.flatnonzero((u_others >= low_u) & (u_others <= high_u) & (v_others >= low_v) & (v_others <= high_v))
+    column, row = (u_others[inside] - low_u) * per_column, (v_others[inside] - low_v) * per_row
+    number = (others.features.kind[inside] * rows + row.astype(np.int64)) * columns + column.astype(np.int64)
+    order = inside[np.argsort(number, kind="stable")]
+    kinds = int(max(sought.features.kind.max(), others.features.kind.max())) + 1
+    start = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=kinds * rows * columns))])
+    first = _cells((u - window.left - low_u) * per_column, columns)
+    behind = _cells((u + window.right - low_u) * per_column + 1.0, columns)
+    top = _cells((v - window.rows - low_v) * per_row, rows)
+    below = _cells((v + window.rows - low_v) * per_row + 1.0, rows)
+    row_of = sought.features.kind * rows + top
+    ends = []
+    for step in range(int(2.0 * window.rows * per_row) + 2):
+        base = np.where(top + step < below, row_of + step, 0) * columns
+        ends.append([start[base + first], np.where(top + step < below, start[base + behind], start[base + first])])
+    begin, end = np.array(ends).transpose(1, 2, 0).reshape(2, -1)
+    count = end - begin
+    one = np.repeat(np.arange(len(u)), count.reshape(len(u), -1).sum(axis=1))
+    other = order[np.arange(len(one)) + np.repeat(begin - (np.cumsum(count) - count), count)]
+    off_u, off_v = np.take(u_others, other) - np.take(u, one), np.take(v_others, other) - np.take(v, one)
+    near = np.flatnonzero((off_u >= -window.left) & (off_u <= window.right) & (np.abs(off_v) <= window.rows))
     return one[near], other[near]
 
 
-def _keys(band: FloatArray | Indices, u: FloatArray) -> FloatArray:
-    """Sort keys (n,): by band, then by column."""
-    keys: FloatArray = band.astype(np.float64) * _WIDTH + np.clip(u + 0.25 * _WIDTH, 0.0, _WIDTH - 1.0)
-    return keys
+def _columns(at: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Columns and rows, each in one piece and half the size: there are a hundred thousand pairs to go through."""
+    return at[:, 0].astype(np.float32), at[:, 1].astype(np.float32)
+
+
+def _cells(place: NDArray[np.float32], count: int) -> Indices:
+    """Numbers of cells, from 0 to their ``count``, of places in units of a cell."""
+    return np.clip(np.floor(place), 0.0, count).astype(np.int64)

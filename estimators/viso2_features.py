@@ -7,7 +7,8 @@ real-time", IV 2011, is where de Saxe 2018 takes VISO2-S from.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -19,8 +20,20 @@ _BLOB = np.array(
     [[-1, -1, -1, -1, -1], [-1, 1, 1, 1, -1], [-1, 1, 8, 1, -1], [-1, 1, 1, 1, -1], [-1, -1, -1, -1, -1]], np.float32
 )
 _CORNER = np.outer([-1, -1, 0, 1, 1], [1, 1, 0, -1, -1]).astype(np.float32)
-_WINDOW = 11  # a feature is the strongest of its kind within this; some 3000 to 4000 an image [px]
-_WEAKEST = 200  # response; noise of 2 grey levels has a standard deviation of 18 (blob) and 8 (corner)
+_WINDOW = 11  # a feature is the strongest of its kind within this; 7000 to 9000 an image [px]
+# A feature must stand out of the noise by so many standard deviations of it that noise alone has less than one of a
+# kind in a bucket of 50 x 50 px: normal, 3.35; the smoothest squares of a plain image seem 10 % quieter than they are.
+_STANDS_OUT = 3.7
+# The noise is measured where the image is smoothest, as textures respond too: what the masks themselves respond to,
+# since resampling has coloured it. Where there is texture everywhere that is too much, but the Laplacian of Immerkaer,
+# "Fast noise variance estimation", CVIU 1996, which hardly sees textures, says how much it is at most.
+_LAPLACIAN = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
+_RESAMPLED = 4.0 / 9.0  # it sees of white noise that was interpolated bilinearly, on average over fractions of a pixel
+_BLOCK = 32  # side of the squares [px]
+_EVERY = 2  # one of so many rows and columns of a square is looked at
+_SMOOTH = 0.1  # share of the squares that are taken to show little but noise
+_ROUNDING = 1.0 / math.sqrt(12.0)  # standard deviation of rounding to whole grey levels
+_MEAN_TO_STD = math.sqrt(math.pi / 2.0)  # of normal noise, from the mean of its magnitude
 _BORDER = 8  # the descriptor must fit inside [px]
 _PLACES = np.array([-5, -2, 2, 5])  # columns and rows of a descriptor's 16 places within 11 x 11 px
 
@@ -35,28 +48,58 @@ class Features(NamedTuple):
 
 
 def detect_features(image: GreyImage) -> Features:
-    """Blobs and corners of the image with their descriptors."""
-    responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, mask), dtype=np.int16) for mask in (_BLOB, _CORNER)]
-    summits = [_summits(signed) for response in responses for signed in (response, -response)]
+    """Blobs and corners of the image with their descriptors, whatever its brightness and contrast."""
+    laplacian = np.asarray(cv2.filter2D(image, cv2.CV_16S, _LAPLACIAN), dtype=np.int16)
+    at_most = _deviation(laplacian, _LAPLACIAN, 0.5) / _RESAMPLED
+    summits = [one for mask in (_BLOB, _CORNER) for one in _both_signs(image, mask, at_most)]
     points = np.concatenate([points for points, _ in summits])
     strength = np.concatenate([strength for _, strength in summits])
     kind = np.repeat(np.arange(len(summits)), [len(points) for points, _ in summits])
     return Features(points, kind, strength, _described(image, points))
 
 
-def _summits(response: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+def _both_signs(
+    image: GreyImage, mask: NDArray[np.float32], at_most: float
+) -> list[tuple[NDArray[np.int64], NDArray[np.float32]]]:
+    """Maxima and minima of the response to the mask; the noise of the image is ``at_most`` [grey levels]."""
+    response = np.asarray(cv2.filter2D(image, cv2.CV_16S, mask), dtype=np.int16)
+    noise = min(_deviation(response, mask, _SMOOTH), at_most)
+    weakest = math.ceil(_STANDS_OUT * noise * float(np.linalg.norm(mask)))
+    maxima = _summits(response, weakest)
+    return [maxima, _summits(np.negative(response, out=response), weakest)]
+
+
+def _deviation(response: NDArray[np.int16], mask: NDArray[np.float32], quantile: float) -> float:
+    """Standard deviation of the white noise [grey levels] that makes a quantile of the image's squares respond so.
+
+    It is never less than that of rounding. Squares with less are black or saturated and say nothing.
+    """
+    sample = np.abs(response[::_EVERY, ::_EVERY]).astype(np.float32)
+    step = min(_BLOCK // _EVERY, *sample.shape)
+    rows, columns = (size // step for size in sample.shape)
+    means = cv2.resize(sample[: rows * step, : columns * step], (columns, rows), interpolation=cv2.INTER_AREA)
+    deviations = np.sort(np.asarray(means).ravel()) * (_MEAN_TO_STD / float(np.linalg.norm(mask)))
+    deviations = deviations[deviations > _ROUNDING]
+    return float(deviations[int(quantile * len(deviations))]) if len(deviations) else _ROUNDING
+
+
+def _summits(response: NDArray[np.int16], weakest: int) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Where the response is greatest within the window, and how great."""
-    summit = response == cv2.dilate(np.maximum(response, _WEAKEST), np.ones((_WINDOW, _WINDOW), np.uint8))
-    v, u = np.divmod(np.flatnonzero(summit), response.shape[1])
-    low, high = _BORDER, np.array(response.shape) - _BORDER
-    inside = (u >= low) & (u < high[1]) & (v >= low) & (v < high[0])
-    points = np.column_stack([u, v])[inside]
+    limit: Any = float(weakest)  # a number, which OpenCV's types do not know of
+    above = np.asarray(cv2.max(response, limit))
+    cv2.dilate(above, np.ones((_WINDOW, _WINDOW), np.uint8), dst=above)
+    summit = np.asarray(cv2.compare(response, above, cv2.CMP_EQ)).view(np.bool_)
+    inside = summit[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    v, u = np.divmod(np.flatnonzero(inside), inside.shape[1])
+    points = np.column_stack([u, v]) + _BORDER
     return points, response[points[:, 1], points[:, 0]].astype(np.float32)
 
 
 def _described(image: GreyImage, points: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Descriptors (n, 32): horizontal and vertical gradients around the points, scaled to 8 bits."""
-    v, u = (axis.ravel() for axis in np.meshgrid(_PLACES, _PLACES, indexing="ij"))
-    rows, columns = points[:, 1:] + v, points[:, :1] + u
     gradients = [cv2.Sobel(image, cv2.CV_8U, *order, scale=0.25, delta=128.0) for order in ((1, 0), (0, 1))]
-    return np.concatenate([np.asarray(gradient)[rows, columns] for gradient in gradients], axis=1).astype(np.uint8)
+    pairs = np.asarray(cv2.merge(gradients)).view(np.uint16).ravel()  # both of a pixel are fetched as one number
+    places = np.add.outer(_PLACES * image.shape[1], _PLACES).ravel()
+    centres = points[:, 1] * image.shape[1] + points[:, 0]
+    described: NDArray[np.uint8] = np.take(pairs, centres[:, None] + places).view(np.uint8)
+    return described

@@ -21,9 +21,14 @@ from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
 _ROWS = 1.0  # left and right may differ by this [px]
-_NEAREST = 0.6  # times the camera's height: the nearest point that is looked for, and so the largest disparity
+_NEAREST = 0.6  # times the camera's height: the nearest point that is looked for
+# Largest disparity that is looked for at all: the default search range of VISO2-S ("match_radius" of its ROS package).
+# With a wide baseline it is this that near things are lost by.
+_RANGE = 200.0  # [px]
+_LEAST = 0.05  # disparity of what seems to have none; its rounding hides ten times that [px]
 _ALIKE = 5.0  # flow and disparity of neighbours: de Saxe 2018, section 3.1 [px]
 _SUPPORT = 2  # neighbours that must agree; one may be wrong in the same way by chance
+_NEIGHBOURS = 10  # in a bucket, the strongest: as many more change nothing but the time it takes
 _PER_BUCKET = 2  # de Saxe 2018, section 3.1
 
 
@@ -47,23 +52,33 @@ def circular_matches(
     They are looked for within ``reach`` [px] of where the motion ``X_PC`` takes them.
     """
     nearest = _NEAREST * float(calibration.X_SC[2, 3])
-    widest = calibration.focal_length * calibration.baseline / nearest  # disparity [px]
+    widest = min(calibration.focal_length * calibration.baseline / nearest, _RANGE)  # disparity [px]
     to_right, to_left, around = Window(widest, 0.0, _ROWS), Window(0.0, widest, _ROWS), Window(reach, reach, reach)
     in_right = most_similar(_placed(previous.left), _placed(previous.right), to_right)
-    paired = np.flatnonzero(_apart(previous, np.arange(len(in_right)), in_right) > 0)
+    paired = np.flatnonzero(_apart(previous, np.arange(len(in_right)), in_right) >= 0)
     left_P, right_P = _taken(previous.left, paired), _taken(previous.right, in_right[paired])
     z_P = _images(left_P, right_P)
     expected = moved(calibration, z_P, X_PC).astype(np.float64)
     right_C = most_similar(Placed(right_P, expected[:, [2, 1]]), _placed(current.right), around)
     left_C = _on(right_C, most_similar(_placed(current.right), _placed(current.left), to_left))
-    back = _on(left_C, most_similar(_placed(current.left), Placed(left_P, expected[:, :2]), around))
-    closed = np.flatnonzero((back == np.arange(len(paired))) & (_apart(current, left_C, right_C) > 0))
+    there = np.flatnonzero(_apart(current, left_C, right_C) >= 0)
+    in_left_C, in_right_C = _taken(current.left, left_C[there]), _taken(current.right, right_C[there])
+    near = np.flatnonzero(np.all(np.abs(in_left_C.points - expected[there, :2]) <= reach, axis=1))
+    back = most_similar(_placed(_taken(in_left_C, near)), Placed(left_P, expected[:, :2]), around)
+    on = near[back == there[near]]
+    closed = there[on]
     strength = left_P.strength[closed]
-    found = Matches(z_P[closed], _images(_taken(current.left, left_C[closed]), _taken(current.right, right_C[closed])))
+    found = Matches(z_P[closed], _images(_taken(in_left_C, on), _taken(in_right_C, on)))
+    found, strength = _strongest(found, strength, _NEIGHBOURS)
     supported = _supported(found)
     found, strength = Matches(found.previous[supported], found.current[supported]), strength[supported]
-    chosen = strongest_in_buckets(found.current[:, :2], strength, _PER_BUCKET)
-    return Matches(found.previous[chosen], found.current[chosen])
+    return _strongest(found, strength, _PER_BUCKET)[0]
+
+
+def _strongest(matches: Matches, strength: NDArray[np.float32], count: int) -> tuple[Matches, NDArray[np.float32]]:
+    """The ``count`` strongest in each bucket."""
+    chosen = strongest_in_buckets(matches.current[:, :2], strength, count)
+    return Matches(matches.previous[chosen], matches.current[chosen]), strength[chosen]
 
 
 def _placed(features: Features) -> Placed:
@@ -89,22 +104,21 @@ def _apart(pair: PairFeatures, left: Indices, right: Indices) -> Indices:
 
 
 def _images(left: Features, right: Features) -> FloatArray:
-    """z (n, 3) of pairs; the row is the mean of the two."""
+    """z (n, 3) of pairs; the row is the mean of the two. What has no disparity is far away: it shows how one turns."""
     rows = 0.5 * (left.points[:, 1] + right.points[:, 1])
-    return np.column_stack([left.points[:, 0], rows, right.points[:, 0]]).astype(np.float64)
+    right_columns = np.minimum(right.points[:, 0], left.points[:, 0] - _LEAST)
+    return np.column_stack([left.points[:, 0], rows, right_columns]).astype(np.float64)
 
 
 def _supported(matches: Matches) -> NDArray[np.bool_]:
     """Whether enough of a match's neighbours (in a Delaunay triangulation) move alike and are as far away."""
     try:
-        triangles = Delaunay(matches.current[:, :2]).simplices
+        first, neighbours = Delaunay(matches.current[:, :2]).vertex_neighbor_vertices
     except (QhullError, ValueError):  # fewer than three matches, or all in a line
         return np.zeros(len(matches.current), np.bool_)
-    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges = np.column_stack(np.divmod(np.unique(ends[:, 0] * len(matches.current) + ends[:, 1]), len(matches.current)))
+    ends = np.repeat(np.arange(len(matches.current)), np.diff(first))
     flow = matches.current - matches.previous
     disparity = matches.current[:, 0] - matches.current[:, 2]
-    alike = np.abs(flow[edges[:, 0]] - flow[edges[:, 1]]).max(axis=1) < _ALIKE
-    alike &= np.abs(disparity[edges[:, 0]] - disparity[edges[:, 1]]) < _ALIKE
-    support = np.bincount(edges[alike].ravel(), minlength=len(flow))
-    return support >= _SUPPORT
+    alike = np.abs(flow[ends] - flow[neighbours]).max(axis=1) < _ALIKE
+    alike &= np.abs(disparity[ends] - disparity[neighbours]) < _ALIKE
+    return np.bincount(ends[alike], minlength=len(flow)) >= _SUPPORT

@@ -25,7 +25,7 @@ from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-_NEAR, _FAR = 24.0, 60.0  # how far to look from the prediction, and from rest when there is none [px]
+NEAR, _FAR = 24.0, 60.0  # how far to look from the prediction, and from rest when there is none [px]
 _GATE = 2.0  # reprojection error of an inlier: four roundings, and what they make of the point [px]
 _FEWEST_INLIERS = 12  # two for each unknown
 _ITERATIONS = 20  # of Gauss-Newton, at most
@@ -70,7 +70,7 @@ class Viso2Odometry:
         span, last = frame.tick - memory.tick, memory.velocity
         guesses = [(np.eye(4), _FAR)]
         if last is not None:
-            guesses.insert(0, (expected_motion(last, frame.tick, span), _NEAR))
+            guesses.insert(0, (expected_motion(last, frame.tick, span), NEAR))
         for guess, reach in guesses:
             matches = circular_matches(self._calibration, memory.features, features, guess, reach)
             inliers, measured = self._measured(matches, guess, frame.tick)

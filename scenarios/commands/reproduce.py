@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_display
+from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
 
 if TYPE_CHECKING:
     from scenarios.reproduce.figure import Reproduction
@@ -38,7 +38,10 @@ def reproduce(
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and nothing else.")] = False,
 ) -> None:
-    """Make a table or figure of a paper again, and print the published numbers beside one's own."""
+    """Make a table or figure of a paper again, and print the published numbers beside one's own.
+
+    Ctrl-C ends all of it; what is finished is kept, also the drives of a figure that others are missing of.
+    """
     from scenarios.reproduce.catalogue import names_of
     from scenarios.reproduce.figure import write_reproduction
     from scenarios.results import check_run_directory, next_run_directory
@@ -54,9 +57,13 @@ def reproduce(
             write_reproduction(made[-1], directory, {"quick": quick})
             if not (quiet or as_json):
                 _print(made[-1], directory)
+            if made[-1].interrupted:
+                break
         if as_json:
             plain = [reproduction.as_plain() for reproduction in made]
             print(json.dumps(plain if len(names) > 1 else plain[0], indent=2, ensure_ascii=False))
+    if made[-1].interrupted:
+        raise typer.Exit(INTERRUPTED)
 
 
 def _directory(out: Path | None, name: str, several: bool) -> Path | None:

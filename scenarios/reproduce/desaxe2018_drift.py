@@ -17,7 +17,7 @@ from scenarios import metrics
 from scenarios.drawing import ESTIMATED, GREY, TRUE
 from scenarios.log import Log, Signal
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
-from scenarios.reproduce.desaxe2018_simulation import SOURCE, Point
+from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from vehicle.frames import FloatArray
 
@@ -53,6 +53,7 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
             "along the optical axis, as a squared correlation.",
             *unfinished(len(drives), len(cases)),
         ),
+        interrupted=len(drives) < len(cases),
         data=_log(worst),
         draw=lambda: _drawn(worst),
     )
@@ -74,9 +75,20 @@ def _axial_error(one: Drive, odometry: str) -> FloatArray:
 def _summed(one: Drive) -> FloatArray:
     """Errors of the motion along the optical axis, added up over the last trailer length [m]."""
     errors = np.nan_to_num(_axial_error(one, "viso2"))
-    way = np.concatenate([[0.0], np.cumsum(np.diff(one.time) * one.speed[1:])])
-    total = np.cumsum(errors)
+    way, total = _way(one), np.cumsum(errors)
     return total - np.interp(way - _LENGTH, way, total)
+
+
+def _way(one: Drive) -> FloatArray:
+    """Way that the trailer has gone by every image [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.diff(one.time) * one.speed[1:])])
+
+
+def _region(one: Drive) -> tuple[float, float]:
+    """From when to when [s] the largest error has come up: while the trailer goes its own length."""
+    at = int(np.nanargmax(np.abs(one.error("viso2"))))
+    way = _way(one)
+    return float(np.interp(way[at] - _LENGTH, way, one.time)), float(one.time[at])
 
 
 def _explained(one: Drive) -> float:
@@ -106,9 +118,12 @@ def _log(one: Drive) -> Log:
 def _drawn(one: Drive) -> Figure:
     figure = Figure(figsize=(9.6, 5.4), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    above.plot(one.time, one.true, color=TRUE, label="true")
+    for ax in (above, below):
+        label = f"{_LENGTH:.0f} m up to the largest error" if ax is above else None
+        ax.axvspan(*_region(one), color=GREY, alpha=0.2, linewidth=0.0, label=label)
+    above.plot(one.time, one.true, "--", color=GREY, label="true")
     above.plot(one.time, one.tracks["viso2"].off_tracking, color=ESTIMATED, label="viso2")
-    above.plot(one.time, one.tracks["keyframe"].off_tracking, ":", color=ESTIMATED, label="keyframe")
+    above.plot(one.time, one.tracks["keyframe"].off_tracking, ":", color=TRUE, label="keyframe")
     above.set(ylabel="off-tracking [m], + left", title="(a) off-tracking")
     above.legend()
     below.plot(one.time, one.tracks["viso2"].aside, "-o", color=ESTIMATED, markersize=2.5, linewidth=0.8, label="viso2")

@@ -9,8 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from scenarios.reference import reference_off_tracking
 from scenarios.reproduce.figure import Progress
 from scenarios.run_log import Estimate, run_log
 from scenarios.scenario import load_scenario
+from scenarios.studies.pool import default_jobs, workers
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
@@ -135,6 +137,7 @@ def drive(case: Case, told: Callable[[float], None]) -> Drive:
     Raises:
         RendererUnavailableError: one line, if OpenGL does not work here.
     """
+    told(0.0)  # calibrating the cameras takes its time, too
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
@@ -207,18 +210,38 @@ _DRIVEN: dict[Case, Drive] = {}  # figures share drives: with all of them made a
 
 
 def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
-    """The drives of all cases; an interrupt ends it early and keeps those that are finished, if there is one."""
-    done: list[Drive] = []
+    """The drives of all cases, in several processes if there are several cores.
+
+    An interrupt ends it early and keeps those before the first that is not finished, if there is one.
+    """
+    missing = [case for case in dict.fromkeys(cases) if case not in _DRIVEN]
+    jobs = min(default_jobs(), len(missing))
     try:
-        for k, case in enumerate(cases):
-            if case not in _DRIVEN:
-                _DRIVEN[case] = drive(case, _told(progress, k, len(cases), case))
-            done.append(_DRIVEN[case])
+        if jobs > 1:
+            _drive_together(missing, progress, jobs)
+        else:
+            for k, case in enumerate(missing):
+                _DRIVEN[case] = drive(case, _told(progress, k, len(missing), case))
     except KeyboardInterrupt:
-        if not done:
+        if cases[0] not in _DRIVEN:
             raise
-    progress(100 * len(cases), 100 * len(cases), "")
-    return done
+    progress(100 * len(missing), 100 * len(missing), "")
+    return [_DRIVEN[case] for case in takewhile(_DRIVEN.__contains__, cases)]
+
+
+def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> None:
+    """Drives all cases and keeps each as soon as it is finished; told after each."""
+    progress(0, 100 * len(cases), f"{len(cases)} drives in {jobs} processes")
+    with workers(jobs) as pool:
+        at_work = {pool.submit(drive, case, _untold): case for case in cases}
+        for k, future in enumerate(as_completed(at_work), start=1):
+            case = at_work[future]
+            _DRIVEN[case] = future.result()
+            progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
+
+
+def _untold(share: float) -> None:
+    """Nobody watches a worker."""
 
 
 def _told(progress: Progress, k: int, of: int, case: Case) -> Callable[[float], None]:

@@ -48,6 +48,7 @@ class Reproduction:
     notes: Sequence[str]  # definitions, and how it differs from the paper's experiment
     data: Log
     draw: Callable[[], Figure]  # in the style of the house, see ``write_reproduction``
+    interrupted: bool = False  # only a part of it is made
 
     def as_plain(self) -> dict[str, Any]:
         """For JSON: null stands for what could not be measured."""
@@ -56,6 +57,7 @@ class Reproduction:
             "title": self.title,
             "source": self.source,
             "notes": list(self.notes),
+            "interrupted": self.interrupted,
             "numbers": [
                 {
                     "quantity": one.quantity,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -56,12 +57,54 @@ def test_features_are_blobs_and_corners_at_whole_pixels() -> None:
     assert any(kind in (2, 3) and abs(u - 119.5) <= 1 and abs(v - 59.5) <= 1 for (u, v), kind in kinds.items())
 
 
-def test_noise_and_darkness_have_next_to_no_features() -> None:
-    """Noise of 2 grey levels on a plain surface stays below the weakest response."""
+@pytest.mark.parametrize("std", [2.0, 8.0])
+def test_noise_has_less_than_one_feature_of_a_kind_in_a_bucket(std: float) -> None:
+    """On a plain surface, however strong it is; 27 x 8 buckets of 50 x 50 px."""
+    noise = std * np.random.default_rng(0).standard_normal((391, 1344))
+    plain = np.clip(np.rint(120.0 + noise), 0, 255).astype(np.uint8)
+    of_a_kind = np.bincount(detect_features(plain).kind, minlength=4)
+    assert np.all((of_a_kind > 20) & (of_a_kind < 27 * 8))
+
+
+@pytest.mark.parametrize("grey", [0, 255])
+def test_black_and_saturated_images_have_no_features(grey: int) -> None:
+    """Nothing stands out of nothing."""
+    assert len(detect_features(np.full((391, 1344), grey, np.uint8)).points) == 0
+
+
+@pytest.mark.parametrize("gain", [0.4, 0.7])
+def test_features_do_not_depend_on_brightness_and_contrast(drive, gain: float) -> None:
+    """A darker image of the same has the same features but for those at the edge of the noise."""
+    image = drive.frames[20].left
+    darker = np.rint(gain * image + 10.0).astype(np.uint8)
+    points, found = (detect_features(one).points for one in (image, darker))
+    assert len(found) == pytest.approx(len(points), rel=0.1)
+    assert len(set(map(tuple, found.tolist())) & set(map(tuple, points.tolist()))) > 0.75 * len(points)
+
+
+def test_texture_everywhere_is_not_taken_for_noise() -> None:
+    """No smooth place to measure the noise at, as on gravel that is looked down at: buckets are full all the same."""
+    gravel = np.random.default_rng(0).integers(40, 200, (391, 1344)).astype(np.uint8)
+    points = detect_features(np.asarray(cv2.GaussianBlur(gravel, (0, 0), 1.5))).points
+    assert len(points) > 27 * 8 * 10
+
+
+def test_resampled_noise_is_noise() -> None:
+    """A rectified image's is not white any more and differs from place to place: twice as many features as of white."""
     noise = 2.0 * np.random.default_rng(0).standard_normal((391, 1344))
     plain = np.clip(np.rint(120.0 + noise), 0, 255).astype(np.uint8)
-    assert len(detect_features(plain).points) < 50
-    assert len(detect_features(np.zeros((391, 1344), np.uint8)).points) == 0
+    u, v = np.meshgrid(0.99 * np.arange(1344.0), 0.99 * np.arange(391.0))
+    resampled = cv2.remap(plain, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+    assert len(detect_features(np.asarray(resampled)).points) < 2 * 4 * 27 * 8  # of four kinds
+
+
+def test_glare_does_not_hide_the_noise(drive) -> None:
+    """A third of the image saturated: the noise is that of the rest."""
+    image = drive.frames[20].left.copy()
+    image[:, :448] = 255
+    whole = detect_features(drive.frames[20].left).points
+    kept = np.count_nonzero(whole[:, 0] > 460)
+    assert np.count_nonzero(detect_features(image).points[:, 0] > 460) == pytest.approx(kept, rel=0.1)
 
 
 def test_most_similar_is_what_a_full_search_finds() -> None:
@@ -92,7 +135,9 @@ def test_matches_are_whole_pixels_two_a_bucket_and_right(drive) -> None:
     X_PC = drive.camera_motion(20, 21)
     matches = circular_matches(drive.calibration, previous, current, np.eye(4), 60.0)
     assert len(matches.current) > 200
-    assert np.all(matches.current[:, [0, 2]] % 1.0 == 0.0)
+    assert np.all(matches.current[:, 0] % 1.0 == 0.0)
+    disparity = matches.current[:, 0] - matches.current[:, 2]
+    assert np.all((disparity % 1.0 == 0.0) | (disparity == pytest.approx(0.05)))  # none: very far away
     _, counts = np.unique(matches.current[:, :2] // 50, axis=0, return_counts=True)
     assert counts.max() <= 2
     off = np.abs(moved(drive.calibration, matches.previous, X_PC) - matches.current).max(axis=1)

@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from scenarios.commands.reproduce import reproduce
-from scenarios.log import read_log
+from scenarios.log import Log, Signal, read_log
+from scenarios.reproduce import catalogue
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
+from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.reina2008_rates import SETS
 from scenarios.reproduce.reina2008_sample import PUBLISHED
 
@@ -65,3 +68,37 @@ def test_directory_in_use_is_refused_before_any_work(tmp_path: Path) -> None:
     result = CliRunner().invoke(APP, ["reina2008-fig6", "--quick", "--out", str(tmp_path)])
     assert result.exit_code == 2
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
+
+
+@pytest.mark.parametrize(("kept", "folders"), [(True, 2), (False, 1)])
+def test_interrupt_of_all_keeps_what_is_finished_and_stops(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool, folders: int
+) -> None:
+    """Ctrl-C in the second figure: the first is there, of the second what is finished, and no third is begun."""
+    begun: list[str] = []
+
+    def made(name: str) -> catalogue.Maker:
+        def make(quick: bool, progress: Progress) -> Reproduction:
+            begun.append(name)
+            if len(begun) == 2 and not kept:
+                raise KeyboardInterrupt
+            return Reproduction(
+                name=name,
+                title="a figure",
+                source="a paper",
+                comparisons=[Comparison(quantity="a number", published="1", own=2.0, unit="-")],
+                notes=(),
+                data=Log((Signal("time", "s", "time"),), np.zeros((1, 1))),
+                draw=Figure,
+                interrupted=len(begun) == 2,
+            )
+
+        return make
+
+    monkeypatch.setattr(catalogue, "maker", made)
+    result = CliRunner().invoke(APP, ["all", "--quiet", "--out", str(tmp_path)])
+    assert result.exit_code == 130
+    assert begun == list(REPRODUCTIONS)[:2]
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(begun[:folders])
+    marks = [json.loads((tmp_path / name / f"{name}.json").read_text())["interrupted"] for name in begun[:folders]]
+    assert marks == [False, True][:folders]

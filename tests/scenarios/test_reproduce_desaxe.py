@@ -7,21 +7,24 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from scenarios.adapters import course_of
 from scenarios.log import read_log
-from scenarios.reproduce import desaxe2018_drift, desaxe2018_field, desaxe2018_simulation
+from scenarios.reproduce import desaxe2018_drift, desaxe2018_field, desaxe2018_outcomes, desaxe2018_views
 from scenarios.reproduce import desaxe2018_drive as drives
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, Track
-from scenarios.reproduce.desaxe2018_simulation import Facing, Point
+from scenarios.reproduce.desaxe2018_outcomes import Facing, Point
 from scenarios.reproduce.figure import Reproduction, write_reproduction
 from scenarios.run import run
 from scenarios.scenario import load_scenario
 from sensors.airfield import grain_fields, patched
 from sensors.ground import Centreline, Terrain, road_map
+from sensors.messages import StereoFrame
+from sensors.rig import StereoRig
 from vehicle.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -65,6 +68,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
         return made_up(case, lambda time: np.full(len(time), 0.02))
 
     monkeypatch.setattr(drives, "drive", drive)
+    monkeypatch.setattr(drives, "default_jobs", lambda: 1)  # workers would not know of it
     monkeypatch.setattr(drives, "_DRIVEN", {})
     return asked
 
@@ -131,8 +135,42 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
 
     monkeypatch.setattr(drives, "drive", third_is_interrupted)
     made = make("desaxe2018-fig6")
+    assert made.interrupted
     assert set(made.data["baseline"]) == {0.5, 1.0}
     assert any("2 of 20" in note for note in made.notes)
+
+
+def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is finished first, and every case once."""
+    monkeypatch.setattr(drives, "drive", lambda case, told: 10 * case.seed)
+    monkeypatch.setattr(drives, "default_jobs", lambda: 2)
+    monkeypatch.setattr(drives, "_DRIVEN", {})
+    cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
+    steps: list[tuple[int, int]] = []
+    assert drives.driven(cases, lambda done, total, detail: steps.append((done, total))) == [30, 10, 20, 10]
+    assert steps == [(0, 300), (100, 300), (200, 300), (300, 300), (300, 300)]
+    assert drives.driven(cases, lambda done, total, detail: steps.append((done, total))) == [30, 10, 20, 10]
+
+
+def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cameras at rest before a wall of noise: matches are 8 px further left in the right image, and have not moved."""
+    wall = np.random.default_rng(0).integers(40, 200, (391, 1352)).astype(np.uint8)
+    wall = np.asarray(cv2.GaussianBlur(wall, (0, 0), 1.5))
+    frames = [StereoFrame(tick=100 * k, left=wall[:, :-8], right=wall[:, 8:]) for k in range(4)]
+    calibration = StereoRig(
+        facing="rear", width=1344, height=391, hfov=math.radians(100.0), x=-14.0, y=0.0, z=3.0, baseline=0.5
+    ).calibration()
+    matches = desaxe2018_views._matched(calibration, frames)
+    assert len(matches.current) > 300
+    assert np.mean(matches.current[:, 0] - matches.current[:, 2] == 8.0) > 0.99
+    assert np.mean(np.all(matches.current == matches.previous, axis=1)) > 0.99
+    view = desaxe2018_views.View(facing="rear", left=frames[0].left, right=frames[0].right, matches=matches)
+    monkeypatch.setattr(desaxe2018_views, "_seen", lambda facing, until, told: view)
+    made = make("desaxe2018-fig13")
+    write_reproduction(made, tmp_path / "made", {})
+    data = read_log(tmp_path / "made" / "desaxe2018-fig13.parquet")
+    assert np.array_equal(data["u_right"][: len(matches.current)], matches.current[:, 2])
+    assert made.comparisons[0].own == len(matches.current)
 
 
 def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
@@ -145,7 +183,7 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     track = dataclasses.replace(drive.tracks["viso2"], aside=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
     assert desaxe2018_drift._explained(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
-    assert desaxe2018_simulation._outcome(Point(), drive, "viso2").largest == pytest.approx(0.08)
+    assert desaxe2018_outcomes._outcome(Point(), drive, "viso2").largest == pytest.approx(0.08)
 
 
 def test_bias_is_told_apart_by_side() -> None:
