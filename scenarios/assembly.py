@@ -9,10 +9,13 @@ from typing import Any, Protocol
 
 from controllers.driver import PreviewDriver
 from controllers.driver_trace import TraceDriver
+from controllers.reversing.chain import RollingChain
+from controllers.shunting import ShuntingDriver, Stop
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.adapters import course_of, surface_of, tractor_geometry, trailer_geometry, vehicle_of, watched_units
-from scenarios.cameras import Cameras, Views, built_world
+from scenarios.board_calibration import Told
+from scenarios.cameras import Cameras, Views, built_world, traffic_around
 from scenarios.courses import Course
 from scenarios.driver_file import read_trace
 from scenarios.options.course import ConstantSlipOptions
@@ -30,6 +33,7 @@ from vehicle.prescribed import ConstantSlipPlant
 from vehicle.surface import Surface
 from vehicle.truth import Truth
 
+Driver = PreviewDriver | ShuntingDriver | TraceDriver
 LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call, so that everything happens on these ticks
 
 
@@ -71,7 +75,7 @@ class Assembly:
     trailers: tuple[WatchedTrailer, ...]  # front to rear; the last is the vehicle's last unit
     course: Course
     motive: Motive
-    driver: PreviewDriver | TraceDriver | None  # None: the motion is prescribed
+    driver: Driver | None  # None: the motion is prescribed
     schedule: Schedule  # of the cameras, or of the reference units in their place
     duration: float  # how long the drive should take [s]
 
@@ -112,7 +116,14 @@ class Assembly:
         return self.trailers[-1].sensing.cameras
 
 
-def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record: bool = False) -> Assembly:
+def assemble(
+    scenario: Scenario,
+    seed: int,
+    *,
+    keep_colour: bool = False,
+    record: bool = False,
+    calibrating: Told | None = None,
+) -> Assembly:
     """The parts of the scenario's run with this seed; cameras are opened last, when all else has been accepted.
 
     Args:
@@ -120,6 +131,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
         seed: decides world and noise.
         keep_colour: let frames of the last trailer carry what the left camera saw in colour.
         record: have cameras on the last trailer even if the off-tracking is not estimated from them.
+        calibrating: told how many pictures of calibration boards are done, of how many.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
@@ -133,7 +145,9 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
     laws = {unit: _law(scenario, vehicle, unit, geometry) for unit, geometry in geometries.items()}
     motive, driver = _moved(scenario, vehicle, units[-1], course, surface)
     schedule = _schedule(scenario.rig)
-    views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")))
+    last = vehicle.units[units[-1]]
+    traffic = traffic_around(scenario.traffic, last, geometries[units[-1]], surface, stream(seed, "traffic"))
+    views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")), traffic)
     trailers = []
     for unit, geometry in reversed(geometries.items()):  # the last trailer's cameras own the renderer
         told = stream(seed, f"signals of {vehicle.units[unit].name}")
@@ -150,6 +164,7 @@ def assemble(scenario: Scenario, seed: int, *, keep_colour: bool = False, record
             schedule=schedule,
             keep_colour=keep_colour and unit == units[-1],
             record=record and unit == units[-1],
+            calibrating=calibrating,
         )
         trailers.append(
             WatchedTrailer(
@@ -191,7 +206,7 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
 
 def _moved(
     scenario: Scenario, vehicle: Vehicle, unit: int, course: Course, surface: Surface
-) -> tuple[Motive, PreviewDriver | TraceDriver | None]:
+) -> tuple[Motive, Driver | None]:
     """What moves the vehicle, and who drives it."""
     if not isinstance(scenario.course, ConstantSlipOptions):
         return Plant(vehicle, surface), _driver(scenario, vehicle, course)
@@ -204,14 +219,24 @@ def _moved(
     return ConstantSlipPlant(vehicle, surface, unit=unit, slip_angle=slip_angle, speed=scenario.speed), None
 
 
-def _driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> PreviewDriver | TraceDriver:
+def _driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Driver:
     """Who drives: along the course, or as recorded."""
     options = scenario.driver
     if options.trace is not None:
+        if options.stops:
+            raise ValueError("driver.stops and driver.trace: a recorded drive has its own stops")
         return TraceDriver(read_trace(Path(options.trace)))
     limit = math.inf if options.max_lateral_acceleration is None else options.max_lateral_acceleration
     tractor = tractor_geometry(vehicle, course)
-    return PreviewDriver(tractor, course.path, scenario.speed, max_lateral_acceleration=limit)
+    driver = PreviewDriver(tractor, course.path, scenario.speed, max_lateral_acceleration=limit)
+    if not options.stops:
+        return driver
+    try:
+        return ShuntingDriver(
+            driver, RollingChain.of(vehicle), [Stop(stop.station, stop.wait, stop.back) for stop in options.stops]
+        )
+    except ValueError as error:
+        raise ValueError(f"driver.{error}") from error
 
 
 def _schedule(rig: RigOptions) -> Schedule:

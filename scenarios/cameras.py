@@ -9,17 +9,23 @@ from typing import Any
 
 import numpy as np
 
+from controllers.trailer import TrailerGeometry
 from estimators.rectification import Rectifier
+from scenarios.board_calibration import Told, calibrated_with_boards
 from scenarios.courses import Course
 from scenarios.options.rig import RigOptions, WorldOptions
+from scenarios.options.traffic import TrafficOptions
 from sensors.exposure import AutoExposure
+from sensors.ground import ground_height
 from sensors.lens import UNDISTORTED, RawStereoRig, mount_rotation
 from sensors.messages import StereoFrame
 from sensors.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.render import StereoRenderer
 from sensors.rig import StereoCalibration, StereoRig
 from sensors.stereo_camera import StereoCamera
+from sensors.traffic import InTraffic, Sampled, Traffic, populated
 from sensors.world import World, build_world
+from vehicle.description import Unit
 from vehicle.surface import Surface
 
 _SCENERY_CLEARANCE = 8.0  # trailers cut in by several metres, and nothing solid may stand there [m]
@@ -31,7 +37,7 @@ class Cameras:
 
     calibrated: StereoCalibration | RawStereoRig  # what a calibration says of the images that are sent
     calibration: StereoCalibration  # of the images that estimators work on
-    camera: StereoCamera | RawStereoCamera
+    camera: Sampled
     renderer: StereoRenderer
     rectifier: Rectifier | None  # None: images are worked on as they are sent
 
@@ -43,16 +49,22 @@ class Cameras:
 class Views:
     """What the cameras of all trailers see: one world and one renderer, built when the first of them is opened."""
 
-    def __init__(self, built: Callable[[], World]) -> None:
+    def __init__(self, built: Callable[[], World], traffic: Traffic | None = None) -> None:
         self._built = built
+        self._traffic = traffic
         self._world: World | None = None
         self._renderer: StereoRenderer | None = None
 
     @property
     def world(self) -> World:
         """The world of the run."""
-        self._world = self._world or self._built()
+        if self._world is None:
+            self._world = self._built() if self._traffic is None else populated(self._built(), self._traffic)
         return self._world
+
+    def amid(self, camera: Sampled, renderer: StereoRenderer) -> Sampled:
+        """A camera that sees the traffic where it is, if there is any."""
+        return camera if self._traffic is None else InTraffic(camera, renderer, self._traffic)
 
     def seen_by(self, calibration: StereoCalibration) -> StereoRenderer:
         """A renderer for the cameras of this calibration; the first one owns OpenGL's context.
@@ -64,6 +76,22 @@ class Views:
             self._renderer = StereoRenderer(self.world, calibration)
             return self._renderer
         return self._renderer.on(calibration)
+
+
+def traffic_around(
+    options: TrafficOptions, trailer: Unit, geometry: TrailerGeometry, surface: Surface, rng: np.random.Generator
+) -> Traffic | None:
+    """The traffic around a combination whose last unit is the ``trailer``; None if there is none."""
+    if options.kind == "none":
+        return None
+    return Traffic(
+        rng,
+        kind=options.kind,
+        gap=options.gap,
+        follow_distance=geometry.follow_distance,
+        half_width=0.5 * trailer.width,
+        height=lambda xy: ground_height(surface, xy),
+    )
 
 
 class Rectified:
@@ -102,23 +130,45 @@ def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np
 
 
 def opened_cameras(
-    options: RigOptions, rig: StereoRig, views: Views, *, unit: int, rng: np.random.Generator, keep_colour: bool
+    options: RigOptions,
+    rig: StereoRig,
+    views: Views,
+    *,
+    unit: int,
+    rng: np.random.Generator,
+    boards: np.random.Generator,
+    keep_colour: bool,
+    calibrating: Told | None = None,
 ) -> Cameras:
     """The cameras on a unit of the vehicle: pinholes exactly where they should be, or what the options make of them.
 
     The calibration knows of the lenses, but not of how the mount is bent: as if it had been made before.
 
+    Args:
+        options: what the cameras are like.
+        rig: where they should be.
+        views: what they see.
+        unit: that carries them.
+        rng: decides their noise.
+        boards: decides what they are calibrated with, if with boards.
+        keep_colour: let frames carry what the left camera saw in colour.
+        calibrating: told how many pictures of boards are done, of how many.
+
     Raises:
-        ValueError: if the lenses can not be.
+        ValueError: if the lenses can not be, or can not be calibrated.
         RendererUnavailableError: if OpenGL does not work here.
     """
     how = _imperfections(options)
     straight = not any(options.misrotation_deg)
-    if straight and options.distortion == UNDISTORTED and replace(how, read_noise=0.0) == Imperfections():
+    known = options.calibration == "exact"
+    if straight and known and options.distortion == UNDISTORTED and replace(how, read_noise=0.0) == Imperfections():
         return _pinholes(rig.calibration(), views, unit=unit, noise=options.noise, rng=rng, keep_colour=keep_colour)
     true = rig.raw(options.distortion, mount_rotation(*np.radians(options.misrotation_deg)))
     calibrated = rig.raw(options.distortion)
-    rectifier = Rectifier(calibrated) if options.distortion != UNDISTORTED else None
+    if not known:
+        noise = math.hypot(options.noise, math.sqrt(0.5) * options.shot_noise)  # of a board, half of it white
+        calibrated = calibrated_with_boards(calibrated, noise_std=noise, rng=boards, told=calibrating).rig
+    rectifier = None if known and options.distortion == UNDISTORTED else Rectifier(calibrated)
     renderer, light = views.seen_by(pinholes_for(true, how)), views.world.light
     camera = RawStereoCamera(
         renderer=renderer,
@@ -132,7 +182,7 @@ def opened_cameras(
     return Cameras(
         calibrated=calibrated if rectifier else rig.calibration(),
         calibration=rectifier.calibration if rectifier else rig.calibration(),
-        camera=camera,
+        camera=views.amid(camera, renderer),
         renderer=renderer,
         rectifier=rectifier,
     )
@@ -149,7 +199,8 @@ def _pinholes(
 ) -> Cameras:
     renderer = views.seen_by(calibration)
     camera = StereoCamera(renderer=renderer, unit=unit, noise_std=noise, rng=rng, keep_colour=keep_colour)
-    return Cameras(calibrated=calibration, calibration=calibration, camera=camera, renderer=renderer, rectifier=None)
+    seeing = views.amid(camera, renderer)
+    return Cameras(calibrated=calibration, calibration=calibration, camera=seeing, renderer=renderer, rectifier=None)
 
 
 def _imperfections(options: RigOptions) -> Imperfections:

@@ -11,6 +11,7 @@ import numpy as np
 
 from scenarios.adapters import outlines
 from scenarios.assembly import Assembly, assemble
+from scenarios.board_calibration import Told
 from scenarios.log import Log, Signal
 from scenarios.loop import Session
 from scenarios.randomness import stream
@@ -31,6 +32,7 @@ def run(
     keep_frames: bool = False,
     record: Path | None = None,
     progress: Progress | None = None,
+    calibrating: Told | None = None,
 ) -> RunResult:
     """The result of the scenario's closed-loop run; an interrupt ends it early and keeps what there is.
 
@@ -40,13 +42,15 @@ def run(
         keep_frames: keep what the left camera saw, for a video and the report.
         record: folder to write the stereo images to, as a KITTI-style sequence.
         progress: told the share of the course that is done.
+        calibrating: told how many pictures of calibration boards are done, of how many.
 
     Raises:
         ValueError: one line, if something of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     with ExitStack() as cleanup:
-        parts = assemble(scenario, seed, keep_colour=keep_frames, record=record is not None)
+        recording = record is not None
+        parts = assemble(scenario, seed, keep_colour=keep_frames, record=recording, calibrating=calibrating)
         if parts.cameras:
             cleanup.callback(parts.cameras.renderer.close)
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None

@@ -12,15 +12,18 @@ import tomli_w
 from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
+from controllers.trailer_steering.policy import shipped_networks
 from scenarios.options.base import Options, quantity
 from scenarios.options.course import COURSES, Course, TurnTable
 from scenarios.options.degradation import DegradationOptions
-from scenarios.options.driver import DriverOptions
+from scenarios.options.driver import DriverOptions, StopTable
 from scenarios.options.faults import FaultOptions, Faults
 from scenarios.options.ground_rig import GroundRigOptions
 from scenarios.options.rig import RigOptions, WorldOptions
 from scenarios.options.signals import SignalOptions, SteerGroups
 from scenarios.options.surface import PATCHES, SurfaceOptions
+from scenarios.options.traffic import TrafficOptions, TrafficTable
+from scenarios.options.viso_ot import VisoOtOptions
 from scenarios.rover.scenario import ROVER_COURSES, MoundOptions, RoverScenario
 from vehicle.parameter_file import nearest, read_toml
 
@@ -31,12 +34,14 @@ Parameter = bool | int | float | str
 class PolicyOptions(Options):
     """The trained network of ``trailer_steering=policy``."""
 
-    path: str | None = None  # its file, see controllers.trailer_steering.policy
+    path: str | None = None  # its file, see controllers.trailer_steering.policy, or the name of a shipped one
 
     @field_validator("path")
     @classmethod
     def _full_path(cls, path: str | None) -> str | None:
-        return None if path is None else str(Path(path).resolve())  # the resolved scenario runs from any folder
+        if path is None or path in shipped_networks():
+            return path
+        return str(Path(path).resolve())  # the resolved scenario runs from any folder
 
 
 class Scenario(Options):
@@ -52,6 +57,7 @@ class Scenario(Options):
     steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
     policy: PolicyOptions = PolicyOptions()
     off_tracking: str = "viso_ot"  # a known estimator (offtrack run --help lists them) or package.module:Name
+    viso_ot: VisoOtOptions = VisoOtOptions()
     odometry: str = "keyframe"  # a known odometry or package.module:Name
     steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle
     signals: SignalOptions = SignalOptions()
@@ -59,6 +65,7 @@ class Scenario(Options):
     rig: RigOptions = RigOptions()
     ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
     world: WorldOptions = WorldOptions()
+    traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
     faults: Faults = ()
     degradation: DegradationOptions = DegradationOptions()  # what bad estimates are answered by
     reference_unit: bool = True  # carry one, to judge estimates by as field tests do
@@ -173,7 +180,12 @@ def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str,
     for name, info in model.model_fields.items():
         courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
         lists: dict[str, tuple[type[Options], ...]] = {"course": courses, "patches": PATCHES}
-        lists |= {"turns": (TurnTable,)} | {"faults": (FaultOptions,)} | {"mounds": (MoundOptions,)}
+        lists |= (
+            {"turns": (TurnTable,)}
+            | {"faults": (FaultOptions,)}
+            | {"stops": (StopTable,)}
+            | {"mounds": (MoundOptions,)}
+        )
         tables = lists.get(name, (info.annotation,))
         for table in tables:
             if isinstance(table, type) and issubclass(table, BaseModel):

@@ -8,9 +8,11 @@ from typing import Any, Protocol
 from controllers.trailer import TrailerGeometry
 from estimators.self_calibration import SelfCalibratedOdometry
 from scenarios.adapters import rig_on
+from scenarios.board_calibration import Told
 from scenarios.cameras import Cameras, Rectified, Views, opened_cameras
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
 from scenarios.ground_cameras import opened_ground_cameras
+from scenarios.options.viso_ot import VisoOtOptions
 from scenarios.randomness import stream
 from scenarios.scenario import Scenario
 from sensors.combination import CombinationSensors
@@ -66,6 +68,7 @@ def opened_sensing(
     schedule: Schedule,
     keep_colour: bool,
     record: bool,
+    calibrating: Told | None = None,
 ) -> Sensing:
     """What senses the trailer of this ``unit``; cameras are opened if they are estimated from, or to be recorded.
 
@@ -81,6 +84,7 @@ def opened_sensing(
         schedule: of cameras, or of a reference unit in their place.
         keep_colour: let frames carry what the left camera saw in colour.
         record: have cameras even if the off-tracking is not estimated from them.
+        calibrating: told how many pictures of calibration boards are done, of how many.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
@@ -91,6 +95,9 @@ def opened_sensing(
     watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
     reads = getattr(estimator, "reads_signals", False)  # of the combination, and needs to know this
     sees = scenario.off_tracking != "truth" and not reads
+    settings = scenario.viso_ot.model_dump() if getattr(estimator, "buffer_options", False) else {}
+    if not settings and scenario.viso_ot != VisoOtOptions():
+        raise ValueError(f"viso_ot: off_tracking = {scenario.off_tracking} has none of these options, viso_ot has")
     cameras: Cameras | None = None
     if sees or record:
         noise = stream(seed, f"camera noise{_own(vehicle, unit)}")
@@ -100,7 +107,16 @@ def opened_sensing(
             )
         else:
             rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
-            cameras = opened_cameras(scenario.rig, rig, views, unit=unit, rng=noise, keep_colour=keep_colour)
+            cameras = opened_cameras(
+                scenario.rig,
+                rig,
+                views,
+                unit=unit,
+                rng=noise,
+                boards=stream(seed, f"calibration boards{_own(vehicle, unit)}"),
+                keep_colour=keep_colour,
+                calibrating=calibrating,
+            )
     if reads:
         heard = _with_faults(signals, scenario, seed, vehicle, unit, None)
         source = estimator(vehicle, unit, trailer.follow_distance)
@@ -114,7 +130,7 @@ def opened_sensing(
         measuring = odometry(cameras.calibration)
         own = scenario.rig.self_calibration
         arguments.append(SelfCalibratedOdometry(cameras.calibration, measuring) if own else measuring)
-    source = estimator(*arguments)
+    source = estimator(*arguments, **settings)
     return Sensing(
         sensor=_with_faults(cameras.camera, scenario, seed, vehicle, unit, cameras),
         schedule=schedule,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.ground import Centreline, RoadMap, Terrain
 from sensors.scenery import Stand
 from sensors.shapes import Mesh, cards, grid_faces, smooth_normals
-from sensors.things import Colour, Part, Thing
+from sensors.things import TWIGS_RANGE, Colour, Part, Thing
 from vehicle.frames import FloatArray
 
 _BED = 8.0  # side of a bed [m]
@@ -76,7 +76,8 @@ def _bed(rng: np.random.Generator) -> Thing:
     upwards = np.tile(np.array([0.0, 0.0, 1.0]), (_EARS, 1))
     ears = cards(rng, places, upwards, 0.4, np.full(_EARS, 0.95))
     straw = Part(mesh=top, texture="foliage", colour=_RIPE)
-    return Thing(name="grain", parts=(straw, Part(mesh=ears, texture="twigs", colour=_RIPE)), variety=0.12)
+    awns = Part(mesh=ears, texture="twigs", colour=_RIPE, distances=(0.0, TWIGS_RANGE))
+    return Thing(name="grain", parts=(straw, awns), variety=0.12)
 
 
 def _top(rng: np.random.Generator) -> Mesh:

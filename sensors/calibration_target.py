@@ -21,6 +21,9 @@ _WHITE, _BLACK, _WALL = 205.0, 35.0, 120.0  # [grey levels]
 _BLUR = 0.6  # standard deviation of the lens's [px]
 _SHADE = 0.15  # share of the light that is missing at one end of the board
 _MARGIN = 1.0  # white border around the squares [squares]
+_ACROSS = 9  # points along a side of the paper that tell where it is in the picture: a lens bends its sides
+_AROUND = 6  # of the picture that is drawn around them [px]
+_BESIDE = 0.15  # depth over distance of a point that is hardly before the camera any more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,22 +66,42 @@ def photographed(
     A pixel's coverage by black and white is that of a strip as wide as the pixel, across the nearest edge: exact to
     second order in the pixel, and symmetric about every corner.
     """
-    rays = _rays(camera)
     H = np.linalg.inv(np.column_stack([X_CB[:3, 0], X_CB[:3, 1], X_CB[:3, 3]]))  # from rays to the board's plane
-    on_board = rays @ H[:, :2].T + H[:, 2]
+    level = np.full((camera.height, camera.width), _WALL)
+    part = _around_paper(board, camera, X_CB)
+    on_board = _rays(camera)[part] @ H[:, :2].T + H[:, 2]
     ahead = on_board[..., 2] > 0.0
     xy = on_board[..., :2] / np.where(ahead, on_board[..., 2], np.inf)[..., None] / board.square
-    black_and_white = _stripes(xy[..., 0]) * _stripes(xy[..., 1])  # -1 to 1
-    size = np.array([board.columns, board.rows], dtype=np.float64)
-    squares = _inside(xy, -np.ones(2), size)
-    paper = _inside(xy, -np.ones(2) - _MARGIN, size + _MARGIN)
-    board_level = 0.5 * (_WHITE + _BLACK) - squares * 0.5 * (_WHITE - _BLACK) * black_and_white
-    board_level += (1.0 - squares) * 0.5 * (_WHITE - _BLACK)
-    board_level *= 1.0 - _SHADE * np.clip(xy[..., 0] / size[0], 0.0, 1.0)
-    level = np.where(ahead, paper * board_level + (1.0 - paper) * _WALL, _WALL)
+    level[part] = np.where(ahead, _light(board, xy), _WALL)
     blurred = cv2.GaussianBlur(level, (0, 0), _BLUR)
     noisy = blurred + noise_std * rng.standard_normal(level.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _around_paper(board: Checkerboard, camera: CameraModel, X_CB: FloatArray) -> tuple[slice, slice]:
+    """Rows and columns of the picture that hold all of the board; everything if some of it is beside the camera."""
+    x, y = (board.square * np.linspace(-1.0 - _MARGIN, n + _MARGIN, _ACROSS) for n in (board.columns, board.rows))
+    on_paper = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    seen = on_paper @ X_CB[:3, :2].T + X_CB[:3, 3]
+    if seen[:, 2].min() <= _BESIDE * np.linalg.norm(seen, axis=1).max():
+        return slice(None), slice(None)
+    pixels = camera.project(seen)
+    (u0, v0), (u1, v1) = np.floor(pixels.min(axis=0)) - _AROUND, np.ceil(pixels.max(axis=0)) + _AROUND
+    return slice(max(0, int(v0)), max(0, int(v1) + 1)), slice(max(0, int(u0)), max(0, int(u1) + 1))
+
+
+def _light(board: Checkerboard, xy: FloatArray) -> FloatArray:
+    """Light (height, width) [grey levels] from places xy (height, width, 2) on the board [squares]."""
+    pixel = np.stack([_pixel(xy[..., k]) for k in (0, 1)], axis=-1)
+    black_and_white = _stripes(xy[..., 0], pixel[..., 0]) * _stripes(xy[..., 1], pixel[..., 1])  # -1 to 1
+    size = np.array([board.columns, board.rows], dtype=np.float64)
+    squares = _inside(xy, pixel, -np.ones(2), size)
+    paper = _inside(xy, pixel, -np.ones(2) - _MARGIN, size + _MARGIN)
+    level = 0.5 * (_WHITE + _BLACK) - squares * 0.5 * (_WHITE - _BLACK) * black_and_white
+    level += (1.0 - squares) * 0.5 * (_WHITE - _BLACK)
+    level *= 1.0 - _SHADE * np.clip(xy[..., 0] / size[0], 0.0, 1.0)
+    light: FloatArray = paper * level + (1.0 - paper) * _WALL
+    return light
 
 
 def held(
@@ -107,20 +130,20 @@ def _rays(camera: CameraModel) -> FloatArray:
     return camera.rays(np.stack([u, v], axis=-1))
 
 
-def _stripes(x: FloatArray) -> FloatArray:
+def _stripes(x: FloatArray, pixel: FloatArray) -> FloatArray:
     """Stripes of width 1, -1 and +1 in turn, as pixels see them: the share of both beside an edge."""
     to_edge = x - np.rint(x)
     sign = np.where(np.rint(x) % 2.0 == 0.0, 1.0, -1.0)
-    stripes: FloatArray = sign * np.clip(2.0 * to_edge / _pixel(x), -1.0, 1.0)
+    stripes: FloatArray = sign * np.clip(2.0 * to_edge / pixel, -1.0, 1.0)
     return stripes
 
 
-def _inside(xy: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def _inside(xy: FloatArray, pixel: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Share (height, width) of each pixel inside a rectangle of the board."""
     share = np.ones(xy.shape[:2])
     for k in (0, 1):
         x = xy[..., k]
-        depth_inside = np.minimum(x - low[k], high[k] - x) / _pixel(x)
+        depth_inside = np.minimum(x - low[k], high[k] - x) / pixel[..., k]
         share *= np.clip(0.5 + depth_inside, 0.0, 1.0)
     return share
 

@@ -7,17 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
 
-from sensors.shapes import Mesh, grid_faces
+from sensors.shapes import FaceArray, Mesh
 from sensors.textures import NoiseArray, fractal_noise
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
 _HORIZON = 900.0  # from there on hills go over into the haze [m]
-_FINE = 12.0  # cells stay fine this far beyond the bounding box [m]
+_FINE = 12.0  # cells may be finest this far from the centreline: cameras are nearer to it [m]
 _CELL = 2.5  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 10 m [m]
+_COARSEST = 20.0  # cell near the course, however flat: half a wavelength of what bends the texture [m]
+_WIDEST = 32  # cell anywhere [finest cells]
+_GRADING = 0.4  # of a cell's width over its distance from the centreline
+_SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # the ground's curve may leave its triangles by this [m], and so much more afar [rad]
+_BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of what bends the texture [m]
+_CORNERS = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
 _CELLS = 300  # fine cells along the longer side at most, so that long courses stay drawable
 _MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
 _MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
@@ -53,10 +60,22 @@ class Terrain:
         beyond = np.linalg.norm(xy - inside, axis=-1)
         rise = np.clip(beyond / 350.0, 0.0, 1.0)
         hills = 24.0 * rise**1.5 * (0.75 + 0.35 * self._hills(xy))
-        height: FloatArray = self._surface.height(inside[..., 0], inside[..., 1]) + hills
-        if self._surface.roughness is not None:  # potholes are narrower than a cell: they are drawn by their shade
-            height += self._surface.roughness.waves(inside[..., 0], inside[..., 1])
+        height: FloatArray = ground_height(self._surface, inside) + hills
         return height
+
+    def slope(self, xy: FloatArray) -> FloatArray:
+        """Rise over both axes [-] at xy (..., 2) [m], over the width of a cell."""
+        steps = _CELL * np.eye(2)
+        rise = [self.height(xy + step) - self.height(xy - step) for step in steps]
+        return np.stack(rise, axis=-1) / (2.0 * _CELL)
+
+
+def ground_height(surface: Surface, xy: FloatArray) -> FloatArray:
+    """Height [m] of the drawn ground around the course at xy (..., 2) [m]."""
+    height: FloatArray = surface.height(xy[..., 0], xy[..., 1])
+    if surface.roughness is not None:  # potholes are narrower than a cell: they are drawn by their shade
+        height = height + surface.roughness.waves(xy[..., 0], xy[..., 1])
+    return height
 
 
 class Centreline:
@@ -117,33 +136,60 @@ def road_map(
     )
 
 
-def ground_mesh(rng: np.random.Generator, terrain: Terrain, low: FloatArray, high: FloatArray) -> Mesh:
-    """A lattice over the course, fine around it and ever coarser towards the horizon.
+def ground_mesh(
+    rng: np.random.Generator, terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+) -> Mesh:
+    """Triangles between nodes that stand close where the ground bends near the course, and ever wider elsewhere.
 
-    ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it meets
-    itself nowhere again at the same shift.
+    A pixel that several triangles share is worked on for each of them: flat ground in small cells would cost half as
+    much again. ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it
+    meets itself nowhere again at the same shift.
     """
-    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
-    axes = [_graded_axis(low[i], high[i], cell) for i in range(2)]
-    xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    vertices = np.concatenate([xy, terrain.height(xy)[..., None]], axis=-1)
-    bend = np.stack([Waves(rng, wavelengths=(18.0, 70.0), count=7)(xy) for _ in range(2)], axis=-1)
-    d_x, d_y = (np.gradient(vertices[..., 2], axes[i], axis=i) for i in range(2))
-    normals = np.stack([-d_x, -d_y, np.ones_like(d_x)], axis=-1)
+    bends = [Waves(rng, wavelengths=_BENDS, count=7) for _ in range(2)]
+    xy, faces = _triangulated(terrain, line, low, high)
+    normals = np.concatenate([-terrain.slope(xy), np.ones((len(xy), 1))], axis=1)
     return Mesh(
-        vertices=vertices.reshape(-1, 3),
-        normals=(normals / np.linalg.norm(normals, axis=-1, keepdims=True)).reshape(-1, 3),
-        uv=(xy + 0.8 * bend).reshape(-1, 2),
-        shade=np.ones(xy[..., 0].size),
-        faces=grid_faces(len(axes[0]), len(axes[1])),
+        vertices=np.column_stack([xy, terrain.height(xy)]),
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        uv=xy + _BEND * np.stack([bend(xy) for bend in bends], axis=-1),
+        shade=np.ones(len(xy)),
+        faces=faces,
     )
 
 
-def _graded_axis(low: float, high: float, cell: float) -> FloatArray:
-    """Nodes [m], ``cell`` apart around [low, high], their spacing growing outwards as far as the horizon."""
-    middle = np.linspace(low - _FINE, high + _FINE, max(2, round((high - low + 2 * _FINE) / cell) + 1))
-    steps = [cell * 1.3]
-    while sum(steps) < _HORIZON:
-        steps.append(min(steps[-1] * 1.3, 60.0))
-    outwards = np.cumsum(steps)
-    return np.concatenate([middle[0] - outwards[::-1], middle, middle[-1] + outwards])
+def _triangulated(
+    terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FaceArray]:
+    """Nodes (n, 2) [m] as far as the horizon, and the triangles between them."""
+    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
+    start = low - _HORIZON
+    side = _WIDEST  # of square cells, in the finest one's; all nodes are whole multiples of that
+    nx, ny = np.ceil((high - low + 2 * _HORIZON) / (side * cell)).astype(int)
+    cells = side * np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2)
+    corners = []
+    while len(cells):
+        split = _too_wide(terrain, line, start + cell * cells, side * cell, cell)
+        corners.append((cells[~split, None] + side * _CORNERS).reshape(-1, 2))
+        side //= 2
+        cells = (cells[split, None] + side * _CORNERS).reshape(-1, 2)
+    nodes = np.unique(np.concatenate(corners), axis=0)
+    faces = Delaunay(nodes).simplices
+    a, b, c = (nodes[faces[:, i]] for i in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = np.where(area[:, None] > 0, faces, faces[:, ::-1])[area != 0]
+    return start + cell * nodes, np.asarray(faces, dtype=np.int32)
+
+
+def _too_wide(terrain: Terrain, line: Centreline, cells: FloatArray, side: float, finest: float) -> NDArray[np.bool_]:
+    """Which square cells (n, 2), given by their lowest corners, have to be quartered."""
+    distance = np.maximum(line.distance(cells + 0.5 * side) - 0.71 * side, 0.0)
+    share = np.linspace(0.0, 1.0, 5)
+    inside = np.stack(np.meshgrid(share, share, indexing="ij"), axis=-1)
+    z = terrain.height(cells[:, None, None] + side * inside)  # (n, 5, 5)
+    across = z[:, :1] + share[:, None] * (z[:, -1:] - z[:, :1])
+    level = across[:, :, :1] + share * (across[:, :, -1:] - across[:, :, :1])
+    bent = np.abs(z - level).max(axis=(1, 2)) > _SAG + _SAG_ANGLE * distance
+    coarsest = np.maximum(_COARSEST, _GRADING * distance)
+    divisible = side > np.maximum(finest, _GRADING * (distance - _FINE))
+    too_wide: NDArray[np.bool_] = divisible & (bent | (side > coarsest))
+    return too_wide

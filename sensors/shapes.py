@@ -55,6 +55,44 @@ def joined(*meshes: Mesh) -> Mesh:
     )
 
 
+def massed(*lumps: Mesh) -> Mesh:
+    """One mesh of closed lumps that overlap, without the triangles that lie inside of others and are never seen."""
+    outside = []
+    for lump in lumps:
+        a, b, c = (lump.vertices[lump.faces[:, i]] for i in range(3))
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        places = np.stack([a, b, c, 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)], axis=1)  # (m, 6, 3)
+        hidden = np.zeros(places.shape[:2], dtype=bool)
+        for other in lumps:
+            if other is not lump:
+                hidden |= inside(other, places.reshape(-1, 3)).reshape(hidden.shape)
+        kept = lump.faces[(area > 0.0) & ~hidden.all(axis=1)]
+        used, faces = np.unique(kept, return_inverse=True)
+        outside.append(
+            Mesh(
+                vertices=lump.vertices[used],
+                normals=lump.normals[used],
+                uv=lump.uv[used],
+                shade=lump.shade[used],
+                faces=faces.reshape(-1, 3).astype(np.int32),
+            )
+        )
+    return joined(*outside)
+
+
+def inside(mesh: Mesh, points: FloatArray) -> NDArray[np.bool_]:
+    """Which points (n, 3) a closed mesh encloses: it fills the whole sphere around them.
+
+    The solid angle of a triangle is that of Van Oosterom and Strackee (1983).
+    """
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] - points[:, None] for i in range(3))  # (n, m, 3)
+    la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
+    volume = (a * np.cross(b, c)).sum(axis=-1)
+    spread = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
+    filled: NDArray[np.bool_] = 2.0 * np.arctan2(volume, spread).sum(axis=1) > 2.0 * np.pi
+    return filled
+
+
 def grid_faces(rows: int, columns: int) -> FaceArray:
     """Triangles of a lattice of rows x columns vertices, counter-clockwise if columns turn left from rows."""
     index = np.arange(rows * columns).reshape(rows, columns)

@@ -5,6 +5,7 @@ Sizes are those of the real things [m]; a builder that is given a generator draw
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +17,8 @@ Colour = tuple[float, float, float]
 WHITE: Colour = (1.0, 1.0, 1.0)
 KERB_LENGTH = 0.914  # a British kerb stone, BS EN 1340 [m]
 FENCE_LENGTH = 2.5  # [m]
+TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel and only cost time [m]
+_JOINTS_RANGE = 30.0  # farther away nobody looks into the joints of kerb stones [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -25,6 +28,7 @@ class Part:
     mesh: Mesh
     texture: str  # a key of World.textures
     colour: Colour = WHITE  # multiplies the texture
+    distances: tuple[float, float] = (0.0, math.inf)  # from which on and up to which it is drawn [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,6 +38,11 @@ class Thing:
     name: str
     parts: tuple[Part, ...]
     variety: float  # spread of brightness between individuals, 0..1
+
+    @property
+    def nearest_parts(self) -> tuple[Part, ...]:
+        """Its parts as they are seen from close by."""
+        return tuple(part for part in self.parts if part.distances[0] == 0.0)
 
     @property
     def radius(self) -> float:
@@ -90,5 +99,7 @@ def kerb_stone() -> Thing:
         strips.append(polygon(strip, texture_size=0.9))
     ends = [np.array([[x, y, z] for y, z in profile]) for x in (half, -half)]
     caps = [polygon(ends[0], texture_size=0.9, shade=0.5), polygon(ends[1][::-1], texture_size=0.9, shade=0.5)]
-    part = Part(mesh=joined(*strips, *caps), texture="stone", colour=(0.95, 0.94, 0.91))
-    return Thing(name="kerb_stone", parts=(part,), variety=0.12)
+    colour = (0.95, 0.94, 0.91)
+    near = Part(mesh=joined(*strips, *caps), texture="stone", colour=colour, distances=(0.0, _JOINTS_RANGE))
+    far = Part(mesh=joined(*strips), texture="stone", colour=colour, distances=(_JOINTS_RANGE, math.inf))
+    return Thing(name="kerb_stone", parts=(near, far), variety=0.12)

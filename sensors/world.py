@@ -51,6 +51,7 @@ class World:
     textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
     panorama: TextureArray  # see sensors.sky
     light: Sunlight
+    moving: tuple[Stand, ...] = ()  # things that a renderer puts elsewhere between images; they throw soft shadows
 
 
 def build_world(
@@ -101,7 +102,7 @@ def build_world(
     if tarmac_patches > 0.0:
         road = patched(rng, road, tarmac_patches)
     return World(
-        ground=ground_mesh(rng, terrain, low, high),
+        ground=ground_mesh(rng, terrain, line, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
         road=replace(road, light=_shadows(road, stands, light.direction)),
@@ -128,7 +129,7 @@ def _shadows(road: RoadMap, stands: list[Stand], sun: FloatArray) -> NDArray[np.
     """Sunlight on the map's nodes: the outline of each part of a thing, thrown along the sun's rays, is dark."""
     light = np.ones(road.light.shape, dtype=np.float32)
     for stand in stands:
-        for part in stand.thing.parts:
+        for part in stand.thing.nearest_parts:
             for pose in stand.poses:
                 points = part.mesh.vertices @ pose[:3, :3].T  # from the foot
                 thrown = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]

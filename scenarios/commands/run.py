@@ -24,6 +24,9 @@ EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
     "offtrack run figure-of-eight --set off_tracking=truth --no-video   "
     "offtrack run roundabout --set surface.friction=0.3 --set surface.cross_fall=0.025   "
+    "offtrack run roundabout --set traffic=following --set faults=dropout:0.1   "
+    "offtrack run roundabout --set rig.calibration=boards --set rig.self_calibration=true   "
+    "offtrack run roundabout --set odometry=viso2 --set viso_ot.smoothing=true (a Kalman filter of the motions)   "
     "offtrack run rover-slope --set slip_compensation=none"
 )
 
@@ -36,7 +39,8 @@ def run(
             "--set",
             metavar="KEY=VALUE",
             help="Change a key of the scenario, e.g. off_tracking=truth, trailer_steering=none, vehicle=my_truck.toml, "
-            "surface.friction=0.3, steering.gain=0.5. May be repeated.",
+            "surface.friction=0.3, steering.gain=0.5, traffic=mixed (none, following, overtaking, crossing; "
+            "traffic.kind beside traffic.gap in m), rig.calibration=boards (exact). May be repeated.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Decides the world and all noise.")] = 1,
@@ -83,7 +87,7 @@ def _ran(
     from scenarios.results import summary, write_run
     from scenarios.run import run as run_scenario
 
-    result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run)
+    result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run, calibrating=bar.calibration)
     write_run(result, directory, video=video, progress=bar.video)
     return summary(result)
 
@@ -94,11 +98,18 @@ class _Bar:
     def __init__(self, progress: Progress, title: str) -> None:
         self._progress = progress
         self._run = progress.add_task(title, total=1.0, detail="")
+        self._calibration: Any = None
         self._video: Any = None
 
     def run(self, share: float, simulated: float) -> None:
         self._progress.start()
         self._progress.update(self._run, completed=share, detail=f"{simulated:.1f} s simulated")
+
+    def calibration(self, done: int, total: int) -> None:
+        self._progress.start()
+        if self._calibration is None:
+            self._calibration = self._progress.add_task("calibration boards", total=total, detail="")
+        self._progress.update(self._calibration, completed=done)
 
     def video(self, done: int, total: int) -> None:
         if self._video is None:

@@ -32,6 +32,7 @@ class RigOptions(Options):
     noise: float = quantity(2.0, "grey levels", ge=0.0, le=50.0)  # standard deviation of the image noise
     shot_noise: float = quantity(0.0, "grey levels", ge=0.0, le=50.0)  # of the light's own noise, where it is white
     distortion: Distortion = UNDISTORTED  # k1, k2, p1, p2, k3 of OpenCV's model
+    calibration: Literal["exact", "boards"] = "exact"  # known to the last digit, or from rendered checkerboards
     misrotation_deg: _Angles = _angles()  # how the right camera has been turned since the calibration
     twist_deg: _Angles = _angles()  # the same by chassis twist, when the trailer is about to roll over to the left
     exposure: Literal["fixed", "auto"] = "fixed"

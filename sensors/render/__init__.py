@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from sensors.messages import ColourImage, NearnessImage
 from sensors.rig import StereoCalibration
+from sensors.scenery import Stand
 from sensors.world import World
 from vehicle.frames import FloatArray
 
@@ -87,6 +88,10 @@ class StereoRenderer:
         pair.draw(X_WCl, X_WCr)
         left, right = pair.read_colour()
         return left, right
+
+    def place(self, stands: tuple[Stand, ...]) -> None:
+        """Put the world's moving things where these stands, in the same order, have them."""
+        self._live().place(stands)
 
     def nearness(self) -> tuple[NearnessImage, NearnessImage]:
         """Inverse depth of what was rendered last, left and right (height, width) [1/m], next to nothing in the sky."""

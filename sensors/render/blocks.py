@@ -55,7 +55,7 @@ def _sphere(points: FloatArray) -> FloatArray:
     return np.append(centre, np.linalg.norm(points - centre, axis=1).max())
 
 
-def dome(sides: int = 48, rings: int = 8) -> Mesh:
+def dome(sides: int = 24, rings: int = 4) -> Mesh:
     """The sky as seen from inside: directions as vertices, and where on the panorama each of them looks."""
     levels = np.append(np.linspace(sky.LOWEST, sky.HIGHEST, rings), [1.1, 0.5 * np.pi])  # up to the zenith [rad]
     elevation, azimuth = np.meshgrid(levels, np.linspace(0.0, 2.0 * np.pi, sides + 1), indexing="ij")

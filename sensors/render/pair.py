@@ -5,10 +5,10 @@ Importing this module imports pyrender and loads EGL.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from OpenGL import GL
@@ -29,15 +29,19 @@ from sensors.render.context import (
     upload_table,
     upload_texture,
 )
-from sensors.render.crowd import Crowd, draw, in_view, primitive
+from sensors.render.crowd import Crowd, Muster, draw, draw_run, in_view, primitive
 from sensors.rig import StereoCalibration
+from sensors.scenery import Stand
 from sensors.textures import to_bytes
+from sensors.traffic import MOST
 from sensors.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
 _NEAR, _FAR = 0.3, 2500.0  # [m]
 _STRIP = (-0.7, 1.02)  # edge distances that matter begin here, and span this: steps of 4 mm [m]
-_TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel and only cost time [m]
+_NO_BOX = transform(np.eye(3), np.full(3, 1e4))  # from W into a box that is nowhere near
+_CLEARANCE = 0.3  # between the ground and what of a vehicle throws its shadow [m]
+_TAPS = 3.0  # of ground.frag along a pixel's footprint
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
 
 
@@ -62,6 +66,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         super().__init__(calibration.width, calibration.height)
         self._context, self._projection = context, projection(calibration)
         self._width, self._height = calibration.width, calibration.height
+        self._rays = _rays(calibration)
         self._program_cache = shader_cache()
         self._programs = {
             name: Program.load(self._program_cache, vertex, name)
@@ -69,14 +74,12 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         }
         marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes}
         defined = [name for name, mark in marks.items() if mark is not None]  # what there is not costs nothing
+        defined += ["TRAFFIC"] if world.moving else []
         defined += ["MARKED"] if defined else []
         self._programs["ground"] = Program.load(self._program_cache, "ground", "ground", *defined)
-        trilinear, nearest_level = GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR_MIPMAP_NEAREST
+        nearest_level = GL.GL_LINEAR_MIPMAP_NEAREST  # tracks as well as a trilinear look-up, at half the price
         self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
-        self._textures = {
-            key: upload_texture(texture[::-1], nearest_level if key in self._pierced else trilinear)
-            for key, texture in world.textures.items()
-        }
+        self._textures = {key: upload_texture(texture[::-1], nearest_level) for key, texture in world.textures.items()}
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
         self._ground_textures = {  # by texture unit
             0: upload_texture(world.detail, nearest_level),  # see ground.frag
@@ -84,15 +87,19 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             **_uploaded(world.condition),
         }
         crowds = [Crowd.of(stand, part) for stand in world.stands for part in stand.thing.parts]
-        self._crowds = sorted(crowds, key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
+        self._moving = [[Crowd.of(stand, part) for part in stand.thing.parts] for stand in world.moving]
+        crowds += [crowd for crowds_of_one in self._moving for crowd in crowds_of_one]
+        crowds.sort(key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
+        self._muster = Muster(crowds)
         self._blocks = in_blocks(world.ground)
         self._ground, self._sky = primitive(replace(world.ground, faces=self._blocks.faces)), primitive(dome())
         scene = Scene()
-        scene.add(GlMesh([self._ground, self._sky, *(crowd.primitive for crowd in self._crowds)]))
+        scene.add(GlMesh([self._ground, self._sky, *(crowd.primitive for crowd in crowds)]))
         self._update_context(scene, 0)
         self._set_constants(world)
+        self.place(world.moving)
         self._make_framebuffer()
-        self._colour = np.empty((2, self._height, self._width, 3), dtype=np.uint8)
+        self._pixels = np.empty((2 * self._height, self._width, 4), dtype=np.uint8)
 
     @classmethod
     def open(cls, world: World, calibration: StereoCalibration) -> PairRenderer:
@@ -126,12 +133,20 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._draw_sky(views)
         GL.glBindVertexArray(0)
 
+    def place(self, stands: tuple[Stand, ...]) -> None:
+        """Put moving things, and the shadows they throw, where the stands have them."""
+        self._context.make_current()
+        for stand, crowds in zip(stands, self._moving, strict=True):
+            for crowd in crowds:
+                crowd.place(stand)
+        boxes = [_into_box(stand) for stand in stands] + [_NO_BOX] * (MOST - len(stands))
+        self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
+
     def read_colour(self) -> NDArray[np.uint8]:
         """Both images (2, height, width, 3), RGB."""
-        GL.glPixelStorei(GL.GL_PACK_ALIGNMENT, 1)
-        shape = (self._width, 2 * self._height)
-        GL.glReadPixels(0, 0, *shape, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, array=self._colour)
-        return self._colour.copy()
+        GL.glReadPixels(0, 0, *self._pixels.shape[1::-1], GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=self._pixels)
+        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # OpenGL takes twice as long to leave alpha out
+        return np.asarray(colour, dtype=np.uint8).reshape(2, self._height, self._width, 3)
 
     def read_nearness(self) -> NDArray[np.float32]:
         """Inverse depth of both views (2, height, width) along the optical axis [1/m]."""
@@ -164,7 +179,6 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             "looks": 2,
             "holes": 3,
             "detail_period": world.detail_period,
-            "detail_levels": math.log2(len(world.detail)),
         }
         on_map: Uniforms = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "strip": _STRIP}
         self._programs["ground"].use({**light, **haze, **layers, **on_map})
@@ -191,7 +205,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         GL.glFrontFace(GL.GL_CW)  # the projection turns the picture over
         GL.glDepthFunc(GL.GL_LEQUAL)  # the sky lies on the far plane
         GL.glScissor(0, 0, self._width, 2 * self._height)
-        GL.glClear(GL.GL_COLOR_BUFFER_BIT | GL.GL_DEPTH_BUFFER_BIT)
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers whatever else is left
 
     def _view(self, index: int) -> None:
         for select in (GL.glViewport, GL.glScissor):
@@ -199,22 +213,17 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
         """Draw the individuals that either view may see."""
-        VPs, eye = [VP for _, VP in views], views[0][0][:3, 3]
-        drawn = []
-        for crowd in self._crowds:
-            farthest = _TWIGS_RANGE if crowd.part.texture in self._pierced else np.inf
-            if count := crowd.muster(VPs, eye, farthest):
-                drawn.append((crowd, count))
+        seen = self._muster.seen([VP for _, VP in views], views[0][0][:3, 3])
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
-            for crowd, count in drawn:
-                leaves = crowd.part.texture in self._pierced
-                program = self._programs["leaves" if leaves else "thing"]
-                program.use({"view_projection": VP, "camera": X_WC[:3, 3], "tint": crowd.part.colour})
-                (GL.glDisable if leaves else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
-                GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[crowd.part.texture])
-                draw(crowd.primitive, count)
+            for name, pierced in (("thing", False), ("leaves", True)):
+                self._programs[name].use({"view_projection": VP, "camera": X_WC[:3, 3]})
+                (GL.glDisable if pierced else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
+                for crowd, count in seen:
+                    if (crowd.part.texture in self._pierced) == pierced:
+                        GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[crowd.part.texture])
+                        draw(crowd.primitive, count)
         GL.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
@@ -224,9 +233,15 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
             self._programs["ground"].use({"view_projection": VP, "camera": X_WC[:3, 3]})
+            GL.glTexParameterf(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_LOD_BIAS, -math.log2(self._stretch(X_WC)))
             GL.glBindVertexArray(self._ground._vaid)
             for first, count in self._blocks.runs(in_view(VP, self._blocks.spheres)):
-                GL.glDrawElements(GL.GL_TRIANGLES, 3 * count, GL.GL_UNSIGNED_INT, ctypes.c_void_p(12 * first))
+                draw_run(first, count)
+
+    def _stretch(self, X_WC: FloatArray) -> float:
+        """Length over breadth of the least elongated pixel on level ground, as far as ground.frag's taps can use it."""
+        steepest = float((self._rays @ -X_WC[2, :3]).max())
+        return min(1.0 / max(steepest, 1e-3), _TAPS)
 
     def _draw_sky(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
         """The sky where nothing else was drawn."""
@@ -238,6 +253,15 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             draw(self._sky, 1)
 
 
+def _rays(calibration: StereoCalibration) -> FloatArray:
+    """Unit vectors (9, 3) in C through the image's corners, the middles of its sides and its own."""
+    c = calibration
+    corners = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
+    at = (corners * [c.width - 1, c.height - 1] - [c.cx, c.cy]) / c.focal_length
+    rays = np.column_stack([at, np.ones(len(at))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
+
+
 def _uploaded(condition: Condition) -> dict[int, int]:
     """Textures, by texture unit, of what there is to be seen of the ground's condition."""
     textures = {}
@@ -246,6 +270,14 @@ def _uploaded(condition: Condition) -> dict[int, int]:
     if condition.holes is not None:
         textures[3] = upload_table(condition.holes)
     return textures
+
+
+def _into_box(stand: Stand) -> FloatArray:
+    """From W (4, 4) into the box around a thing that stands alone, whose sides are at +-1 there."""
+    vertices = np.concatenate([part.mesh.vertices for part in stand.thing.parts])
+    low, high = vertices.min(axis=0) + np.array([0.0, 0.0, _CLEARANCE]), vertices.max(axis=0)
+    box = transform(np.diag(0.5 * (high - low)), 0.5 * (low + high))
+    return np.asarray(np.linalg.inv(stand.poses[0] @ box), dtype=np.float64)
 
 
 def _packed(road: RoadMap) -> NDArray[np.uint8]:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from scenarios.assembly import assemble
+from scenarios.board_calibration import BoardCalibration
 from scenarios.loop import Session
 from scenarios.recording import RecordingWriter
 from scenarios.scenario import Scenario, load_scenario
-from sensors.lens import load_raw_rig
+from sensors.lens import RawStereoRig, load_raw_rig
 from sensors.raw_camera import RawStereoCamera
 from sensors.stereo_camera import StereoCamera
 
@@ -128,3 +130,56 @@ def test_faults_of_images_need_images() -> None:
     """The reference unit has no lens to get dirty."""
     with pytest.raises(ValueError, match="fault dirt: the off-tracking is not estimated from cameras"):
         assemble(scenario("faults=dirt:0.3", "off_tracking=truth"), seed=1)
+
+
+def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the boards say: here a focal length of 1 % too much, and a camera that is bent only afterwards."""
+    taken: list[RawStereoRig] = []
+
+    def said(true: RawStereoRig, **_: object) -> BoardCalibration:
+        taken.append(true)
+        left = replace(true.left, fx=1.01 * true.left.fx, fy=1.01 * true.left.fy)
+        return BoardCalibration(replace(true, left=left, right=left), 0.05, 1e-4)
+
+    monkeypatch.setattr("scenarios.cameras.calibrated_with_boards", said)
+    parts = assemble(scenario("rig.calibration=boards", "rig.misrotation_deg=[0, 0.1, 0]"), seed=1)
+    assert parts.cameras is not None
+    try:
+        exact = taken[0].left.fx
+        assert parts.cameras.calibration.focal_length == pytest.approx(1.01 * exact)
+        assert parts.cameras.rectifier is not None
+        assert isinstance(parts.cameras.camera, RawStereoCamera)
+        turned = parts.cameras.camera.rig.X_ClCr[:3, :3]
+        assert np.array_equal(taken[0].X_ClCr[:3, :3], np.eye(3))
+        assert math.acos(0.5 * (np.trace(turned) - 1.0)) == pytest.approx(math.radians(0.1), rel=1e-6)
+    finally:
+        parts.cameras.renderer.close()
+
+
+@pytest.mark.parametrize("settings", [("traffic=following",), ("traffic.kind=following", "traffic.gap=9")])
+def test_traffic_is_named_shortly_or_in_a_table(settings: tuple[str, ...]) -> None:
+    """And survives being written down."""
+    first = scenario(*settings)
+    assert first.traffic.kind == "following"
+    assert (first.traffic.gap == 9.0) == (len(settings) == 2)
+    assert Scenario.model_validate(tomllib.loads(first.to_toml())) == first
+
+
+def test_unknown_traffic_is_refused() -> None:
+    """In one line that says what there is."""
+    with pytest.raises(ValueError, match=r"traffic\.kind = 'jam' must be 'none', 'following', 'overtaking'"):
+        scenario("traffic=jam")
+
+
+def test_traffic_is_in_the_pictures_of_a_run() -> None:
+    """The same seed with and without it: its first pictures differ."""
+    hashes = set()
+    for kind in ("none", "following"):
+        session = Session(assemble(scenario(f"traffic={kind}"), seed=3))
+        session.advance()
+        session.close()
+        cameras = session.parts.cameras
+        assert cameras is not None
+        cameras.renderer.close()
+        hashes.add(session.images_sha256)
+    assert len(hashes) == 2

@@ -1,8 +1,7 @@
 #version 330 core
 // As thing.frag, but the texture has holes; kept apart since a shader that discards can not skip hidden pixels early.
 in vec2 uv;
-in vec3 light;
-in float clear;
+in vec4 light;
 
 uniform sampler2D surface;
 uniform vec3 haze;
@@ -14,5 +13,5 @@ void main()
     vec4 leaf = texture(surface, uv);
     if (leaf.a < 0.4)
         discard;
-    colour = vec4(mix(haze, leaf.rgb * light, clear), 1.0);
+    colour = vec4(mix(haze, leaf.rgb * light.rgb, light.a), 1.0);
 }

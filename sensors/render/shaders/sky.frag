@@ -7,5 +7,5 @@ out vec4 colour;
 
 void main()
 {
-    colour = vec4(textureLod(panorama, uv, 0.0).rgb, 1.0);
+    colour = vec4(texture(panorama, uv).rgb, 1.0);
 }

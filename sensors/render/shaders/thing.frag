@@ -1,7 +1,6 @@
 #version 330 core
 in vec2 uv;
-in vec3 light;
-in float clear;
+in vec4 light;
 
 uniform sampler2D surface;
 uniform vec3 haze;
@@ -10,5 +9,5 @@ out vec4 colour;
 
 void main()
 {
-    colour = vec4(mix(haze, texture(surface, uv).rgb * light, clear), 1.0);
+    colour = vec4(mix(haze, texture(surface, uv).rgb * light.rgb, light.a), 1.0);
 }

@@ -1,0 +1,23 @@
+"""Moving traffic as a scenario file describes it: ``traffic = "following"``, or a table with more to say."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
+
+from scenarios.options.base import Options, quantity
+
+
+class TrafficOptions(Options):
+    """What other people's vehicles do around the trailer, in its cameras' view."""
+
+    kind: Literal["none", "following", "overtaking", "crossing", "mixed"] = "none"  # mixed: one of each
+    gap: float = quantity(3.8, "m", ge=2.0, le=50.0)  # from the trailer's rear to who follows, give or take 0.4 m
+
+
+def _table(traffic: Any) -> Any:
+    return {"kind": traffic} if isinstance(traffic, str) else traffic
+
+
+TrafficTable = Annotated[TrafficOptions, BeforeValidator(_table)]

@@ -1,0 +1,248 @@
+"""Traffic: vehicles keep to the ways they are said to, out of the trailer, and are seen as geometry with shadows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from sensors.messages import StereoFrame
+from sensors.render import StereoRenderer
+from sensors.rig import StereoCalibration
+from sensors.road_vehicles import car, lorry, vehicle_textures
+from sensors.scenery import Stand
+from sensors.things import Thing
+from sensors.traffic import KINDS, MOST, InTraffic, Traffic, TrafficKind, Way, populated
+from sensors.world import World
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+from vehicle.truth import Truth
+
+FOLLOW, HALF_WIDTH, SPEED = 14.0, 1.275, 4.0
+SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # that of conftest.py
+
+
+def traffic(kind: TrafficKind, seed: int = 1, gap: float = 5.0) -> Traffic:
+    """Traffic on the ground of conftest.py."""
+    return Traffic(
+        np.random.default_rng(seed),
+        kind=kind,
+        gap=gap,
+        follow_distance=FOLLOW,
+        half_width=HALF_WIDTH,
+        height=lambda xy: SURFACE.height(xy[:, 0], xy[:, 1]),
+    )
+
+
+def truth(time: float, pose: tuple[float, float, float]) -> Truth:
+    """A trailer alone."""
+    body = np.eye(4)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    body[:2, :2], body[:2, 3] = [[c, -s], [s, c]], pose[:2]
+    none = np.empty(0)
+    return Truth(
+        tick=round(time / TICK),
+        poses=np.array([pose]),
+        velocities=np.zeros((1, 3)),
+        bodies=body[None],
+        steer=none,
+        wheel_loads=none,
+        wheel_slip_angles=none,
+        friction_used=none,
+        load_transfer=np.zeros(1),
+    )
+
+
+def straight(time: float) -> Truth:
+    return truth(time, (SPEED * time, 0.0, 0.0))
+
+
+def turning(time: float, radius: float = 14.0) -> Truth:
+    """A trailer whose hitch and rear go round one left circle."""
+    psi = SPEED * time / radius
+    half = math.asin(0.5 * FOLLOW / radius)
+    at = psi + half
+    return truth(time, (radius * math.sin(at), radius * (1.0 - math.cos(at)), psi))
+
+
+def moments(until: float = 30.0) -> Iterator[float]:
+    yield from np.arange(0.0, until, 0.1)
+
+
+def middle(stand: Stand) -> FloatArray:
+    place: FloatArray = stand.poses[0, :3, 3]
+    return place
+
+
+def test_a_follower_keeps_its_gap_behind_the_rear() -> None:
+    """The bumper of the lorry, 5.25 m before its middle, is 5 m behind the cameras, give or take 0.4 m."""
+    behind = []
+    following = traffic("following")
+    for time in moments():
+        (stand,) = following.at(straight(time))
+        behind.append(SPEED * time - FOLLOW - middle(stand)[0] - 5.25)
+        assert abs(middle(stand)[1]) < 0.4
+    assert np.min(behind) == pytest.approx(5.0 - 0.4, abs=0.1)
+    assert np.max(behind) == pytest.approx(5.0 + 0.4, abs=0.1)
+
+
+def test_a_follower_goes_where_the_rear_has_gone() -> None:
+    """On a circle both its axles are at the circle's radius, up to its wandering by 0.2 m."""
+    following = traffic("following")
+    for time in moments():
+        (stand,) = following.at(turning(time))
+    for axle in (3.7, -3.0):
+        place = stand.poses[0] @ np.array([axle, 0.0, 0.0, 1.0])
+        assert math.hypot(place[0], place[1] - 14.0) == pytest.approx(14.0, abs=0.3)
+
+
+@pytest.mark.parametrize("moved", [straight, turning])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_who_overtakes_stays_clear_of_the_trailer(moved: Callable[[float], Truth], seed: int) -> None:
+    """Bodies half as wide as a lorry, sides at least a metre from the trailer's, whichever way it turns."""
+    overtaking, passed = traffic("overtaking", seed), 0
+    for time in moments(40.0):
+        now = moved(time)
+        (stand,) = overtaking.at(now)
+        if middle(stand)[2] < -100.0:
+            continue
+        in_trailer = np.linalg.inv(now.bodies[0]) @ stand.poses[0] @ np.array([[3.0, -3.0], [0, 0], [0, 0], [1, 1]])
+        beside = (in_trailer[0] > -FOLLOW) & (in_trailer[0] < 0.0)
+        assert (np.abs(in_trailer[1, beside]) > HALF_WIDTH + 1.0 + 1.25).all()
+        passed += int(beside.any())
+    assert passed > 20  # images of it beside the trailer: more than one has come past
+
+
+def test_who_overtakes_in_a_turn_does_so_on_the_outside() -> None:
+    """The right in a left turn, whatever the seed."""
+    for seed in range(2):
+        overtaking = traffic("overtaking", seed)
+        for time in moments(40.0):
+            (stand,) = overtaking.at(turning(time))
+            if time > 20.0 and middle(stand)[2] > -100.0:
+                assert math.hypot(middle(stand)[0], middle(stand)[1] - 14.0) > 14.0
+
+
+def test_who_crosses_does_so_at_right_angles_behind() -> None:
+    """Sideways at 6 m/s, never where the trailer is."""
+    crossing, seen = traffic("crossing"), []
+    for time in moments():
+        (stand,) = crossing.at(straight(time))
+        if middle(stand)[2] > -100.0:
+            seen.append((time, *middle(stand)[:2]))
+            assert middle(stand)[0] < SPEED * time - FOLLOW
+    t, x, y = np.array(seen).T
+    step = np.diff(t) < 0.15
+    assert np.abs(np.diff(y)[step]) == pytest.approx(0.6, abs=0.01)
+    assert np.abs(np.diff(x)[step]) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_seed_gives_the_same_traffic(kind: TrafficKind) -> None:
+    """To the bit, and another seed another one; asking twice changes nothing."""
+    runs = []
+    for seed in (7, 7, 8):
+        one = traffic(kind, seed)
+        assert 1 <= len(one.parked) <= MOST
+        poses = []
+        for time in moments(12.0):
+            stands = one.at(turning(time))
+            again = one.at(turning(time))
+            assert all(np.array_equal(a.poses, b.poses) for a, b in zip(stands, again, strict=True))
+            poses.append([stand.poses[0] for stand in stands])
+        runs.append(np.array(poses))
+    assert np.array_equal(runs[0], runs[1])
+    assert not np.array_equal(runs[0], runs[2])
+
+
+def test_vehicles_stand_on_sloping_ground() -> None:
+    """A ramp of 5 % tilts them by as much, and their wheels touch it."""
+    on_ramp = Traffic(
+        np.random.default_rng(1),
+        kind="following",
+        gap=5.0,
+        follow_distance=FOLLOW,
+        half_width=HALF_WIDTH,
+        height=lambda xy: 0.05 * xy[:, 0],
+    )
+    for time in moments(5.0):
+        (stand,) = on_ramp.at(straight(time))
+    pose = stand.poses[0]
+    assert pose[:3, :3] @ pose[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
+    for axle in (3.7, -3.0):
+        wheel = pose @ np.array([axle, 1.0, 0.0, 1.0])
+        assert wheel[2] == pytest.approx(0.05 * wheel[0], abs=0.02)
+
+
+def test_a_way_goes_on_straight_beyond_its_ends() -> None:
+    """Before its first point along the heading there, after its last along its last metre."""
+    way = Way()
+    for k in range(5):
+        way.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)
+    assert way.at(-10.0) == pytest.approx([0.0, -10.0])
+    assert way.at(2.5) == pytest.approx([0.0, 2.5])
+    assert way.at(way.end + 3.0) == pytest.approx([0.0, 7.0])
+    assert way.station(250.0) == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize("build", [lorry, car])
+def test_vehicles_are_closed_and_seen_from_outside(build: Callable[[np.random.Generator], Thing]) -> None:
+    """Triangles wind the way their normals point, and every part's texture is there."""
+    thing = build(np.random.default_rng(1))
+    for part in thing.parts:
+        assert part.texture in vehicle_textures(np.random.default_rng(1))
+        a, b, c = (part.mesh.vertices[part.mesh.faces[:, k]] for k in range(3))
+        facing = np.einsum("ij,ij->i", np.cross(b - a, c - a), part.mesh.normals[part.mesh.faces[:, 0]])
+        assert (facing > 0.0).all()
+        assert part.mesh.vertices[:, 2].min() >= -0.01
+
+
+def test_a_lorry_hides_a_fifth_of_the_picture_and_shades_the_ground(
+    bare_world: World, calibration: StereoCalibration
+) -> None:
+    """Beside a picture without it, in both eyes; farther away its shadow is seen, where no part of it is."""
+    near_by, farther = traffic("following", gap=2.8), traffic("following", gap=9.0)
+    now = truth(0.0, (-20.0, 0.0, 0.0))
+    now.bodies[0, 2, 3] = SURFACE.height(-20.0, 0.0)
+    shown = StereoRenderer(populated(bare_world, near_by), calibration)
+    depths, pictures = [], []
+    try:
+        for stands in (near_by.parked, near_by.at(now), farther.at(now)):
+            shown.place(stands)
+            pictures.append(shown.render(now.bodies[0]))
+            depths.append(shown.render_depth(now.bodies[0]))
+    finally:
+        shown.close()
+    for eye in (0, 1):
+        hidden, hidden_far = (depths[k][eye] < 0.98 * depths[0][eye] for k in (1, 2))
+        assert 0.2 < hidden.mean() < 0.5
+        assert 0.02 < hidden_far.mean() < 0.1
+        darker = pictures[2][eye].astype(int).sum(axis=2) < pictures[0][eye].astype(int).sum(axis=2) - 30
+        assert np.count_nonzero(darker & ~hidden_far) > 500  # [px]
+
+
+class _Paper:
+    """A renderer and a camera that only remember what they were asked for, in its order."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def place(self, stands: tuple[Stand, ...]) -> None:
+        self.asked.append(f"place {len(stands)}")
+
+    def sample(self, now: Truth) -> StereoFrame:
+        self.asked.append("sample")
+        return StereoFrame(tick=now.tick, left=_DARK, right=_DARK, colour=None)
+
+
+_DARK = np.zeros((2, 2), np.uint8)
+
+
+def test_vehicles_are_in_their_places_before_the_picture_is_taken() -> None:
+    """All three of mixed traffic."""
+    paper = _Paper()
+    assert InTraffic(paper, paper, traffic("mixed")).sample(straight(0.0)).tick == 0
+    assert paper.asked == ["place 3", "sample"]
