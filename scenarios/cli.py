@@ -13,6 +13,7 @@ from scenarios.commands import (
     reproduce,
     run,
     study,
+    train,
     tune,
     validate,
     vehicle,
@@ -46,6 +47,7 @@ app.command(epilog=calibrate.EXAMPLES)(calibrate.calibrate)
 app.command(epilog=study.COMPARE_EXAMPLES)(study.compare)
 app.command(epilog=study.SWEEP_EXAMPLES)(study.sweep)
 app.command(epilog=tune.EXAMPLES)(tune.tune)
+app.command(epilog=train.EXAMPLES)(train.train)
 app.command(epilog=reproduce.EXAMPLES)(reproduce.reproduce)
 app.command(name="fit-surrogate", epilog=fit_surrogate.EXAMPLES)(fit_surrogate.fit_surrogate)
 app.add_typer(estimate.app, name="estimate")

@@ -20,7 +20,9 @@ import gymnasium
 
 from scenarios.environments.core import Core
 from scenarios.environments.driving import TractorTrailerDriving, TractorTrailerDrivingOptions
-from scenarios.environments.rover_steering import RoverSteering, RoverSteeringOptions
+from scenarios.environments.repeated import Repeated
+from scenarios.environments.rover_options import RoverSteeringOptions
+from scenarios.environments.rover_steering import RoverSteering
 from scenarios.environments.single import RenderMode, SingleEnv
 from scenarios.environments.trailer_steering import TrailerSteering, TrailerSteeringOptions
 from scenarios.environments.vector import CoreVectorEnv
@@ -47,9 +49,11 @@ CORES: Final[dict[str, tuple[Callable[..., Core], Any]]] = {
     "RoverSteering-v0": (rover_steering, RoverSteeringOptions),
 }
 
+_REPEAT: Final = "action_repeat"
+
 
 def single(name: str, render_mode: RenderMode | None = None, **options: Any) -> SingleEnv:
-    """One environment of this name.
+    """One environment of this name; ``action_repeat``, besides its options, lets actions hold for so many steps.
 
     Raises:
         ValueError: one line, if an option is none or does not fit.
@@ -58,24 +62,30 @@ def single(name: str, render_mode: RenderMode | None = None, **options: Any) -> 
 
 
 def vector(name: str, num_envs: int = 1, **options: Any) -> CoreVectorEnv:
-    """Many environments of this name; ``autoreset_mode`` and ``render_mode`` besides its options."""
+    """Many environments of this name; ``autoreset_mode``, ``render_mode`` and ``action_repeat`` besides its options."""
     own = {key: options.pop(key) for key in ("autoreset_mode", "render_mode") if key in options}
     return CoreVectorEnv(_builder(name, options), num_envs, **own)
 
 
 def _builder(name: str, options: dict[str, Any]) -> Any:
     build, known = CORES[name]
+    repeat = options.pop(_REPEAT, 1)
     names = [field.name for field in fields(known)]
     for option in options:
         if option not in names:
-            raise ValueError(f"{name}: unknown option '{option}'; it has {', '.join(names)}")
-    return partial(build, **options)
+            raise ValueError(f"{name}: unknown option '{option}'; it has {', '.join((*names, _REPEAT))}")
+    return partial(build, **options) if repeat == 1 else partial(_repeated, partial(build, **options), repeat)
 
 
-for _name in CORES:
+def _repeated(build: Callable[[int], Core], repeat: int, n: int) -> Repeated:
+    return Repeated(build(n), repeat)
+
+
+for _name, (_, _options) in CORES.items():
+    _observed = {field.name: field.default for field in fields(_options) if field.name == "observation"}
     gymnasium.register(
         f"offtrack/{_name}",
         entry_point="scenarios.gym_env:single",
         vector_entry_point="scenarios.gym_env:vector",
-        kwargs={"name": _name},
+        kwargs={"name": _name, **_observed},  # what is observed is told by every spec
     )

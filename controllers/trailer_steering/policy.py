@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 import zipfile
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
+_SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: where along the path from the follow point to the hitch one looks
 
 
@@ -41,11 +43,21 @@ class Network(NamedTuple):
     features: tuple[str, ...]
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """The action, within -1 .. 1."""
+        """The action, within -1 .. 1, on features (n_features,), or the actions on rows of them."""
         values = (features - self.mean) / self.scale
         for weights, biases in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            values = np.tanh(weights @ values + biases)
-        return np.clip(self.weights[-1] @ values + self.biases[-1], -1.0, 1.0)
+            values = np.tanh(values @ weights.T + biases)
+        return np.clip(values @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
+
+
+def shipped_networks() -> tuple[str, ...]:
+    """Names of the networks that come with the program; what each was trained by stands beside it as ``.json``."""
+    return tuple(sorted(file.name.removesuffix(".npz") for file in _SHIPPED.iterdir() if file.name.endswith(".npz")))
+
+
+def network_file(name: str) -> Path:
+    """The file of a shipped network's name; of anything else, the file of that path."""
+    return Path(str(_SHIPPED / f"{name}.npz")) if name in shipped_networks() else Path(name)
 
 
 def load_network(path: Path) -> Network:
@@ -95,13 +107,13 @@ class Policy:
     """The angles that a trained network demands."""
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, path: str) -> None:
-        """``path`` of the network's file.
+        """``path`` of the network's file, or the name of a shipped one.
 
         Raises:
             ValueError: one line, if the trailer has no steered axle, or the network is none for it.
         """
         check_steered("policy", trailer)
-        self._trailer, self._network = trailer, load_network(Path(path))
+        self._trailer, self._network = trailer, load_network(network_file(path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
         if self._network.features != names:
             raise ValueError(f"policy {path}: is for {', '.join(self._network.features)}, not for {', '.join(names)}")
@@ -117,31 +129,33 @@ class Policy:
     ) -> tuple[PolicyMemory, SteerCommand]:
         """New memory and command at ``tick``; nothing is commanded before the path is known."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        length = self._trailer.follow_distance
         usable = off_tracking is not None and off_tracking.health is not Health.LOST
         if off_tracking is not None and usable:
-            memory = memory._replace(seen=self._told(off_tracking), seen_tick=off_tracking.tick)
+            memory = memory._replace(seen=seen_features(off_tracking, length), seen_tick=off_tracking.tick)
         wanted = last = np.array(memory.demand)
         if memory.seen is not None:
             age = (tick - memory.seen_tick) * TICK
-            features = np.array([*memory.seen, age, float(usable), *self._felt(signals)])
+            features = np.array([*memory.seen, age, float(usable), *felt_features(signals, length)])
             wanted = self._trailer.max_steer * self._network(features)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return memory._replace(tick=tick, demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _told(self, seen: OffTracking) -> tuple[float, ...]:
-        """What the estimate says, as features."""
-        s = chord_lengths(seen.path)
-        passed = crossing(seen.path, s, -self._trailer.follow_distance)
-        back = s[-1] if passed is None else passed.s
-        stations = back - self._trailer.follow_distance * np.array(AHEAD)
-        ahead = np.interp(stations, s, seen.path[:, 1])
-        return (seen.value, seen.path_tangent, *ahead.tolist(), seen.v_x, seen.v_y, seen.yaw_rate)
 
-    def _felt(self, signals: CombinationSignals) -> tuple[float, ...]:
-        """What the combination's own sensors say, as features."""
-        own = (*signals.angles.tolist(), signals.steer, signals.speed)
-        turning = (*signals.articulation.tolist(), *signals.yaw_rates.tolist())
-        return (*own, *turning, self._trailer.follow_distance)
+def seen_features(seen: OffTracking, follow_distance: float) -> tuple[float, ...]:
+    """What an estimate with health says, as the first of ``feature_names`` up to ``trailer_yaw_rate``."""
+    s = chord_lengths(seen.path)
+    passed = crossing(seen.path, s, -follow_distance)
+    back = s[-1] if passed is None else passed.s
+    ahead = np.interp(back - follow_distance * np.array(AHEAD), s, seen.path[:, 1])
+    return (seen.value, seen.path_tangent, *ahead.tolist(), seen.v_x, seen.v_y, seen.yaw_rate)
+
+
+def felt_features(signals: CombinationSignals, follow_distance: float) -> tuple[float, ...]:
+    """What the combination's own sensors say, as those from ``steer_trailer_1`` on."""
+    own = (*signals.angles.tolist(), signals.steer, signals.speed)
+    turning = (*signals.articulation.tolist(), *signals.yaw_rates.tolist())
+    return (*own, *turning, follow_distance)
 
 
 def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:

@@ -14,7 +14,8 @@ from scenarios.canvas import Picture
 from vehicle.frames import FloatArray
 
 Lanes = NDArray[np.intp]  # numbers of episodes, (k,)
-Observation = NDArray[np.float32]  # (n, n_features)
+Features = NDArray[np.float32]  # (n, n_features)
+Observation = Features | dict[str, NDArray[Any]]  # features, or (n, ...) each by the names of a dict space
 Info = dict[str, NDArray[Any]]  # (n,) each
 
 
@@ -40,7 +41,10 @@ class Core(Protocol):
 
     n: int
     action_space: spaces.Box[np.float32]  # of one
-    observation_space: spaces.Box[np.float32]
+
+    @property
+    def observation_space(self) -> spaces.Space[Any]:
+        """Of one."""
 
     @property
     def control_rate(self) -> float:
@@ -63,7 +67,10 @@ class Core(Protocol):
         """Metrics of the episodes so far, by the names of a run's summary; new arrays."""
 
     def picture(self, lane: int) -> Picture:
-        """An episode from above."""
+        """An episode from above, and what its camera sees where there is one."""
+
+    def close(self) -> None:
+        """Gives back what the operating system has lent, such as a renderer; a later ``begin`` opens it anew."""
 
 
 def observation_space(features: tuple[Feature, ...]) -> spaces.Box[np.float32]:
@@ -72,9 +79,16 @@ def observation_space(features: tuple[Feature, ...]) -> spaces.Box[np.float32]:
     return spaces.Box(-limits, limits, dtype=np.float32)
 
 
-def within(values: FloatArray, space: spaces.Box[np.float32]) -> Observation:
+def within(values: FloatArray, space: spaces.Box[np.float32]) -> Features:
     """Values (n, n_features) as an observation: cut off at the limits, 0 where the physics broke."""
     seen = np.minimum(np.maximum(values.astype(np.float32), space.low), space.high)
     if math.isnan(seen.sum()):
         seen[np.isnan(seen)] = 0.0
     return seen
+
+
+def of_lane(observation: Observation, lane: int) -> Any:
+    """What a single one of the episodes is given."""
+    if isinstance(observation, dict):
+        return {name: values[lane] for name, values in observation.items()}
+    return observation[lane]

@@ -30,6 +30,13 @@ class Beside(NamedTuple):
     ahead: FloatArray  # (n, 3) lateral position of the path ``AHEAD`` of the follow point, along its arc [m]
 
 
+class Mark(NamedTuple):
+    """One moment of n paths, to look back at them from."""
+
+    poses: FloatArray  # (n, 3) of the trailers, x y [m], psi [rad]
+    n_points: NDArray[np.intp]  # (n,) until then
+
+
 class HitchPaths:
     """Paths of n hitches."""
 
@@ -46,6 +53,7 @@ class HitchPaths:
         self._way = np.zeros(n)  # since the newest point [m]
         self._follow = np.ones(n)
         self._ahead = np.zeros((n, len(AHEAD)), dtype=np.intp)
+        self._poses = np.zeros((n, 3))
 
     def begin(self, lanes: NDArray[np.intp], poses: FloatArray, follow_distance: FloatArray) -> None:
         """These trailers, x y psi (k, 3), have come straight to where they are, all the way."""
@@ -61,10 +69,27 @@ class HitchPaths:
     def step(self, poses: FloatArray) -> Beside:
         """The paths with all trailers now at x y psi (n, 3)."""
         here = poses[:, 0] + 1j * poses[:, 1]
+        self._poses = poses
         self._extend(here)
         turned = np.exp(-1j * poses[:, 2])
         around = self._around_follow_point(here, turned)
         return self._beside(around, here, turned)
+
+    def mark(self) -> Mark:
+        """This moment."""
+        return Mark(self._poses.copy(), self._count.copy())
+
+    def behind(self, lane: int, mark: Mark, reach: float) -> FloatArray:
+        """The path of one hitch as it was at a moment not long ago, (k, 2), newest first, in the trailer's frame [m].
+
+        It begins at the hitch and ends ``reach`` [m] behind it along the trailer's axis, or where the points end.
+        """
+        x, y, psi = mark.poses[lane].tolist()
+        numbers = np.arange(mark.n_points[lane] - 1, self._count[lane] - self._size, -1)
+        points = (self._points[lane, numbers & (self._size - 1)] - complex(x, y)) * np.exp(-1j * psi)
+        beyond = np.flatnonzero(points.real < -reach)
+        points = points[: beyond[0] if len(beyond) else len(points)]
+        return np.concatenate([np.zeros((1, 2)), np.column_stack([points.real, points.imag])])
 
     def _extend(self, here: NDArray[np.complex128]) -> None:
         step = here - self._last

@@ -68,6 +68,11 @@ class Onlooker:
         curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
 
 
+def side_by_side(plan: Picture, view: Picture | None) -> Picture:
+    """The plan, and what a camera sees, if there is something."""
+    return plan if view is None else np.concatenate([plan, view], axis=1)
+
+
 def _pixels(points: FloatArray, centre: FloatArray) -> FloatArray:
     pixels: FloatArray = 0.5 * _SIZE + _SCALE * np.array([1.0, -1.0]) * (points - centre)
     return pixels

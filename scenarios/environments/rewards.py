@@ -25,6 +25,11 @@ def follow_error(moment: Moment) -> FloatArray:
     return -distance * distance
 
 
+def off_path(moment: Moment) -> FloatArray:
+    """Minus the follow point's distance from the path [m], up to 3 m: the last centimetres cost as the first do."""
+    return -np.minimum(np.abs(moment.off_tracking), _WORST)
+
+
 def tail_swing(moment: Moment) -> FloatArray:
     """Minus how far the follow point is outside of the path in a turn [m], up to 3 m."""
     outside = np.sign(moment.turn) * moment.off_tracking  # the path lies left of it: in a left turn it is outside

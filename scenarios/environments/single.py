@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.canvas import Picture
-from scenarios.environments.core import Core
+from scenarios.environments.core import Core, of_lane
 from scenarios.environments.window import Window
 
 RenderMode = Literal["rgb_array", "human"]
 _ONLY = np.zeros(1, dtype=np.intp)
 
 
-class SingleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
     """A core of one episode; ``build`` makes it, so that a copy or another process makes its own."""
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012  # as gymnasium declares it
@@ -40,16 +40,14 @@ class SingleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def __reduce__(self) -> tuple[type[SingleEnv], tuple[Any, ...]]:
         return (type(self), (self._build, self.render_mode))  # an episode does not travel: it begins anew
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """A new episode; see the environment's page for the options."""
         super().reset(seed=seed)
         self.core.begin(_ONLY, [self.np_random], options or {})
         self._show()
-        return self.core.observe()[0], self._info()
+        return of_lane(self.core.observe(), 0), self._info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """A control step."""
         told = self.core.step(np.asarray(action, dtype=np.float32)[None])
         info = self._info()
@@ -57,14 +55,15 @@ class SingleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             info["outcome"] = told.outcome[0]
         self._show()
         ended, cut = bool(told.terminated[0]), bool(told.truncated[0])
-        return self.core.observe()[0], float(told.reward[0]), ended, cut, info
+        return of_lane(self.core.observe(), 0), float(told.reward[0]), ended, cut, info
 
     def render(self) -> Picture | None:
-        """The episode from above, for ``rgb_array``."""
+        """The episode from above, and its camera's image where there is one, for ``rgb_array``."""
         return self.core.picture(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Closes the window, if there is one."""
+        """Closes the window, if there is one, and cameras."""
+        self.core.close()
         if self._window is not None:
             self._window.close()
             self._window = None
@@ -75,5 +74,5 @@ class SingleEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def _show(self) -> None:
         if self.render_mode == "human":
             if self._window is None:
-                self._window = Window("offtrack")
+                self._window = Window("offtrack", self.metadata["render_fps"])
             self._window.show(self.core.picture(0))

@@ -17,6 +17,13 @@ def features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:
     )
 
 
+def own_features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:
+    """The numbers beside a picture: its age, and what the combination's own sensors say."""
+    every = features(vehicle, n_steered)
+    names = [feature.name for feature in every]
+    return (every[names.index("age")], *every[names.index("usable") + 1 :])
+
+
 _KINDS: Final = {  # unit and limit of the features whose names begin so
     "off_tracking": ("m", 10.0),
     "path_direction": ("rad", 3.2),

@@ -21,18 +21,34 @@ Observation, ``Box((n_features,))`` in SI units, each cut off at its limit; ``co
     yaw_rate_<unit> ..          rad/s  gyros
     follow_distance             m      hitch to follow point
 
-With ``observation="surrogate"`` the first lines are 10 Hz estimates, 0.1 s old and with errors as fitted to runs with
-cameras (``surrogate``); with ``"truth"`` they are exact and of now.
+``observation`` says where they come from, and the spec of a made environment says which it was:
+
+    "surrogate"  the first lines are 10 Hz estimates, 0.1 s old, with errors as fitted to runs with cameras
+                 (``surrogate``); encoders and gyros have their constant errors. The default, made for training.
+    "truth"      all of it is exact and of now, encoders and gyros included.
+    "estimate"   cameras on the trailer are rendered, and the odometry and the buffer of a scenario work on the pixels
+                 (``estimating``); the combination's own sensors are those of a scenario, too. ``sensing`` names the
+                 scenario, or is one: rig, world, odometry, faults and latency are its, vehicle, course and ground the
+                 episode's. World and noise follow from the episode's seed.
+    "camera"     ``Dict(image=Box(0, 255, (2, height, width), uint8), features=Box((n,)))``: the newest pictures of that
+                 scenario's cameras, left and right, grey; ``image_scale`` makes one pixel of so many to a side. The
+                 features are the picture's age and those from steer_trailer_1 on.
+
+"estimate" and "camera" build a world and open a renderer for every episode of every sub-environment: seconds for a
+reset and tens of milliseconds for a frame, trailer by trailer, in the thread that resets and steps; ``close`` gives
+them back. They are for few trailers; processes are to be spawned, not forked.
 
 Reward of a step: ``rewards.USUAL``, minus the squared off-tracking [m2], a tenth of the tail swing [m] and 0.02 of the
 mean squared steer rate [rad2/s2]; ``rewards.MISHAP`` once at a bad end. ``reward={part: weight}`` takes its place.
 
-Start: straight at the start of a course, rolling at set speed, the path behind known; course and ``Domain`` (friction,
-cross-fall, speed, load, length, lag, sensor error) are drawn from the episode's seed. ``reset(options={"friction": 0.3,
+Start: straight at the start of a course, rolling at set speed, the path behind known. With "estimate" the trailer has
+come straight to the start at that speed, cameras running, by a follow distance and 2 m; if nothing could be seen even
+so, the first lines are 0, age is 60 and usable is 0. Course and ``Domain`` (friction, cross-fall, speed, load, length,
+lag, sensor error) are drawn from the episode's seed, alike for all observations. ``reset(options={"friction": 0.3,
 "speed": (2.0, 3.0), "course": "roundabout"})`` gives some of it. In turns the driver keeps to half of the friction.
 
 End: terminated when it has jackknifed, rolled over, left the road or the physics broke (``endings``); truncated when
-the course is done, or after one and a half times the time it should take.
+the course is done, or after one and a half times the time it should take and 10 s.
 
 Info: ``off_tracking`` [m] and the metrics of a run's ``summary.json`` so far: ``true_rms_m``, ``true_max_m``,
 ``tail_swing_m``, ``steer_max_deg``, ``steer_max_rate_deg_s``; ``outcome`` at the end.
@@ -42,7 +58,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
@@ -53,28 +69,28 @@ from scenarios.adapters import outlines, tractor_geometry
 from scenarios.canvas import Picture
 from scenarios.courses import Course
 from scenarios.environments import endings, rewards
-from scenarios.environments.core import Info, Lanes, Observation, Result, observation_space, within
+from scenarios.environments.core import Info, Lanes, Observation, Result
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.drivers import Drivers
-from scenarios.environments.encoders import Encoders
 from scenarios.environments.endings import Ending
+from scenarios.environments.estimating import Estimated, Pictured
 from scenarios.environments.fleet import Fleet, Ground, Seen
 from scenarios.environments.hitch_paths import Beside, HitchPaths
+from scenarios.environments.knowledge import Knowing, Knowledge, Start, Told, check_knowledge
 from scenarios.environments.moment import Moment
-from scenarios.environments.picture import Onlooker, axle_angles
+from scenarios.environments.picture import Onlooker, axle_angles, side_by_side
 from scenarios.environments.rewards import Reward
 from scenarios.environments.road import named_course
 from scenarios.environments.running import RunningMetrics
-from scenarios.environments.surrogate import Estimate, Surrogate, SurrogateParameters, load_surrogate
+from scenarios.environments.surrogate import SurrogateParameters, load_surrogate
 from scenarios.environments.tracks import Tracks
-from scenarios.environments.trailer_features import features
 from scenarios.environments.variation import Variation
+from scenarios.scenario import Scenario, load_scenario
 from vehicle.clock import to_ticks
 from vehicle.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 
-Knowledge = Literal["surrogate", "truth"]
 COURSES: Final = (
     "roundabout",
     "roundabout-right",
@@ -86,7 +102,6 @@ COURSES: Final = (
 
 _LONGEST = 1.5  # of a trailer, over the file's: the limit of ``Domain``
 _STEP = to_ticks(PERIOD, "control period")
-_FRAME, _LATENCY = 100, 100  # of the cameras and their estimator, as scenarios have them [ticks]
 _GRIP = 0.5  # share of the friction that a driver takes in turns: the slower he is, the slippier it is
 _PATIENCE, _GRACE = 1.5, 10.0  # as in a scenario: time that an episode may take, over that of its course; and [s]
 
@@ -102,6 +117,8 @@ class TrailerSteeringOptions:
     reward: Mapping[Reward, float] | None = None  # None: the usual one
     endings: Mapping[str, Ending] | None = None
     surrogate: SurrogateParameters | None = None  # None: the shipped one
+    sensing: str | Scenario = "roundabout"  # a scenario, whose rig, faults, world and estimator ``estimate`` has
+    image_scale: int = 1  # pixels of a side that become one, for ``camera``
     engine: Engine = "auto"
 
 
@@ -123,8 +140,6 @@ class TrailerSteering:
         self._names = tuple(c if isinstance(c, str) else f"course {k}" for k, c in enumerate(options.courses))
         self._limit = limit
         self.action_space = spaces.Box(-1.0, 1.0, (n_steered,), np.float32)
-        self.features = features(vehicle, n_steered)
-        self.observation_space = observation_space(self.features)
         self._reward = rewards.weighted(rewards.USUAL if options.reward is None else options.reward)
         self._endings = endings.USUAL if options.endings is None else options.endings
         self._variation = Variation(vehicle)
@@ -133,18 +148,19 @@ class TrailerSteering:
         self._fleet = Fleet(vehicle, n, options.engine)
         longest = narrowed(options.domain, {"length": _LONGEST}).drawn(np.zeros((1, N_DRAWN)))
         self._paths = HitchPaths(n, float(self._variation.follow_distance(longest)[0]))
-        self._surrogate = Surrogate(
-            options.surrogate or load_surrogate(), n, step=_STEP, period=_FRAME, latency=_LATENCY
-        )
-        self._encoders = Encoders(n, len(vehicle.units))
+        self._knowing = _knowing(options, vehicle, self._fleet, courses)
+        self.features, self.observation_space = self._knowing.features, self._knowing.observation_space
         self._of_tractor = len(vehicle.units[0].steered_axles)
         self._ahead = sum(len(unit.steered_axles) for unit in vehicle.units[1:-1])
         self._metrics = RunningMetrics(n)
         self._onlooker = Onlooker(outlines(vehicle), courses)
         self._elapsed, self._allowed, self._lengths = np.zeros(n), np.ones(n), np.ones(n)
-        self._follow = np.ones(n)
         self._seen = self._fleet.see()
-        self._known = self._truth(self._seen, self._paths.step(self._seen.poses[:, -1]))
+
+    @property
+    def hitch_paths(self) -> HitchPaths:
+        """The paths of the hitches, for laws that look at more of them than the observation says."""
+        return self._paths
 
     def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
         """New episodes; options are those of ``Domain``, and ``course`` by its name or number."""
@@ -158,15 +174,13 @@ class TrailerSteering:
         ground = Ground(drawn.friction, drawn.cross_fall, self._tracks.centres[of])
         self._seen = self._fleet.place(lanes, self._variation.numbers(drawn), ground, speed)
         self._drivers.begin(lanes, of, speed)
-        self._follow[lanes] = follow = self._variation.follow_distance(drawn)
+        follow = self._variation.follow_distance(drawn)
         self._paths.begin(lanes, self._seen.poses[lanes, -1], follow)
         self._lengths[lanes] = self._tracks.lengths[of]
         self._elapsed[lanes], self._allowed[lanes] = 0.0, _PATIENCE * self._tracks.lengths[of] / speed + _GRACE
         self._metrics.begin(lanes)
-        self._encoders.begin(lanes, generators, drawn.sensor_error)
-        truth = self._truth(self._seen, self._paths.step(self._seen.poses[:, -1]))
-        self._surrogate.begin(lanes, generators, drawn.sensor_error, follow, truth)
-        self._know(lanes, truth)
+        beside = self._paths.step(self._seen.poses[:, -1])
+        self._knowing.begin(Start(lanes, generators, of, drawn, follow), self._seen, beside)
         self._onlooker.begin(lanes, of)
 
     def step(self, actions: NDArray[np.float32]) -> Result:
@@ -178,45 +192,30 @@ class TrailerSteering:
         now = self._seen = self._fleet.step(steer, acceleration, demand, _STEP)
         self._elapsed += PERIOD
         beside = self._paths.step(now.poses[:, -1])
-        truth = self._truth(now, beside)
-        self._known = truth if self._options.observation == "truth" else self._surrogate.step(truth)
+        self._knowing.step(now, beside)
         moment = self._moment(before, now, beside)
         self._metrics.step(moment, self._axles(now))
         return self._judged(moment)
 
     def observe(self) -> Observation:
         """What is known of all."""
-        known, seen = self._known, self._seen
-        articulation, yaw_rates = self._encoders.read(seen)
-        values = np.concatenate(
-            [
-                known.offset[:, None],
-                known.direction[:, None],
-                known.ahead,
-                known.velocity,
-                known.age[:, None],
-                known.usable[:, None],
-                self._axles(seen),
-                seen.steer[:, :1],
-                seen.velocities[:, 0, :1],
-                articulation,
-                yaw_rates,
-                self._follow[:, None],
-            ],
-            axis=1,
-        )
-        return within(values, self.observation_space)
+        return self._knowing.observe()
 
     def info(self) -> Info:
         """Metrics so far, and which course it is."""
         return self._metrics.info()
 
     def picture(self, lane: int) -> Picture:
-        """The combination on its course from above."""
+        """The combination on its course from above, and what its cameras see beside it."""
         caption = f"{self._names[self._drivers.course[lane]]}, {self._elapsed[lane]:.1f} s, "
         caption += f"off-tracking {self._metrics.newest[lane]:+.2f} m"
         steer = axle_angles(self._vehicle, self._seen.steer[lane])
-        return self._onlooker.picture(lane, self._seen.poses[lane], steer, caption)
+        plan = self._onlooker.picture(lane, self._seen.poses[lane], steer, caption)
+        return side_by_side(plan, self._knowing.view(lane))
+
+    def close(self) -> None:
+        """Closes cameras."""
+        self._knowing.close()
 
     def _chosen(self, course: str | int | None) -> int | None:
         """The number of the course that an option asks for."""
@@ -233,16 +232,6 @@ class TrailerSteering:
     def _axles(self, seen: Seen) -> FloatArray:
         """Angles of the last trailer's steered axles (n, n_steered) [rad]."""
         return seen.steer[:, self._of_tractor + self._ahead :]
-
-    def _truth(self, seen: Seen, beside: Beside) -> Estimate:
-        nothing = np.zeros(self.n)
-        velocity = seen.velocities[:, -1]
-        return Estimate(beside.offset, beside.direction, beside.ahead, velocity, nothing, nothing == 0.0)
-
-    def _know(self, lanes: Lanes, truth: Estimate) -> None:
-        """An episode begins with everything known: the buffer has filled on the way to the start."""
-        for known, true in zip(self._known, truth, strict=True):
-            known[lanes] = true[lanes]
 
     def _moment(self, before: Seen, now: Seen, beside: Beside) -> Moment:
         speed = np.maximum(np.abs(now.velocities[:, -1, 0]), 0.1)
@@ -281,11 +270,18 @@ def _limit(vehicle: Vehicle, options: TrailerSteeringOptions) -> tuple[float, in
     trailer = vehicle.units[-1]
     if len(vehicle.units) < 2 or trailer.steering is None or trailer.follow_x is None or not trailer.steered_axles:
         raise ValueError(f"vehicle {vehicle.name}: its last unit must be a trailer with steered axles and follow_x [m]")
-    if options.observation not in get_args(Knowledge):
-        raise ValueError(
-            f"observation = '{options.observation}' must be one of {', '.join(get_args(Knowledge))}; "
-            "estimators and cameras themselves are in the scenarios"
-        )
     if not options.courses:
         raise ValueError("courses is empty: there must be one at least")
     return trailer.steering.limit, len(trailer.steered_axles)
+
+
+def _knowing(options: TrailerSteeringOptions, vehicle: Vehicle, fleet: Fleet, courses: Sequence[Course]) -> Knowing:
+    """What makes the observations that the options ask for."""
+    check_knowledge(options.observation)
+    if options.observation in ("surrogate", "truth"):
+        surrogate = options.surrogate or load_surrogate()
+        return Told(vehicle, fleet.n, PERIOD, surrogate if options.observation == "surrogate" else None)
+    scenario = load_scenario(options.sensing) if isinstance(options.sensing, str) else options.sensing
+    if options.observation == "estimate":
+        return Estimated(vehicle, fleet, courses, scenario, _STEP)
+    return Pictured(vehicle, fleet, courses, scenario, _STEP, options.image_scale)

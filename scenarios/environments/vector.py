@@ -12,14 +12,13 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from scenarios.canvas import Picture
-from scenarios.environments.core import Core, Info, Result
+from scenarios.environments.core import Core, Info, Observation, Result, of_lane
 
 Flags = NDArray[np.bool_]
-Observations = NDArray[np.float32]
-_Told = tuple[Observations, NDArray[np.float64], Flags, Flags, dict[str, Any]]
+_Told = tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]
 
 
-class CoreVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     """A core of many episodes; sub-environment k, seeded with s + k, does what a single one seeded with that does."""
 
     def __init__(
@@ -57,7 +56,7 @@ class CoreVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observations, dict[str, Any]]:
+    ) -> tuple[Observation, dict[str, Any]]:
         """New episodes in all sub-environments, or in those of ``options["reset_mask"]``.
 
         Raises:
@@ -92,6 +91,10 @@ class CoreVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
         if self.render_mode != "rgb_array":
             return None
         return tuple(self.core.picture(lane) for lane in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Closes cameras."""
+        self.core.close()
 
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
         if seed is None or isinstance(seed, int | np.integer):
@@ -135,7 +138,7 @@ class CoreVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
             last = self.core.observe()
             final = np.full(self.num_envs, None, dtype=object)
             for lane in np.flatnonzero(done).tolist():
-                final[lane] = last[lane]
+                final[lane] = of_lane(last, lane)
             ended: dict[str, Any] = {"final_obs": final, "_final_obs": done}
             ended |= {"final_info": self._masked(self.core.info() | {"outcome": told.outcome}, done)}
             self._begin(done, {})

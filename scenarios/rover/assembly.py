@@ -15,7 +15,7 @@ from estimators.rover_odometry import RoverGeometry
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
 from scenarios.randomness import stream
 from scenarios.rover.courses import rover_path
-from scenarios.rover.scenario import RoverScenario, RoverSurfaceOptions
+from scenarios.rover.scenario import RoverScenario, RoverSurfaceOptions, SandOptions, TraceRigOptions
 from sensors.rover_navigation import LaserTracker, RoverInstruments
 from sensors.sand.rig import nominal_rig
 from sensors.sand.world import SandWorld, Sun
@@ -81,8 +81,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
             f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) takes no trace"
         )
     rig = nominal_rig(rover)
-    world = _world(scenario, seed, rover, terrain, path) if sees or record else None
-    webcam = Webcam(read_noise=scenario.rig.noise, shot_noise=scenario.rig.shot_noise)
+    world = sand_world(scenario.world, stream(seed, "sand"), rover, terrain, path) if sees or record else None
     return RoverAssembly(
         scenario=scenario,
         seed=seed,
@@ -91,13 +90,13 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         path=path,
         plant=RoverPlant(rover, terrain, soil),
         driver=driver,
-        schedule=_schedule(scenario),
+        schedule=trace_schedule(scenario.rig),
         instruments=RoverInstruments(rng=stream(seed, "rover instruments"), scale=scenario.signals.noise),
         laser=LaserTracker(rng=stream(seed, "laser tracker"), scale=scenario.signals.noise),
         source=estimator(rig) if sees else estimator(),
         rig=rig,
         world=world,
-        camera=TraceCamera(world, rig, webcam, stream(seed, "camera noise")) if world else None,
+        camera=trace_camera(world, rig, scenario.rig, stream(seed, "camera noise")) if world else None,
     )
 
 
@@ -148,25 +147,34 @@ def _slopes_that_set_in(options: RoverSurfaceOptions, begin: float) -> HeightMap
     return HeightMap(heights=heights, spacing=_GRID, x=float(x[0]), y=float(y[0]))
 
 
-def _world(scenario: RoverScenario, seed: int, rover: Rover, terrain: Terrain, path: Path) -> SandWorld:
-    azimuth, elevation = scenario.world.sun_azimuth_deg, scenario.world.sun_elevation_deg
+def sand_world(options: SandOptions, rng: np.random.Generator, rover: Rover, terrain: Terrain, path: Path) -> SandWorld:
+    """The sand around a path; the generator decides what the options leave open.
+
+    Raises:
+        ValueError: one line, if half a sun is given.
+    """
+    azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
     if (azimuth is None) != (elevation is None):
         raise ValueError("world.sun_azimuth_deg and world.sun_elevation_deg: give both, or none for the seed's sun")
     sun = None
     if azimuth is not None and elevation is not None:
         sun = Sun(azimuth=math.radians(90.0 - azimuth), elevation=math.radians(elevation))
-    return SandWorld(
-        scenario.world.terrain,
-        rng=stream(seed, "sand"),
-        rover=rover,
-        terrain=terrain,
-        route=path.points(_ROUTE),
-        sun=sun,
-    )
+    route = path.points(_ROUTE)
+    return SandWorld(options.terrain, rng=rng, rover=rover, terrain=terrain, route=route, sun=sun)
 
 
-def _schedule(scenario: RoverScenario) -> Schedule:
-    schedule = Schedule.at_rate(scenario.rig.rate_hz, latency=scenario.rig.latency, name="rig.rate_hz")
+def trace_camera(world: SandWorld, rig: TraceRig, options: TraceRigOptions, rng: np.random.Generator) -> TraceCamera:
+    """The camera of a rig, with the noise that the options say."""
+    return TraceCamera(world, rig, Webcam(read_noise=options.noise, shot_noise=options.shot_noise), rng)
+
+
+def trace_schedule(options: TraceRigOptions) -> Schedule:
+    """When the camera looks.
+
+    Raises:
+        ValueError: one line, if it does not keep time with the loop.
+    """
+    schedule = Schedule.at_rate(options.rate_hz, latency=options.latency, name="rig.rate_hz")
     for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
         if ticks % PERIOD:
             raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {PERIOD * TICK:g} s")

@@ -123,7 +123,7 @@ def test_who_starts_again_leaves_the_others_as_they_would_have_been() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [
-        (TRAILER, {"observation": "camera"}, "observation = 'camera' must be one of surrogate, truth"),
+        (TRAILER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
         (TRAILER, {"vehicle": "eu_tractor_semitrailer"}, "steered axles"),
         (TRAILER, {"courses": ()}, "courses is empty"),
         (TRAILER, {"courses": ("random-x",)}, "random-K"),

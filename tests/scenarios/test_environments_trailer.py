@@ -18,7 +18,6 @@ from scenarios.environments.encoders import Encoders
 from scenarios.environments.fleet import Fleet, Ground, Seen
 from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.moment import Moment
-from scenarios.environments.movers import Rolling
 from scenarios.environments.road import named_course
 from scenarios.environments.variation import Variation
 from scenarios.metrics import true_off_tracking
@@ -62,7 +61,7 @@ def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
         truth = plant.observe(state, k * STEP)
         poses.append(truth.poses[1])
         memory, demand = driver.step(memory, k * STEP, DriverPerception().sample(truth))
-        state = plant.step(state, VehicleCommand(*demand, trailer_steer=(0.0, 0.0)), STEP)
+        state = plant.step(state, VehicleCommand(demand.steer, demand.acceleration, (0.0, 0.0)), STEP)
         *_, info = env.step(np.zeros(2, dtype=np.float32))
         told.append(info["off_tracking"])
     true = true_off_tracking(*np.array([*poses, plant.observe(state, 0).poses[1]]).T, 14.0)[1:]
@@ -240,33 +239,6 @@ def test_endings_are_met_at_their_limits() -> None:
     ):
         assert not ending(moment(**{name: np.array(harmless)}))[0]
         assert ending(moment(**{name: np.array(bad)}))[0]
-
-
-def test_rolling_round_a_circle_ends_in_the_closed_form_articulation() -> None:
-    """Steady articulation of a trailer that rolls without slip: tan(g1) = c/R, sin(g2) = d/sqrt(R^2 + c^2)."""
-    vehicle = load_vehicle("eu_tractor_semitrailer")
-    mover, steer = Rolling(vehicle, 1), 0.2
-    mover.place(np.arange(1), drawn())
-    for k in range(4000):
-        moved = mover.step(np.array([steer]), np.array([1.0 if k < 50 else 0.0]))
-    radius = vehicle.units[0].steered_axles[0].x / math.tan(steer)
-    hitch, axles = vehicle.units[0].rear_hitch[0], vehicle.units[1].axles
-    length = -sum(axle.x for axle in axles) / len(axles)
-    expected = math.asin(length / math.hypot(radius, hitch)) - math.atan(hitch / radius)
-    articulation = moved.poses[0, 0, 2] - moved.poses[0, 1, 2]
-    assert articulation == pytest.approx(expected, abs=1e-3)  # halfway rule over 5 mm
-    assert moved.speed[0] == pytest.approx(1.0)
-
-
-def test_rolling_back_retraces_the_way_that_was_rolled_forwards() -> None:
-    """Without slip the geometry has no time in it: with the wheel held, backwards is forwards played again."""
-    mover = Rolling(load_vehicle("eu_tractor_semitrailer"), 1)
-    start = mover.place(np.arange(1), drawn())
-    nothing, push = np.zeros(1), np.ones(1)
-    for acceleration in (push, nothing, -push, -push, nothing, push):
-        for _ in range(50):
-            moved = mover.step(nothing + 0.0, acceleration)
-    assert moved.poses[0] == pytest.approx(start.poses[0], abs=1e-9)
 
 
 def test_unknown_environments_are_not_registered() -> None:

@@ -1,0 +1,118 @@
+"""`offtrack train`: a policy that steers a trailer, learnt in the environment, and compared with the laws."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from scenarios.commands.console import one_line_errors, progress_display
+
+if TYPE_CHECKING:
+    from scenarios.training.results import Scores
+
+EXAMPLES = (
+    "Examples: offtrack train   offtrack train --observation truth --steps 4000000 --out runs/quick   Then: "
+    "offtrack run roundabout --set trailer_steering=policy --set policy.path=runs/train-surrogate-1/policy.npz"
+)
+_DEFAULT_STEPS = 16_000_000
+
+
+def train(
+    observation: Annotated[str, typer.Option(help="What the policy is given: surrogate or truth.")] = "surrogate",
+    vehicle: Annotated[str, typer.Option(help="Name or file; its last trailer is steered.")] = "uk_longer_semitrailer",
+    steps: Annotated[
+        int, typer.Option(min=1000, help="Control steps of 20 ms of all environments, those of before included.")
+    ] = _DEFAULT_STEPS,
+    minutes: Annotated[
+        float | None, typer.Option(min=0.05, help="Ends after so long, if not all steps are done before.")
+    ] = None,
+    envs: Annotated[int, typer.Option(min=1, help="Environments that are stepped together.")] = 512,
+    seed: Annotated[int, typer.Option(min=0, help="Of networks, noise and episodes.")] = 1,
+    episodes: Annotated[int, typer.Option(min=1, help="Of every condition of the comparison in the end.")] = 16,
+    threads: Annotated[int | None, typer.Option(min=1, help="Of the learner.", show_default="one per core")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Directory; its training is gone on with.", show_default="runs/train-OBSERVATION-SEED"),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+) -> None:
+    """Train a policy for offtrack/TrailerSteering-v0 with PPO, and compare it with steering laws.
+
+    Killed or interrupted, the same command goes on from the last checkpoint. Writes policy.npz, which
+    trailer_steering=policy drives with, learning_curve.parquet and .png, checkpoint.zip, and summary.json with the
+    comparison on courses, frictions and speeds that were not trained on. Needs the extra rl.
+    """
+    with one_line_errors():
+        _check_extra()
+        if observation not in ("surrogate", "truth"):
+            raise ValueError(f"--observation {observation}: must be surrogate or truth")
+        import torch
+
+        from controllers.trailer_steering.policy import load_network
+        from scenarios.training.evaluation import evaluate
+        from scenarios.training.learner import Budget, learn
+        from scenarios.training.plan import Plan
+        from scenarios.training.results import keep_network, keep_summary, open_directory, summary
+
+        torch.set_num_threads(threads or os.cpu_count() or 1)
+        plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
+        directory = out or Path("runs") / f"train-{observation}-{seed}"
+        open_directory(plan, directory)
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            learning = bar.add_task("train", total=1.0, detail="")
+            judging = bar.add_task("compare", total=1.0, detail="")
+
+            def learnt(share: float, detail: str) -> None:
+                bar.update(learning, completed=min(share, 1.0), detail=detail)
+
+            def judged(share: float, detail: str) -> None:
+                bar.update(judging, completed=share, detail=detail)
+
+            budget = Budget(steps, None if minutes is None else 60.0 * minutes)
+            learned = learn(plan, budget, directory, learnt)
+            network = keep_network(learned.network, directory)
+            scores = evaluate(plan, load_network(network), episodes, judged)
+        command = shlex.join(["offtrack", *sys.argv[1:]])
+        told = summary(plan, learned.curve, scores, command)
+        keep_summary(told, learned.curve, scores, directory)
+    if as_json:
+        print(json.dumps(told, indent=2))
+    elif not quiet:
+        _print(told, scores, network)
+
+
+def _check_extra() -> None:
+    """Refuses to begin without the learner.
+
+    Raises:
+        ValueError: one line, saying how to get it.
+    """
+    for module in ("stable_baselines3", "torch"):
+        if importlib.util.find_spec(module) is None:
+            raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")
+
+
+def _print(told: dict[str, Any], scores: Scores, network: Path) -> None:
+    title = "Off-tracking of the follow point, RMS (largest) in metres; * ended badly"
+    table = Table(title=title, title_justify="left")
+    table.add_column("")
+    for law in next(iter(scores.values())):
+        table.add_column(law, justify="right")
+    for name, laws in scores.items():
+        marks = [f"{s.rms_m:.3f} ({s.max_m:.2f}){'*' * s.mishaps}" for s in laws.values()]
+        table.add_row(name if name == "trained" else f"unseen {name}", *marks)
+    console = Console()
+    console.print(f"{told['steps'] / 1e6:.1f} million steps in {told['wall_s'] / 60.0:.1f} min", highlight=False)
+    console.print(table)
+    run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
+    console.print(f"Run it: {run}", soft_wrap=True, highlight=False)

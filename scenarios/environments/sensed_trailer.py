@@ -1,0 +1,196 @@
+"""A trailer of an environment with the sensors, the estimator and the world that a scenario would give it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from controllers.trailer_steering.policy import AHEAD, felt_features, seen_features
+from controllers.trailer_steering.unsteered import Unsteered
+from estimators.estimates import Health, OffTracking
+from scenarios.adapters import trailer_geometry
+from scenarios.assembly import WatchedTrailer
+from scenarios.cameras import Views, built_world
+from scenarios.courses import Course
+from scenarios.randomness import stream
+from scenarios.run_log import Estimate
+from scenarios.scenario import Scenario
+from scenarios.sensing import Sensing, opened_sensing
+from scenarios.trailer_loop import TrailerLoop
+from sensors.combination import CombinationSensors
+from sensors.messages import StereoFrame
+from vehicle.clock import TICK, Schedule
+from vehicle.description import Vehicle
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+from vehicle.truth import Truth
+
+NEVER: Final = 60.0  # age of what has not come yet: the most that an observation can say [s]
+_N_SEEN: Final = 5 + len(AHEAD)  # features of an estimate
+_MORE: Final = 2.0  # way that fills a buffer, beyond the follow distance: its path's end is fitted [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Setting:
+    """Where and on what an episode takes place."""
+
+    course: Course
+    surface: Surface
+    follow_distance: float  # [m]
+    signal_noise: float  # errors of the combination's own sensors, over those of the scenario [-]
+    seed: int  # decides world and noise
+
+
+class SensedTrailer:
+    """The last trailer of a vehicle, sensed; whoever opens one has to close it."""
+
+    def __init__(self, scenario: Scenario, vehicle: Vehicle, setting: Setting, worker: Executor, *, sees: bool) -> None:
+        """Before the first sample.
+
+        Args:
+            scenario: whose rig, faults, estimator and world.
+            vehicle: the combination.
+            setting: of the episode.
+            worker: what estimates are worked out in, one after the other.
+            sees: have cameras, whether they are estimated from or not.
+
+        Raises:
+            ValueError: one line, for whatever of the scenario does not fit.
+            RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
+        """
+        unit, seed = len(vehicle.units) - 1, setting.seed
+        geometry = replace(trailer_geometry(vehicle, unit), follow_distance=setting.follow_distance)
+        name = vehicle.units[unit].name
+        signals = CombinationSensors(
+            vehicle, unit, rng=stream(seed, f"signals of {name}"), noise=setting.signal_noise * scenario.signals.noise
+        )
+        course, surface = _with_approach(setting.course, way_to_fill(setting.follow_distance)), setting.surface
+        self.sensing: Sensing = opened_sensing(
+            scenario,
+            seed,
+            unit=unit,
+            vehicle=vehicle,
+            trailer=geometry,
+            signals=signals,
+            surface=surface,
+            views=Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world"))),
+            schedule=camera_schedule(scenario),
+            keep_colour=False,
+            record=sees,
+        )
+        watched = WatchedTrailer(
+            unit=unit,
+            name=name,
+            geometry=geometry,
+            steers_ahead=sum(len(ahead.steered_axles) for ahead in vehicle.units[:unit]),
+            law=Unsteered(geometry),
+            signals=signals,
+            sensing=self.sensing,
+        )
+        self._loop, self._signals = TrailerLoop(watched, worker, _untimed), signals
+        self._follow = setting.follow_distance
+        self._tick = 0  # of the newest look
+        self._good: OffTracking | None = None  # the newest estimate with health
+        self._felt: tuple[float, ...] = ()
+        self.frame: StereoFrame | None = None  # the newest
+
+    @property
+    def newest(self) -> Estimate | None:
+        """The estimate that has been delivered last."""
+        return self._loop.estimates[-1] if self._loop.estimates else None
+
+    def approach(self, standing: Callable[[int, float], Truth], speed: float) -> int:
+        """Comes straight to the start at this speed [m/s], looking, until the way behind it is known.
+
+        ``standing(tick, back)`` is the truth at a tick so far behind the start [m]. The cameras' clock begins with it;
+        returned is the tick at which the start is reached, whose frame is not taken yet.
+        """
+        period = self.sensing.schedule.period
+        there = period * math.ceil(way_to_fill(self._follow) / (speed * period * TICK))
+        for tick in range(0, there, period):
+            self._sample(standing(tick, speed * (there - tick) * TICK))
+            self._deliver(tick)
+        return there
+
+    def look(self, truth: Truth) -> None:
+        """A control step: samples what is due, takes what has been estimated by now."""
+        self._tick = truth.tick
+        if self.sensing.schedule.due(truth.tick):
+            self._sample(truth)
+        self._deliver(truth.tick)
+        self._felt = felt_features(self._signals.sample(truth), self._follow)
+
+    def take(self, truth: Truth) -> None:
+        """A control step in which only pictures are taken, and nothing is made of them."""
+        self._tick = truth.tick
+        cameras, schedule = self.sensing.cameras, self.sensing.schedule
+        if cameras is not None and schedule.due(truth.tick):
+            sensor = self.sensing.sensor if self.sensing.sees else cameras.camera
+            message = sensor.sample(truth)
+            self.frame = message if isinstance(message, StereoFrame) else self.frame
+        self._felt = felt_features(self._signals.sample(truth), self._follow)
+
+    def estimated(self) -> FloatArray:
+        """As ``trailer_features.features`` lists it, of the newest estimate with health."""
+        newest = self.newest
+        usable = newest is not None and newest.off_tracking.health is not Health.LOST
+        if self._good is None:
+            told, age = (0.0,) * _N_SEEN, NEVER
+        else:
+            told, age = seen_features(self._good, self._follow), self._good.age(self._tick)
+        return np.array([*told, age, float(usable), *self._felt])
+
+    def felt(self) -> FloatArray:
+        """As ``trailer_features.own_features`` lists it: the age of the picture, and the combination's own sensors."""
+        age = NEVER if self.frame is None else (self._tick - self.frame.tick) * TICK
+        return np.array([age, *self._felt])
+
+    def close(self) -> None:
+        """Closes the cameras."""
+        if self.sensing.cameras is not None:
+            self.sensing.cameras.renderer.close()
+
+    def _sample(self, truth: Truth) -> None:
+        message = self.sensing.sensor.sample(truth)
+        if message is not None:
+            self._loop.send(message, truth.tick)
+        if isinstance(message, StereoFrame):
+            self.frame = message
+
+    def _deliver(self, tick: int) -> None:
+        known = len(self._loop.estimates)
+        self._loop.deliver(tick)
+        for estimate in self._loop.estimates[known:]:
+            if estimate.off_tracking.health is not Health.LOST:
+                self._good = estimate.off_tracking
+
+
+def way_to_fill(follow_distance: float) -> float:
+    """How far a trailer drives until its buffer reaches back to the follow point [m]."""
+    return follow_distance + _MORE
+
+
+def camera_schedule(scenario: Scenario) -> Schedule:
+    """When pictures are taken, and how long estimates take.
+
+    Raises:
+        ValueError: one line, if a period is no whole number of ticks.
+    """
+    return Schedule.at_rate(scenario.rig.rate_hz, latency=scenario.rig.latency, name="rig.rate_hz")
+
+
+def _with_approach(course: Course, way: float) -> Course:
+    """The course with a road that begins so much farther behind its start [m]."""
+    line = course.centreline
+    back = line[0] - line[1]
+    return replace(course, centreline=np.vstack([line[0] + way * back / math.hypot(*back.tolist()), line]))
+
+
+def _untimed(_: str) -> AbstractContextManager[None]:
+    return nullcontext()

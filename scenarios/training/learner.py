@@ -1,0 +1,237 @@
+"""Proximal policy optimisation with stable-baselines3: checkpoints, the curve of learning, the network as arrays.
+
+Needs the extra ``rl``. An interrupted training goes on from its last checkpoint; episodes begin anew then.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from controllers.trailer_steering.policy import Network
+from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
+from scenarios.training.curve import Point, read_curve, write_curve
+from scenarios.training.plan import (
+    ACTION_REPEAT,
+    ENVIRONMENT,
+    EXPLORATION,
+    LAST_LEARNING_RATE,
+    REWARD_SCALE,
+    SETTINGS,
+    Plan,
+    usual,
+)
+
+CHECKPOINT: Final = "checkpoint.zip"
+CURVE: Final = "learning_curve.parquet"
+_OURS: Final = ("learning_rate", "lr_schedule")  # of a model, but the watch's: no part of a checkpoint
+_BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
+
+Told = Callable[[float, str], None]  # share of the training that is done, and how it goes
+
+
+class Budget(NamedTuple):
+    """When a training ends: at so many steps or after such a time, whichever comes first."""
+
+    steps: int  # control steps of all environments together
+    seconds: float | None
+
+
+class Learned(NamedTuple):
+    """What a training comes to."""
+
+    network: Network
+    curve: list[Point]
+
+
+class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # its types are not looked at: the extra may not be there
+    """Features less their usual values, over their usual deviations."""
+
+    def __init__(self, space: spaces.Box[np.float32], mean: list[float], scale: list[float]) -> None:
+        """For this space, with a number for each feature."""
+        super().__init__(space, len(mean))
+        self.register_buffer("mean", torch.tensor(mean))
+        self.register_buffer("scale", torch.tensor(scale))
+
+    def forward(self, features: Any) -> Any:
+        """A batch of them."""
+        return (features - self.mean) / self.scale
+
+
+def learn(plan: Plan, budget: Budget, directory: Path, told: Told) -> Learned:
+    """Trains to the end of the budget, from the directory's checkpoint where there is one.
+
+    Raises:
+        ValueError: one line, if an option does not fit, or the checkpoint is none of this training.
+        KeyboardInterrupt: with the checkpoint kept.
+    """
+    env = sb3_vector(ENVIRONMENT, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
+    try:
+        watch = _Watch(budget, directory, told)
+        model = _model(plan, env, directory, watch)
+        left = budget.steps // ACTION_REPEAT - model.num_timesteps
+        if left > 0 and watch.share < 1.0:
+            model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no state of generators
+            model.learn(left, callback=watch, reset_num_timesteps=False)
+            watch.keep(model)
+        return Learned(_network(model, [feature.name for feature in _features(env)]), watch.curve)
+    finally:
+        env.close()
+
+
+def _model(plan: Plan, env: Sb3VecEnv, directory: Path, watch: _Watch) -> Any:
+    """That of the checkpoint, or a new one."""
+    s = SETTINGS
+    file = directory / CHECKPOINT
+    if file.is_file():
+        rate = dict.fromkeys(_OURS, watch.learning_rate)
+        try:
+            model = PPO.load(file, env=env, device="cpu", **rate)
+        except Exception as error:  # torch, zip and pickle each have their own
+            raise ValueError(f"{file}: can not be gone on with ({error}): choose another --out") from error
+        watch.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
+        return model
+    mean, scale = zip(*(usual(feature.name) for feature in _features(env)), strict=True)
+    return PPO(
+        "MlpPolicy",
+        env,
+        learning_rate=watch.learning_rate,
+        n_steps=s.n_steps,
+        batch_size=min(s.batch_size, s.n_steps * plan.envs),
+        n_epochs=s.n_epochs,
+        gamma=s.gamma,
+        gae_lambda=s.gae_lambda,
+        clip_range=s.clip_range,
+        target_kl=s.target_kl,
+        policy_kwargs={
+            "net_arch": {"pi": list(s.layers), "vf": list(s.layers)},
+            "activation_fn": torch.nn.Tanh,
+            "features_extractor_class": Scaled,
+            "features_extractor_kwargs": {"mean": list(mean), "scale": list(scale)},
+        },
+        seed=plan.seed,
+        device="cpu",
+    )
+
+
+class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
+    """Keeps time, the curve and checkpoints."""
+
+    def __init__(self, budget: Budget, directory: Path, told: Told) -> None:
+        super().__init__()
+        self.curve: list[Point] = []
+        self._budget, self._directory, self._told = budget, directory, told
+        self._ended: list[dict[str, Any]] = []
+        self._rewards: list[float] = []
+        self._since: float | None = None  # when this process began to learn [s]
+        self._kept = time.monotonic()
+
+    @property
+    def share(self) -> float:
+        """Of the budget that is spent."""
+        steps = self.curve[-1].steps if self.curve else 0
+        spent = steps / self._budget.steps
+        return spent if self._budget.seconds is None else max(spent, self._seconds() / self._budget.seconds)
+
+    def learning_rate(self, _: float) -> float:
+        """Falls with the share that is spent."""
+        return SETTINGS.learning_rate * (1.0 - (1.0 - LAST_LEARNING_RATE) * min(self.share, 1.0))
+
+    def keep(self, model: Any) -> None:
+        """Writes checkpoint and curve, each whole or not at all; the curve, which may be the longer, first."""
+        write_curve(self.curve, self._directory / CURVE)
+        unfinished = self._directory / f".unfinished-{os.getpid()}.zip"
+        model.save(unfinished, exclude=_OURS)
+        unfinished.replace(self._directory / CHECKPOINT)
+        self._kept = time.monotonic()
+
+    def _on_training_start(self) -> None:
+        self._before = self.curve[-1].wall_s if self.curve else 0.0
+        self._since = time.monotonic()
+
+    def _on_step(self) -> bool:
+        self._ended += [info for info in self.locals["infos"] if info]
+        self._rewards.append(float(np.mean(self.locals["rewards"])))
+        return self._budget.seconds is None or self._seconds() < self._budget.seconds
+
+    def _explore(self) -> None:
+        """Sets how much is explored."""
+        first, last = (math.log(deviation) for deviation in EXPLORATION)
+        log_std = self.model.policy.log_std.requires_grad_(False)
+        log_std.fill_(first + (last - first) * min(self.share, 1.0))
+
+    def _on_rollout_start(self) -> None:
+        self._explore()
+        self._record()
+        if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
+            self.keep(self.model)
+
+    def _on_training_end(self) -> None:
+        self._record()
+
+    def _record(self) -> None:
+        """One more point of the curve, if anything has been learnt since the last."""
+        if _steps(self.model) <= (self.curve[-1].steps if self.curve else 0):
+            return
+        self.curve.append(self._point())
+        self._ended, self._rewards = [], []
+        newest = self.curve[-1]
+        self._told(self.share, f"{newest.steps / 1e6:.1f} M steps, {newest.rms_m:.3f} m RMS while exploring")
+
+    def _seconds(self) -> float:
+        before = self.curve[-1].wall_s if self.curve else 0.0
+        return before if self._since is None else self._before + time.monotonic() - self._since
+
+    def _point(self) -> Point:
+        told = self.model.logger.name_to_value
+        ended = self._ended or [{}]
+        nothing = float("nan")
+        return Point(
+            steps=_steps(self.model),
+            wall_s=self._seconds(),
+            episodes=len(self._ended),
+            rms_m=float(np.mean([one.get("true_rms_m", nothing) for one in ended])),
+            max_m=float(np.mean([one.get("true_max_m", nothing) for one in ended])),
+            mishaps=float(np.mean([not one.get("TimeLimit.truncated", True) for one in ended])),
+            reward=float(np.mean(self._rewards or [nothing])) / REWARD_SCALE / ACTION_REPEAT,
+            exploration=float(torch.exp(self.model.policy.log_std).mean()),
+            divergence=float(told.get("train/approx_kl", nothing)),
+            explained_variance=float(told.get("train/explained_variance", nothing)),
+        )
+
+
+def _steps(model: Any) -> int:
+    return int(model.num_timesteps) * ACTION_REPEAT
+
+
+def _features(env: Sb3VecEnv) -> Any:
+    return env.env.core.features  # type: ignore[attr-defined]  # this environment's core has them
+
+
+def _network(model: Any, features: list[str]) -> Network:
+    """The mean action of a model as plain arrays."""
+    policy = model.policy
+    linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
+    layers = [*linear, policy.action_net]
+    return Network(
+        tuple(_array(layer.weight) for layer in layers),
+        tuple(_array(layer.bias) for layer in layers),
+        _array(policy.features_extractor.mean),
+        _array(policy.features_extractor.scale),
+        tuple(features),
+    )
+
+
+def _array(tensor: Any) -> Any:
+    return tensor.detach().numpy()

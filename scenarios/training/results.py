@@ -1,0 +1,80 @@
+"""What a training leaves in its directory beside checkpoint and curve: network, picture, summary."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from controllers.trailer_steering.policy import Network, save_network
+from scenarios.studies.files import replaced
+from scenarios.training.curve import Point, draw_curve
+from scenarios.training.evaluation import POLICY, Score, described
+from scenarios.training.plan import Plan
+
+PLAN: Final = "training.json"
+NETWORK: Final = "policy.npz"
+SUMMARY: Final = "summary.json"
+PICTURE: Final = "learning_curve.png"
+_PACKAGES: Final = ("offtrack", "stable-baselines3", "torch", "gymnasium", "numpy", "casadi")
+
+Scores = Mapping[str, Mapping[str, Score]]  # by condition and law
+
+
+def open_directory(plan: Plan, directory: Path) -> None:
+    """Makes it, with the plan in it; one of the same plan is gone on with.
+
+    Raises:
+        ValueError: one line, if it holds another training, or something else.
+    """
+    file, told = directory / PLAN, json.dumps(plan.plain(), indent=2) + "\n"
+    if directory.exists() and not directory.is_dir():
+        raise ValueError(f"--out {directory} is a file: choose another name")
+    if file.is_file():
+        if file.read_text(encoding="utf-8") != told:
+            raise ValueError(f"{file} is of another training: choose another --out, or ask for the same")
+        return
+    if directory.is_dir() and any(directory.iterdir()):
+        raise ValueError(f"--out {directory} is not empty and holds no {PLAN}: choose another")
+    directory.mkdir(parents=True, exist_ok=True)
+    replaced(file, told)
+
+
+def keep_network(network: Network, directory: Path) -> Path:
+    """Writes it whole or not at all; its file."""
+    path, unfinished = directory / NETWORK, directory / f".unfinished-{os.getpid()}.npz"
+    save_network(network, unfinished)
+    unfinished.replace(path)
+    return path
+
+
+def summary(plan: Plan, curve: list[Point], scores: Scores, command: str) -> dict[str, Any]:
+    """All there is to know of the training, as JSON takes it."""
+    last = curve[-1]
+    return {
+        "command": command,
+        "plan": plan.plain(),
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}},
+        "steps": last.steps,
+        "wall_s": round(last.wall_s, 1),
+        "conditions": described(),
+        "scores": {name: {law: score._asdict() for law, score in laws.items()} for name, laws in scores.items()},
+    }
+
+
+def keep_summary(told: Mapping[str, Any], curve: list[Point], scores: Scores, directory: Path) -> None:
+    """Writes ``summary.json`` and the picture of the curve, with the laws' results in the trained condition."""
+    replaced(directory / SUMMARY, json.dumps(told, indent=2, allow_nan=False) + "\n")
+    levels = {law: score.rms_m for law, score in scores["trained"].items() if law != POLICY}
+    draw_curve(curve, levels, directory / PICTURE)
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None

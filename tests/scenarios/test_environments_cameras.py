@@ -1,0 +1,263 @@
+"""Observations through real cameras: what an estimator makes of rendered pictures, and the pictures themselves."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import scenarios.gym_env  # noqa: F401  # registers the environments
+from scenarios.courses import straight
+from scenarios.environments import sensed_trailer
+from scenarios.environments.domain import Domain
+from scenarios.environments.estimating import Pictured
+from scenarios.environments.fleet import Fleet, Ground
+from scenarios.environments.fleet_truth import FleetTruth
+from scenarios.environments.images import reduced, reduced_shape
+from scenarios.environments.variation import Variation
+from scenarios.environments.vector import CoreVectorEnv
+from scenarios.scenario import Scenario, load_scenario
+from sensors.world import World
+from vehicle.description import load_vehicle
+from vehicle.footing import SurfaceUnder
+from vehicle.frames import Pose2
+from vehicle.plant import Plant
+from vehicle.surface import Surface
+
+TRAILER, ROVER = "offtrack/TrailerSteering-v0", "offtrack/RoverSteering-v0"
+VEHICLE = load_vehicle("uk_longer_semitrailer")
+SMALL = ("rig.width=480", "rig.height=200", "world.scenery_density=0.3")
+DOMAIN = Domain(cross_fall=(0.0, 0.0), friction=(0.8, 0.8), speed=(8.0, 8.0))  # [-], [-], [m/s]
+COURSE = straight(front_x=VEHICLE.units[0].front_x, length=40.0)
+
+
+def options(observation: str, *settings: str, **others: Any) -> dict[str, Any]:
+    """Of an environment with small pictures of a straight road."""
+    sensing = load_scenario("roundabout", [*SMALL, *settings])
+    return {"observation": observation, "courses": (COURSE,), "domain": DOMAIN, "sensing": sensing, **others}
+
+
+def many(n: int, **given: Any) -> CoreVectorEnv:
+    """The vector environment without what gymnasium wraps around it."""
+    made = gymnasium.make_vec(TRAILER, num_envs=n, **given).unwrapped
+    assert isinstance(made, CoreVectorEnv)
+    return made
+
+
+def names(env: Any) -> list[str]:
+    """Of the observation's entries."""
+    return [feature.name for feature in env.unwrapped.core.features]
+
+
+_BUILT: list[World] = []
+_BUILD = sensed_trailer.built_world
+
+
+def _the_world(*arguments: Any) -> World:
+    if not _BUILT:
+        _BUILT.append(_BUILD(*arguments))
+    return _BUILT[0]
+
+
+@pytest.fixture
+def one_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same world for all seeds: to build one takes as long as a hundred frames."""
+    monkeypatch.setattr(sensed_trailer, "built_world", _the_world)
+
+
+def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_world: None) -> None:
+    """Two trailers swing out under steered axles; 0.03 m beside the truth of a tenth of a second ago, from the start.
+
+    One alone does what it does in the vector, to what pixels make of rounding.
+    """
+    steps, given = 50, options("estimate")
+    action = np.full((2, 2), 0.5, dtype=np.float32)
+    seeing, knowing = many(2, **given), many(2, **{**given, "observation": "truth"})
+    seen, true = [seeing.reset(seed=101)[0]], [knowing.reset(seed=101)[0]]
+    for _ in range(steps):
+        seen.append(seeing.step(action)[0])
+        true.append(knowing.step(action)[0])
+    seeing.close()
+    at = {name: names(seeing).index(name) for name in ("off_tracking", "age", "usable", "hitch_v_x", "path_0.5_ahead")}
+    told, exact = np.array(seen), np.array(true)
+    assert told[:, :, at["usable"]].all()
+    assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
+    then = np.maximum(np.arange(steps + 1) - np.rint(told[:, 0, at["age"]] / 0.02).astype(int), 0)
+    assert np.abs(exact[-1, :, 0]).min() > 0.1  # it does something
+    for name, tolerance in (("off_tracking", 0.03), ("path_0.5_ahead", 0.03), ("hitch_v_x", 0.1)):
+        assert told[:, :, at[name]] == pytest.approx(exact[then][:, :, at[name]], abs=tolerance)
+    one = gymnasium.make(TRAILER, disable_env_checker=True, **given)
+    alone = [one.reset(seed=102)[0], *(one.step(action[1])[0] for _ in range(10))]
+    one.close()
+    assert np.array(alone) == pytest.approx(told[:11, 1], abs=2e-3)
+
+
+def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None) -> None:
+    """Ten a second, age told; interleaved renderers draw what each draws alone; reduced pictures are means of them.
+
+    A pickled copy, which has no renderer yet, repeats an episode to the bit.
+    """
+    given = options("camera", image_scale=2)
+    both, one = many(2, **given), gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given)
+    seen, alone = both.reset(seed=101)[0], one.reset(seed=102)[0]
+    copy = pickle.loads(pickle.dumps(one.unwrapped))
+    again = copy.reset(seed=102)[0]
+    copy.close()
+    assert all(np.array_equal(again[part], alone[part]) for part in ("image", "features"))
+    assert isinstance(seen, dict)
+    action = np.full((2, 2), 0.5, dtype=np.float32)
+    ages, first = [], seen["image"][0].copy()
+    for _ in range(6):
+        seen, alone = both.step(action)[0], one.step(action[1])[0]
+        assert isinstance(seen, dict)
+        ages.append(float(alone["features"][0]))
+    assert ages == pytest.approx([0.02, 0.04, 0.06, 0.08, 0.0, 0.02], abs=1e-6)
+    assert seen["image"].shape == (2, 2, 100, 240)
+    assert seen["image"].dtype == np.uint8
+    assert not np.array_equal(seen["image"][0], first)
+    assert np.abs(seen["image"][1].astype(float) - alone["image"]).mean() < 0.02  # a rounded pose turns single pixels
+    assert alone["features"] == pytest.approx(seen["features"][1], abs=1e-4)
+    knowing = one.unwrapped.core._knowing  # type: ignore[attr-defined]
+    assert isinstance(knowing, Pictured)
+    full = knowing._sensed.trailers[0].frame
+    assert full is not None
+    assert np.abs(alone["image"][0] - full.left.reshape(100, 2, 240, 2).mean(axis=(1, 3))).max() <= 0.5
+    picture = one.render()
+    assert isinstance(picture, np.ndarray)
+    assert picture.shape == (600, 1440, 3)
+    both.close()
+    one.close()
+
+
+@pytest.mark.parametrize("observation", ["estimate", "camera"])
+def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observation: str) -> None:
+    """Warnings are errors here; where only the protocol counts, the estimator is one of the tractor's signals."""
+    settings = ("off_tracking=kinematic",) if observation == "estimate" else ()
+    env = gymnasium.make(TRAILER, **options(observation, *settings))
+    check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+def test_a_spawned_process_has_cameras_of_its_own() -> None:
+    """What is made of an environment's options there is what is made of them here."""
+
+    def make() -> Any:
+        return gymnasium.make(f"scenarios.gym_env:{ROVER}", observation="camera", image_scale=4)
+
+    spawned, here = gymnasium.vector.AsyncVectorEnv([make], context="spawn"), make()
+    seen, _ = spawned.reset(seed=101)
+    spawned.close()
+    expected, _ = here.reset(seed=101)
+    assert np.array_equal(seen["image"][0], expected["image"])
+
+
+def test_an_episodes_seed_decides_its_world() -> None:
+    """Other circumstances stay those of the same seed, whatever is observed."""
+    built: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            sensed_trailer, "built_world", lambda *a: built.append(int(a[-1].integers(1000))) or _the_world(*a)
+        )
+        env = gymnasium.make(TRAILER, disable_env_checker=True, **options("camera"))
+        for seed in (101, 102, 101):
+            seen, _ = env.reset(seed=seed)
+        env.close()
+    assert built[0] == built[2] != built[1]
+    exact = gymnasium.make(TRAILER, disable_env_checker=True, **options("truth"))
+    true, _ = exact.reset(seed=101)
+    assert seen["features"][-1] == true[-1]  # the trailer's length
+
+
+def test_a_vehicle_of_a_fleet_is_looked_at_as_a_plant_looks_at_its_own() -> None:
+    """On conical ground; so far back on a plane it is the same, so far back."""
+    surface = Surface(friction=0.8, cross_fall=0.04, centre=(10.0, 20.0))
+    plant = Plant(VEHICLE, surface)
+    expected = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 40)
+    domain = Domain(load=(1.0, 1.0), length=(1.0, 1.0), actuator_lag=(1.0, 1.0))
+    fleet, nominal = Fleet(VEHICLE, 2, "auto"), Variation(VEHICLE).numbers(domain.drawn(np.zeros((1, 7))))
+    look = FleetTruth(VEHICLE, fleet)
+    for centre, cross_fall in (((10.0, 20.0), 0.04), ((np.nan, np.nan), 0.03)):
+        ground = Ground(np.array([0.8]), np.array([cross_fall]), np.array([centre]))
+        fleet.place(np.array([1]), nominal, ground, np.array([3.0]))
+        if np.isfinite(centre).all():
+            there = look.of(1, SurfaceUnder(surface, VEHICLE), 40)
+            assert there.tick == 40
+            for part in ("poses", "velocities", "bodies", "steer", "wheel_loads", "load_transfer"):
+                assert getattr(there, part) == pytest.approx(getattr(expected, part), rel=1e-9, abs=1e-9)
+    plane = SurfaceUnder(Surface(friction=0.8, cross_fall=0.03), VEHICLE)
+    here, back = look.of(1, plane, 0), look.of(1, plane, 0, back=5.0)
+    moved = here.bodies.copy()
+    moved[:, 0, 3] -= 5.0
+    assert back.bodies == pytest.approx(moved, abs=1e-12)
+
+
+def test_rover_sees_its_trace_and_estimates_its_slip() -> None:
+    """Nothing is known while there is no trace; on a side slope then its slip, within 2 deg once it is 1 m long."""
+    env = gymnasium.make(ROVER, observation="estimate", disable_env_checker=True, render_mode="rgb_array")
+    given = {"soil": "toyoura_sand", "cross_fall": 0.09, "grade": 0.0, "curvature": 0.0, "speed": 0.2}
+    seen, _ = env.reset(seed=102, options=given)
+    told, true = [seen[4]], [0.0]
+    for _ in range(50):
+        seen, *_, info = env.step(np.full(2, 0.5, dtype=np.float32))
+        told.append(seen[4])
+        true.append(info["slip_angle"])
+    assert not np.any(told[:20])
+    assert np.degrees(np.abs(true[-1])) > 3.0
+    assert np.degrees(told[-5:]) == pytest.approx(np.degrees(true[-5:]), abs=2.0)
+    picture = env.render()
+    assert isinstance(picture, np.ndarray)
+    assert picture.shape == (600, 1400, 3)
+
+
+def test_rovers_pictures_are_decided_by_the_seed() -> None:
+    """To the bit; on hard ground too, where there is no trace to see."""
+    env = gymnasium.make(ROVER, observation="camera", image_scale=4)
+    seen = []
+    for _ in range(2):
+        env.reset(seed=101, options={"soil": "none"})
+        seen.append([env.step(np.full(2, 0.5, dtype=np.float32))[0] for _ in range(2)][-1])
+    assert seen[0]["image"].shape == (1, 120, 160)
+    assert seen[0]["image"].std() > 5.0
+    assert all(np.array_equal(seen[0][part], seen[1][part]) for part in ("image", "features"))
+
+
+def test_pictures_are_reduced_by_means() -> None:
+    """Of whole squares; what is left over is cut off."""
+    image = np.arange(35, dtype=np.uint8).reshape(5, 7)
+    assert reduced(image, 2).tolist() == [[4, 6, 8], [18, 20, 22]]
+    assert reduced_shape((2, 391, 1344), 4) == (2, 97, 336)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "words"),
+    [
+        (TRAILER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
+        (ROVER, {"observation": "radar"}, "observation = 'radar' must be one of estimate, surrogate, truth, camera"),
+        (TRAILER, {"observation": "camera", "image_scale": 0}, "image_scale = 0 must be 1 .. 48"),
+        (TRAILER, {"observation": "camera", "sensing": "rover-slope"}, "rover-slope is a rover's"),
+        (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),
+        (ROVER, {"observation": "estimate", "soils": ("none",)}, "firm ground takes no trace"),
+        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=truth"}, "use observation = 'truth'"),
+        (TRAILER, {"observation": "estimate", "sensing": "rig.rate_hz=8"}, "multiple of the control step, 0.02 s"),
+    ],
+)
+def test_wrong_options_are_told_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
+    """When the environment is made."""
+    sensing = given.get("sensing", "")
+    made: str | Scenario = load_scenario("roundabout", [sensing]) if "=" in sensing else sensing
+    with pytest.raises(ValueError, match=words) as error:
+        gymnasium.make(name, **({**given, "sensing": made} if sensing else given))
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_observed_is_in_the_environments_spec() -> None:
+    """Whoever finds a result finds what it was given, the default too."""
+    for name in (TRAILER, ROVER):
+        assert gymnasium.spec(name).kwargs["observation"] == "surrogate"
+        spec = gymnasium.make(name, observation="truth").spec
+        assert spec is not None
+        assert spec.kwargs["observation"] == "truth"

@@ -1,0 +1,87 @@
+"""The adapter for stable-baselines3; without the extra there is nothing to adapt to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import scenarios.gym_env
+from scenarios.environments.moment import Moment
+
+pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
+
+from stable_baselines3.common.env_checker import check_env
+
+from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
+
+NAMES = list(scenarios.gym_env.CORES)
+
+
+def beside(moment: Moment) -> Any:
+    """An end that random steering meets within seconds."""
+    return np.abs(moment.off_tracking) > 0.03
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_its_own_checker_has_nothing_to_complain_of(name: str) -> None:
+    """Warnings are errors here."""
+    check_env(gymnasium.make(f"offtrack/{name}", disable_env_checker=True).unwrapped)
+
+
+def test_it_tells_what_the_vector_environment_does() -> None:
+    """Same seed and actions: observations, rewards and ends are equal, and infos tell of those that have ended."""
+    options: dict[str, Any] = {"endings": {"beside": beside}}
+    adapted = sb3_vector("TrailerSteering-v0", 3, reward_scale=0.5, **options)
+    plain = scenarios.gym_env.vector("TrailerSteering-v0", 3, autoreset_mode="SameStep", **options)
+    adapted.seed(7)
+    assert np.array_equal(adapted.reset(), plain.reset(seed=7)[0])
+    assert "true_rms_m" in adapted.reset_infos[2]
+    rng, ended, total, steps = np.random.default_rng(1), 0, np.zeros(3), np.zeros(3)
+    for _ in range(250):
+        actions = rng.uniform(-1.0, 1.0, (3, 2)).astype(np.float32)
+        seen, reward, done, infos = adapted.step(actions)
+        expected, rewards, terminated, truncated, info = plain.step(actions)
+        assert np.array_equal(seen, expected)
+        assert reward == pytest.approx(0.5 * rewards, rel=1e-6)
+        assert np.array_equal(done, terminated | truncated)
+        total, steps = total + rewards, steps + 1
+        for k in range(3):
+            if not done[k]:
+                assert infos[k] == {}
+                continue
+            ended += 1
+            assert np.array_equal(infos[k]["terminal_observation"], info["final_obs"][k])
+            assert infos[k]["TimeLimit.truncated"] == truncated[k]
+            assert infos[k]["outcome"] == "beside"
+            assert infos[k]["true_max_m"] == info["final_info"]["true_max_m"][k]
+            assert infos[k]["episode"]["r"] == pytest.approx(total[k])
+            assert infos[k]["episode"]["l"] == steps[k]
+        total[done], steps[done] = 0.0, 0
+    assert ended > 5
+
+
+def test_options_may_differ_from_one_to_the_other() -> None:
+    """Each has the circumstances that it was given, for one reset."""
+    env = sb3_vector("TrailerSteering-v0", 3)
+    env.set_options([{"length": 0.9}, {"length": 1.0}, {"length": 0.9}])
+    env.seed(1)
+    seen = env.reset()
+    assert isinstance(seen, np.ndarray)
+    assert seen[:, -1] == pytest.approx([12.6, 14.0, 12.6])
+    assert not np.array_equal(env.reset()[:, -1], seen[:, -1])  # type: ignore[call-overload]
+
+
+def test_it_is_one_object() -> None:
+    """Attributes and methods are those of all; some alone have none."""
+    env = sb3_vector("TrailerSteering-v0", 2, render_mode="rgb_array")
+    assert env.get_attr("num_envs") == [2, 2]
+    assert env.env_method("render")[0][0].shape == (600, 600, 3)
+    assert env.env_is_wrapped(gymnasium.Wrapper, indices=0) == [False]
+    assert len(env.get_images()) == 2
+    with pytest.raises(ValueError, match="one object"):
+        env.set_attr("num_envs", 1, indices=[0])
+    with pytest.raises(ValueError, match="SAME_STEP"):
+        Sb3VecEnv(scenarios.gym_env.vector("TrailerSteering-v0", 2))
