@@ -77,7 +77,10 @@ def next_pixel(image: NDArray[np.uint8]) -> float:
 def test_plain_cameras_see_what_pinholes_see(
     world: World, wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
 ) -> None:
-    """No imperfection, no difference: up to resampling at whole pixels, which changes nothing."""
+    """No imperfection, no difference: up to resampling at whole pixels, which changes nothing.
+
+    But the ground's level of detail is chosen for all of a view, and the wider one looks down more steeply.
+    """
     frame = on(wide, Imperfections()).sample(truth_of(0, pose))
     direct = StereoRenderer(world, RIG.calibration())
     left, right = (grey(image) for image in direct.render(pose))
@@ -85,7 +88,7 @@ def test_plain_cameras_see_what_pinholes_see(
     # [px] What is drawn at another place of the framebuffer is rasterised differently, which no one image shows.
     assert np.abs(np.median(displacement(frame.left, left), axis=0)).max() < 0.01
     assert np.abs(np.median(displacement(frame.right, right), axis=0)).max() < 0.01
-    assert difference(frame.left, left) < 0.1 * next_pixel(left)
+    assert difference(frame.left, left) < 0.2 * next_pixel(left)
 
 
 def test_undistorting_a_distorted_image_gives_the_pinholes(
