@@ -21,6 +21,7 @@ from estimators.keyframes import Keyframe, new_keyframe
 from estimators.rigid_motion import chained, rotation_vector, stretched
 from estimators.stereo_geometry import project
 from estimators.stereo_odometry import (
+    LONGEST_SPAN,
     PER_BUCKET,
     PLENTY,
     CircularOdometry,
@@ -30,6 +31,7 @@ from estimators.stereo_odometry import (
 from estimators.tracking import exposed_like
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, skew
 
 _KEYFRAMES = 9  # kept; with one, errors on bare ground are half as large again, beyond nine there is nothing to gain
@@ -38,6 +40,8 @@ _TURNED = np.radians(6.0)  # and turned against it [rad]
 _OF_NEWEST = 60  # fewer points of the newest keyframe that agree, or less than half of it, and the next is due
 _IN_VIEW = 0.8  # share of the points that could be offered; with fewer in view the next keyframe is due as well
 _AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
+_HARDEST = 8.0  # acceleration, as in full braking; shake of the body is up to half of that [m/s2]
+_DOUBTFUL = 0.03  # error of a doubtful motion that is right none the less: measured amid traffic [m]
 _CORRECTION = 0.1  # that a pose may be from where the circular odometry has it [m]
 
 
@@ -71,8 +75,18 @@ class KeyframeOdometry:
     def step(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
         """Memory with the frame in it, and the motion since the frame before; None for the first frame.
 
-        A frame without texture (dark, blinded) is lost and passed over, as ``CircularOdometry`` has it.
+        A frame without texture (dark, blinded) is lost and passed over, as ``CircularOdometry`` has it. So is one of
+        doubtful health whose motion leaps away from the last velocity: then a vehicle that hides most of the view has
+        been taken for the world, and the keyframes of the world are kept for when it is seen again.
         """
+        after, motion = self._measured(memory, frame)
+        if motion is None or memory.last is None or not _leaps(memory.last, motion):
+            return after, motion
+        hidden = motion.tick - motion.previous_tick < LONGEST_SPAN
+        return (memory if hidden else self._started(frame, memory.X_OP, memory.last)), _lost(motion)
+
+    def _measured(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
+        """The step, whatever comes of it."""
         previous, last = memory.previous, memory.last
         if previous is None:
             return self._started(frame, np.eye(4), None), None
@@ -162,6 +176,23 @@ def _health(found: Located) -> Health:
     matches = np.count_nonzero(found.tracks.found)
     doubtful = matches < PLENTY or np.count_nonzero(found.agreeing) < _AGREEING * matches
     return Health.DEGRADED if doubtful else Health.OK
+
+
+def _leaps(last: Motion, motion: Motion) -> bool:
+    """Whether a doubtful motion is farther from the one at the last velocity than any brakes could explain."""
+    if motion.health is not Health.DEGRADED:
+        return False
+    span, since = ((motion.tick - tick) * TICK for tick in (motion.previous_tick, last.tick))
+    guess = stretched(last.X_PC, (motion.tick - motion.previous_tick) / (last.tick - last.previous_tick))
+    leap = float(np.linalg.norm(motion.X_PC[:3, 3] - guess[:3, 3]))
+    return leap > _DOUBTFUL + _HARDEST * span * (since - 0.5 * span)
+
+
+def _lost(motion: Motion) -> Motion:
+    """A lost motion in place of one that is not believed."""
+    none = np.empty((0, 4), dtype=np.float32)
+    unknown = np.diag(np.full(6, np.inf))
+    return replace(motion, X_PC=np.eye(4), covariance=unknown, inliers=0, health=Health.LOST, tracks=none, anchor=None)
 
 
 def _between(own_P: FloatArray, own_C: FloatArray, X_PC: FloatArray) -> FloatArray:

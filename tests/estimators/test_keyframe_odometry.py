@@ -294,3 +294,31 @@ def test_camera_must_be_above_the_ground(calibration: StereoCalibration) -> None
     """Its height is where the first guess of the disparities comes from."""
     with pytest.raises(ValueError, match="must be positive"):
         KeyframeOdometry(replace(calibration, X_SC=np.eye(4)))
+
+
+@pytest.mark.parametrize(
+    ("health", "leap", "believed"),
+    [(Health.OK, 0.3, True), (Health.DEGRADED, 0.3, False), (Health.DEGRADED, 0.05, True)],
+)
+def test_a_doubtful_leap_is_not_believed(
+    drive, monkeypatch: pytest.MonkeyPatch, health: Health, leap: float, believed: bool
+) -> None:
+    """A vehicle that hides the view and keeps its distance looks like having stopped dead: 30 m/s2.
+
+    Such a frame is lost, and passed over: the next one is measured from the frame before it.
+    """
+    odometry = KeyframeOdometry(drive.calibration)
+    before, _ = run(odometry, drive.frames[:4])
+    after, motion = odometry.step(before, drive.frames[4])
+    assert motion is not None
+    X = motion.X_PC.copy()
+    X[2, 3] += leap
+    monkeypatch.setattr(odometry, "_measured", lambda *_: (after, replace(motion, X_PC=X, health=health)))
+    memory, told = odometry.step(before, drive.frames[4])
+    assert told is not None
+    assert (told.health is not Health.LOST) == believed
+    assert memory is (after if believed else before)
+    if not believed:
+        assert np.array_equal(told.X_PC, np.eye(4))
+        assert told.anchor is None
+        assert np.isinf(np.diag(told.covariance)).all()
