@@ -37,7 +37,7 @@ def train(
     ] = None,
     envs: Annotated[int, typer.Option(min=1, help="Environments that are stepped together.")] = 512,
     seed: Annotated[int, typer.Option(min=0, help="Of networks, noise and episodes.")] = 1,
-    episodes: Annotated[int, typer.Option(min=1, help="Of every condition of the comparison in the end.")] = 16,
+    episodes: Annotated[int, typer.Option(min=1, help="Of every condition of the comparison in the end.")] = 4,
     threads: Annotated[int | None, typer.Option(min=1, help="Of the learner.", show_default="one per core")] = None,
     out: Annotated[
         Path | None,
