@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,8 @@ class ReferenceMemory(NamedTuple):
 
 class ReferenceOffTracking:
     """The off-tracking that the poses of a reference unit show; its own errors are not modelled in ``std``."""
+
+    reads_poses: ClassVar[bool] = True  # of a unit on the trailer, not what cameras see
 
     def __init__(self, follow_distance: float) -> None:
         """For a follow point ``follow_distance`` [m] behind the hitch.

@@ -30,6 +30,7 @@ ODOMETRY: Final = {
 }
 OFF_TRACKING: Final = {
     "truth": "estimators.reference:ReferenceOffTracking",
+    "surrogate": "scenarios.environments.surrogate_estimator:SurrogateOffTracking",
     "kinematic": "estimators.kinematic:KinematicOffTracking",
     "viso_ot": "estimators.viso_ot:VisoOt",
     "ground_watching": "estimators.ground_watching:GroundWatching",

@@ -94,7 +94,7 @@ def opened_sensing(
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
     watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
     reads = getattr(estimator, "reads_signals", False)  # of the combination, and needs to know this
-    sees = scenario.off_tracking != "truth" and not reads
+    sees = not (reads or getattr(estimator, "reads_poses", False))
     settings = scenario.viso_ot.model_dump() if getattr(estimator, "buffer_options", False) else {}
     if not settings and scenario.viso_ot != VisoOtOptions():
         raise ValueError(f"viso_ot: off_tracking = {scenario.off_tracking} has none of these options, viso_ot has")
@@ -123,7 +123,9 @@ def opened_sensing(
         return Sensing(sensor=heard, schedule=_SIGNALS, source=source, cameras=cameras, sees=False)
     if cameras is None or not sees:
         sensor = _with_faults(ExactPose(unit), scenario, seed, vehicle, unit, None)
-        source = estimator(trailer.follow_distance)
+        drawing = getattr(estimator, "random", False)  # errors of its own
+        own_errors = [stream(seed, f"surrogate{_own(vehicle, unit)}")] if drawing else []
+        source = estimator(trailer.follow_distance, *own_errors)
         return Sensing(sensor=sensor, schedule=schedule, source=source, cameras=cameras, sees=False)
     arguments = [cameras.calibration, trailer.follow_distance]
     if not watches_ground:

@@ -66,6 +66,14 @@ def load_surrogate(path: Path | None = None) -> SurrogateParameters:
     return SurrogateParameters(**plain)
 
 
+def drifted(
+    parameters: SurrogateParameters, interval: float, drift: FloatArray | float, normal: FloatArray | float
+) -> FloatArray | float:
+    """What has become of a drift [m] after an interval [s]: Gauss and Markov's, with a standard normal number."""
+    keep = math.exp(-interval / parameters.drift_time)
+    return keep * drift + math.sqrt(1.0 - keep**2) * parameters.drift * normal
+
+
 class Estimate(NamedTuple):
     """What n controllers know of their off-tracking; with ``truth``, what is so."""
 
@@ -97,8 +105,7 @@ class Surrogate:
         self._lost = np.zeros(n, dtype=bool)
         self._noise = np.zeros((n, _FRAMES, 6), dtype=np.float32)
         self._pending, self._known = _nothing(n), _nothing(n)
-        frame = self._period * self._step
-        self._keep = math.exp(-frame / parameters.drift_time)
+        frame = self._frame = self._period * self._step
         self._losing = min(1.0, frame * parameters.loss_rate)
         self._finding = min(1.0, frame / parameters.loss_duration)
 
@@ -139,8 +146,7 @@ class Surrogate:
             self._deliver(lanes[self._steps[lanes] > 0])
         p, scale = self._parameters, self._scale[lanes]
         noise = self._noise[lanes, self._steps[lanes] // self._period % _FRAMES]
-        self._drift[lanes] *= self._keep
-        self._drift[lanes] += math.sqrt(1.0 - self._keep**2) * p.drift * noise[:, 0]
+        self._drift[lanes] = drifted(p, self._frame, self._drift[lanes], noise[:, 0].astype(np.float64))
         error = scale * (self._bias[lanes] + self._drift[lanes] + p.noise * noise[:, 1])
         pending, follow = self._pending, self._follow[lanes]
         pending.offset[lanes] = truth.offset[lanes] + error

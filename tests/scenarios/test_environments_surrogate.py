@@ -8,8 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimators.estimates import Health, OffTracking
 from scenarios.environments.fitting import RunErrors, fitted, run_errors, surrogate_toml
 from scenarios.environments.surrogate import Estimate, Surrogate, SurrogateParameters, load_surrogate
+from scenarios.environments.surrogate_estimator import SurrogateOffTracking
+from sensors.messages import BodyPose
 from vehicle.frames import FloatArray
 
 PERFECT = SurrogateParameters(
@@ -155,3 +158,54 @@ def test_latencies_beyond_a_frame_are_refused() -> None:
     """One frame is on its way at a time."""
     with pytest.raises(ValueError, match="latency = 120"):
         Surrogate(PERFECT, 1, step=20, period=100, latency=120)
+
+
+def poses(n: int) -> list[BodyPose]:
+    """A trailer that goes straight ahead by half a metre every 0.1 s."""
+    found = []
+    for k in range(n):
+        X_WB = np.eye(4)
+        X_WB[0, 3] = 0.5 * k
+        found.append(BodyPose(tick=100 * k, X_WB=X_WB))
+    return found
+
+
+def run_of(parameters: SurrogateParameters, seed: int, n: int) -> list[OffTracking]:
+    """What the scenarios' form of it says once 10 m of path lie behind the hitch."""
+    source = SurrogateOffTracking(10.0, np.random.default_rng(seed), parameters)
+    memory, found = source.init(), []
+    for pose in poses(n + 21):
+        memory, estimate = source.step(memory, pose)
+        if estimate is not None and pose.tick >= 2100:
+            found.append(estimate)
+    return found
+
+
+def test_in_a_scenario_its_errors_are_the_same() -> None:
+    """Bias, drift and noise of 40 runs as large as those of the environments' form; correlated as they are."""
+    for part in ("bias", "drift", "noise"):
+        parameters = replace(PERFECT, **{part: 0.02})
+        single = np.array([[one.value for one in run_of(parameters, seed, 60)] for seed in range(40)]).T
+        many = errors(parameters, 60)
+        assert single.std() == pytest.approx(many.std(), rel=0.25)  # a bias: 40 numbers
+        for lag in (1, 20):
+            alone, together = (float(np.mean(each[lag:] * each[:-lag]) / np.mean(each**2)) for each in (single, many))
+            assert alone == pytest.approx(together, abs=0.12)
+
+
+def test_in_a_scenario_the_path_and_the_value_belong_together() -> None:
+    """The path that is told passes the follow point where the value says; its tangent is turned as the path is."""
+    estimate = run_of(replace(PERFECT, bias=0.1, velocity_noise=0.01), 3, 5)[-1]
+    assert abs(estimate.value) > 0.01
+    assert np.interp(10.0, -estimate.path[:, 0], estimate.path[:, 1]) == pytest.approx(estimate.value)
+    assert estimate.path_tangent == pytest.approx(-estimate.value / 10.0)
+    assert estimate.std == pytest.approx(0.1)
+    assert estimate.v_x != 5.0
+
+
+def test_in_a_scenario_health_is_lost_as_often() -> None:
+    """A fifth of the time; there is no value then, and an infinite deviation."""
+    told = run_of(replace(PERFECT, loss_rate=0.5, loss_duration=0.5), 3, 600)
+    lost = [one for one in told if one.health is Health.LOST]
+    assert len(lost) / len(told) == pytest.approx(0.2, abs=0.06)
+    assert all(one.value == 0.0 and np.isinf(one.std) for one in lost)

@@ -1,0 +1,92 @@
+"""The surrogate of an estimator as a scenario's ``off_tracking``: what a law meets in the fast environments, in a run.
+
+It tells how much of a policy's camera run is the camera's doing: the same run with the errors that it was trained with.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, OffTracking
+from estimators.reference import ReferenceMemory, ReferenceOffTracking
+from scenarios.environments.surrogate import SurrogateParameters, drifted, load_surrogate
+from sensors.messages import BodyPose
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_FRAMES = 4096  # of random numbers: several minutes; a longer run meets them again
+
+
+class SurrogateMemory(NamedTuple):
+    """What the next pose meets."""
+
+    reference: ReferenceMemory
+    frames: int  # that there were
+    drift: float  # [m]
+    lost: bool
+
+
+class SurrogateOffTracking:
+    """Off-tracking from exact poses, with the errors and losses of ``surrogate.SurrogateParameters`` on it."""
+
+    reads_poses: ClassVar[bool] = True
+    random: ClassVar[bool] = True
+
+    def __init__(
+        self, follow_distance: float, rng: np.random.Generator, parameters: SurrogateParameters | None = None
+    ) -> None:
+        """For a follow point ``follow_distance`` [m] behind the hitch; the shipped parameters unless others are told.
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive.
+        """
+        self._parameters = load_surrogate() if parameters is None else parameters
+        self._exact = ReferenceOffTracking(follow_distance)
+        self._follow_distance = follow_distance
+        self._bias, self._first_drift = rng.standard_normal(2) * [self._parameters.bias, self._parameters.drift]
+        self._normal = rng.standard_normal((_FRAMES, 5))
+        self._chance = rng.random(_FRAMES)
+
+    def init(self) -> SurrogateMemory:
+        """Memory before the first pose."""
+        return SurrogateMemory(self._exact.init(), 0, float(self._first_drift), False)
+
+    def step(self, memory: SurrogateMemory, pose: BodyPose) -> tuple[SurrogateMemory, OffTracking | None]:
+        """Memory with the pose in it, and the off-tracking at its tick; None for the first pose."""
+        before = memory.reference.previous
+        reference, exact = self._exact.step(memory.reference, pose)
+        if before is None or exact is None:
+            return memory._replace(reference=reference), exact
+        p, k = self._parameters, memory.frames % _FRAMES
+        interval = (pose.tick - before.tick) * TICK
+        drift = float(drifted(p, interval, memory.drift, self._normal[k, 0]))
+        turning = interval / p.loss_duration if memory.lost else interval * p.loss_rate
+        lost = memory.lost ^ bool(self._chance[k] < turning)
+        after = SurrogateMemory(reference, memory.frames + 1, drift, lost)
+        if exact.health is Health.LOST:
+            return after, exact
+        if lost:
+            return after, replace(exact, value=0.0, std=math.inf, health=Health.LOST)
+        error = float(self._bias) + drift + p.noise * float(self._normal[k, 1])
+        return after, self._erring(exact, error, self._normal[k, 2:])
+
+    def _erring(self, exact: OffTracking, error: float, normal: FloatArray) -> OffTracking:
+        """The estimate with an error that grows from none at the hitch to this at the follow point [m]."""
+        p = self._parameters
+        back = exact.path[:, 0] / -self._follow_distance
+        v_x, v_y = p.velocity_noise * normal[:2]
+        return replace(
+            exact,
+            value=exact.value + error,
+            std=math.sqrt(p.bias**2 + p.drift**2 + p.noise**2),
+            path=exact.path + np.column_stack([np.zeros(len(back)), error * back]),
+            hitch_direction=exact.hitch_direction - error / self._follow_distance,
+            path_tangent=exact.path_tangent - error / self._follow_distance,
+            v_x=exact.v_x + float(v_x),
+            v_y=exact.v_y + float(v_y),
+            yaw_rate=exact.yaw_rate + p.yaw_rate_noise * float(normal[2]),
+        )
