@@ -22,7 +22,7 @@ def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            help="reina2008-table2, -table3, -fig6, -fig8; desaxe2018-fig6 to -fig9, -fig13 to -fig16; or all."
+            help="all, reina2008-table2, -table3, -table3-plus, -fig6, -fig8, desaxe2018-fig6 … -fig16."
         ),
     ],
     quick: Annotated[

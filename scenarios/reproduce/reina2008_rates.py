@@ -6,158 +6,68 @@ and planetary rovers", ICRA 2008. What the rates count is said in ``trace_statis
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimators.estimates import SlipAngle
-from estimators.wheel_trace.ftrace import FTrace
 from scenarios.drawing import ESTIMATED, GREY, TRUE
-from scenarios.log import Log, Signal
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
-from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
-from sensors.sand.rig import nominal_rig
-from sensors.sand.rover_pass import SlipProfile
-from sensors.sand.sequence import labelled_sequence
-from sensors.sand.trace import TraceTruth
-from vehicle.rover.description import load_rover
-from vehicle.terrain import Terrain
+from scenarios.reproduce.trace_sets import (
+    HARD,
+    NOTES,
+    PLAIN,
+    SLOPE,
+    TraceSet,
+    judge,
+    log_of,
+    statistics_of,
+    unfinished,
+)
+from scenarios.reproduce.trace_statistics import TraceStatistics
 
 SOURCE: Final = "Reina et al., ICRA 2008"
-_PLAIN: Final = ("uniform", "ripples", "pebbles")  # Fig. 2 a to c
-_HARD: Final = ("shadows", "mast_shadows", "foreign")  # Fig. 2 d to f
-_BARE: Final = 0.25  # share of the way whose crust takes no imprint: the images without a trace; assumed
 _SEEDS: Final = (61, 62, 63, 64)  # none of them was looked at when FTrace's breakpoints were chosen
 _SEEDS_A: Final = (66, 67)  # the same; longer sequences, as each begins on a crust that takes no trace
 _LENGTH: Final = 288  # images of one sequence of set B: 58 s, as long as Fig. 8 is from its onset of slip
-_QUICK: Final = 120  # images of a sequence, of which there is one for each kind
-_SLOPE: Final = math.tan(math.radians(5.0))  # of set B's ground, across the way (Reina 2008, section III)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TraceSet:
-    """Sequences that are counted together."""
-
-    name: str
-    kinds: Sequence[str]
-    seeds: Sequence[int]
-    frames: int  # of each sequence
-    profile: SlipProfile
-    slope: float
-    published: tuple[str, str, str]  # false positives, false negatives, misidentified [%]
-
-    @property
-    def size(self) -> int:
-        """Images in all."""
-        return len(self.kinds) * len(self.seeds) * self.frames
-
 
 SETS: Final = (
-    TraceSet(
-        name="A", kinds=_PLAIN, seeds=_SEEDS_A, frames=260, profile="none", slope=0.0, published=("0.0", "1.5", "0.0")
-    ),
-    TraceSet(
-        name="B",
-        kinds=_PLAIN,
-        seeds=_SEEDS,
-        frames=_LENGTH,
-        profile="slow",
-        slope=_SLOPE,
-        published=("0.8", "2.7", "1.7"),
-    ),
+    TraceSet(name="A", kinds=PLAIN, seeds=_SEEDS_A, frames=260, profile="none", slope=0.0),
+    TraceSet(name="B", kinds=PLAIN, seeds=_SEEDS, frames=_LENGTH, profile="slow", slope=SLOPE),
 )
 BESIDE: Final = tuple(
-    TraceSet(
-        name=kind, kinds=(kind,), seeds=_SEEDS[:2], frames=_LENGTH, profile="slow", slope=_SLOPE, published=("", "", "")
-    )
-    for kind in _HARD
+    TraceSet(name=kind, kinds=(kind,), seeds=_SEEDS[:2], frames=_LENGTH, profile="slow", slope=SLOPE) for kind in HARD
+)
+_FRAMES: Final = {"A": "1560", "B": "3456"}
+# False positives, false negatives, misidentified [%].
+_PUBLISHED: Final[Mapping[str, tuple[str, str, str]]] = {"A": ("0.0", "1.5", "0.0"), "B": ("0.8", "2.7", "1.7")}
+_NOTHING: Final = ("", "", "")
+_NOTE: Final = (
+    "Sets A and B have the paper's numbers of images, over sand of Fig. 2 a to c; A is flat and without slip, B on a "
+    "slope of 5 degrees with a slip as slow as in Fig. 8. A quarter of the way is crust that takes no imprint. The "
+    "sets of Fig. 2 d to f are beside them; the paper does not say how its images were shared out."
 )
 
 
 def table3(quick: bool, progress: Progress) -> Reproduction:
     """FTrace on 5016 images of sets A and B, and beside them on the light and the imprints that are hard for it."""
-    sets = [_shortened(one) if quick else one for one in (*SETS, *BESIDE)]
-    total = sum(one.size for one in sets)
-    rows: list[list[float]] = []
-    results: list[tuple[TraceSet, TraceStatistics]] = []
-    done = 0
-    for number, one in enumerate(sets):
-        judgements: list[Judgement] = []
-        for kind, seed in _sequences(one):
-            progress(done, total, f"set {one.name}, {kind}, seed {seed}")
-            found = _judged(one, kind, seed)
-            rows += [[number, (*_PLAIN, *_HARD).index(kind), seed, k, *row] for k, row in enumerate(_rows(found))]
-            judgements += found
-            done += one.frames
-        results.append((one, statistics(judgements)))
-    progress(total, total, "")
+    sets = [one.shortened() if quick else one for one in (*SETS, *BESIDE)]
+    got = judge(sets, "ftrace", progress)
+    results = [(one, statistics_of(k, got)) for k, one in enumerate(sets)]
+    missing = unfinished(sets, got)
     return Reproduction(
         name="reina2008-table3",
         title="Table III: rates of the FTrace system",
         source=SOURCE,
-        comparisons=[line for one, got in results for line in _comparisons(one, got)],
-        notes=_NOTES,
-        data=Log(_SIGNALS, np.array(rows)),
+        comparisons=[line for one, numbers in results for line in _comparisons(one, numbers)],
+        notes=(*NOTES, _NOTE, *missing),
+        interrupted=bool(missing),
+        data=log_of(got),
         draw=lambda: _drawn(results),
     )
-
-
-_NOTES: Final = (
-    "An image is with a trace if the wheel's own imprint covers 80 % or more of the visible length behind the wheel, "
-    "without if 10 % or less; between, it counts for nothing.",
-    "False positives in percent of the images without, false negatives and misidentified in percent of those with a "
-    "trace. Misidentified: the line is on average more than half a wheel's width off the middle of the rut.",
-    "Sets A and B have the paper's numbers of images, over sand of Fig. 2 a to c; A is flat and without slip, B on a "
-    "slope of 5 degrees with a slip as slow as in Fig. 8. A quarter of the way is crust that takes no imprint. The "
-    "sets of Fig. 2 d to f are beside them; the paper does not say how its images were shared out.",
-)
-_SIGNALS: Final = (
-    Signal("set", "-", "0: A, 1: B, then the sets beside them"),
-    Signal("kind", "-", "of sand: 0 uniform, 1 ripples, 2 pebbles, 3 shadows, 4 mast_shadows, 5 foreign"),
-    Signal("seed", "-", "of the sequence"),
-    Signal("frame", "-", "in the sequence"),
-    Signal("present", "-", "1: with a trace, 0: without, nothing: it begins or ends"),
-    Signal("detected", "-", "1: a trace was reported"),
-    Signal("misplaced", "-", "1: the reported line lies off the rut"),
-    Signal("error", "rad", "estimated less true slip angle"),
-)
-
-
-def _rows(judgements: Sequence[Judgement]) -> Iterator[list[float]]:
-    for one in judgements:
-        yield [math.nan if one.present is None else one.present, one.detected, one.misplaced, one.error]
-
-
-def _shortened(one: TraceSet) -> TraceSet:
-    return dataclasses.replace(one, seeds=one.seeds[:1], frames=_QUICK)
-
-
-def _sequences(one: TraceSet) -> Iterator[tuple[str, int]]:
-    return ((kind, seed) for kind in one.kinds for seed in one.seeds)
-
-
-def _judged(one: TraceSet, kind: str, seed: int) -> list[Judgement]:
-    """FTrace on one sequence."""
-    rover = load_rover("el_dorado_ii")
-    rig = nominal_rig(rover)
-    ftrace = FTrace(rig)
-    memory = ftrace.init()
-    estimates: list[SlipAngle] = []
-    truths: list[TraceTruth] = []
-    terrain = Terrain(slope_y=one.slope)
-    for view, _, trace in labelled_sequence(
-        kind, seed=seed, frames=one.frames, rover=rover, profile=one.profile, bare=_BARE, terrain=terrain
-    ):
-        memory, estimate = ftrace.step(memory, view)
-        estimates.append(estimate)
-        truths.append(trace)
-    return judged(estimates, truths, rig)
 
 
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
@@ -168,16 +78,13 @@ def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
     ]
     lines += [
         Comparison(quantity=f"set {one.name}: {name}", published=published, own=rate, unit="%")
-        for name, published, rate in zip(names, one.published, rates, strict=True)
+        for name, published, rate in zip(names, _PUBLISHED.get(one.name, _NOTHING), rates, strict=True)
     ]
     published_rms = "< 2" if one.name in _FRAMES else ""
     slip = Comparison(
         quantity=f"set {one.name}: slip angle RMS", published=published_rms, own=math.degrees(got.rms), unit="deg"
     )
     return [*lines, slip]
-
-
-_FRAMES: Final = {"A": "1560", "B": "3456"}
 
 
 def _drawn(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
@@ -191,7 +98,7 @@ def _drawn(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
 def _bars(ax: Axes, name: str, results: Sequence[tuple[TraceSet, TraceStatistics]]) -> None:
     """One rate of every set, published beside own."""
     column = ("false_positives", "false_negatives", "misidentified").index(name)
-    published = [float(one.published[column]) if one.published[column] else math.nan for one, _ in results]
+    published = [float(_PUBLISHED[one.name][column]) if one.name in _PUBLISHED else math.nan for one, _ in results]
     x = np.arange(len(results))
     ax.bar(x - 0.2, published, 0.38, color=GREY, label="published")
     ax.bar(x + 0.2, [getattr(got, name) for _, got in results], 0.38, color=ESTIMATED, label="own")

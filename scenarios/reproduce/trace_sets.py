@@ -1,0 +1,162 @@
+"""Sets of image sequences that slip estimators are judged on, and their judgement in several processes."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import SlipAngle
+from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.log import Log, Signal
+from scenarios.reproduce.figure import Progress
+from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
+from scenarios.studies.pool import default_jobs, workers
+from sensors.sand.rig import nominal_rig
+from sensors.sand.rover_pass import SlipProfile
+from sensors.sand.sequence import labelled_sequence
+from sensors.sand.trace import TraceTruth
+from vehicle.rover.description import load_rover
+from vehicle.terrain import Terrain
+
+PLAIN: Final = ("uniform", "ripples", "pebbles")  # Fig. 2 a to c
+HARD: Final = ("shadows", "mast_shadows", "foreign")  # Fig. 2 d to f
+SLOPE: Final = math.tan(math.radians(5.0))  # of set B's ground, across the way (Reina 2008, section III)
+_BARE: Final = 0.25  # share of the way whose crust takes no imprint: the images without a trace; assumed
+_QUICK: Final = 120  # images of a sequence, of which there is one for each kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TraceSet:
+    """Sequences that are counted together."""
+
+    name: str
+    kinds: Sequence[str]
+    seeds: Sequence[int]
+    frames: int  # of each sequence
+    profile: SlipProfile
+    slope: float
+
+    @property
+    def size(self) -> int:
+        """Images in all."""
+        return len(self.kinds) * len(self.seeds) * self.frames
+
+    def shortened(self) -> TraceSet:
+        """For a first look."""
+        return dataclasses.replace(self, seeds=self.seeds[:1], frames=_QUICK)
+
+
+class Crossing(NamedTuple):
+    """One sequence of one of the sets."""
+
+    trace_set: int  # its number
+    kind: str
+    seed: int
+
+
+SIGNALS: Final = (
+    Signal("set", "-", "its number, in the order of the table"),
+    Signal("kind", "-", "of sand: 0 uniform, 1 ripples, 2 pebbles, 3 shadows, 4 mast_shadows, 5 foreign"),
+    Signal("seed", "-", "of the sequence"),
+    Signal("frame", "-", "in the sequence"),
+    Signal("present", "-", "1: with a trace, 0: without, nothing: it begins or ends"),
+    Signal("detected", "-", "1: a trace was reported"),
+    Signal("misplaced", "-", "1: the reported line lies off the rut"),
+    Signal("error", "rad", "estimated less true slip angle"),
+    Signal("sigmas", "-", "the same over the stated standard deviation"),
+    Signal("lagged_error", "rad", "of the later estimate of an earlier moment, less the true slip angle then"),
+)
+NOTES: Final = (
+    "An image is with a trace if the wheel's own imprint covers 80 % or more of the visible length behind the wheel, "
+    "without if 10 % or less; between, it counts for nothing.",
+    "False positives in percent of the images without, false negatives and misidentified in percent of those with a "
+    "trace. Misidentified: the line is on average more than half a wheel's width off the middle of the rut.",
+)
+
+
+Judged = Mapping[Crossing, Sequence[Judgement]]
+
+
+def crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
+    """All sequences of the sets, in their order."""
+    return [Crossing(k, kind, seed) for k, one in enumerate(sets) for kind in one.kinds for seed in one.seeds]
+
+
+def judge(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judged:
+    """What a slip estimator makes of every sequence, in several processes if there are several cores.
+
+    An interrupt ends it early and keeps the sequences that are finished, if there are any.
+
+    Raises:
+        KeyboardInterrupt: if none is finished.
+        ValueError: one line, if there is no such estimator.
+    """
+    resolve("slip_estimator", estimator, SLIP_ESTIMATOR)
+    wanted = crossings(sets)
+    done, total = 0, sum(one.size for one in sets)
+    found: dict[Crossing, list[Judgement]] = {}
+    jobs = min(default_jobs(), len(wanted))
+    progress(0, total, f"{len(wanted)} sequences, {jobs} at a time")
+    try:
+        with workers(jobs) as pool:
+            at_work = {pool.submit(_judged, sets[one.trace_set], one, estimator): one for one in wanted}
+            for future in as_completed(at_work):
+                one = at_work[future]
+                found[one] = future.result()
+                done += len(found[one])
+                progress(done, total, f"set {sets[one.trace_set].name}, {one.kind}, seed {one.seed}")
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    return {one: found[one] for one in wanted if one in found}
+
+
+def unfinished(sets: Sequence[TraceSet], got: Judged) -> tuple[str, ...]:
+    """A note if an interrupt has left some out."""
+    of = len(crossings(sets))
+    return () if len(got) == of else (f"Interrupted: {len(got)} of {of} sequences are finished, and only they count.",)
+
+
+def statistics_of(number: int, got: Judged) -> TraceStatistics:
+    """Rates and errors over one of the sets."""
+    return statistics(each for one, judgements in got.items() if one.trace_set == number for each in judgements)
+
+
+def log_of(got: Judged) -> Log:
+    """Every image as ``SIGNALS`` lists it."""
+    return Log(SIGNALS, np.array([row for one, judgements in got.items() for row in _rows(one, judgements)]))
+
+
+def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float]]:
+    kind = (*PLAIN, *HARD).index(one.kind)
+    for k, (present, *numbers) in enumerate(judgements):
+        yield [one.trace_set, kind, one.seed, k, math.nan if present is None else present, *numbers]
+
+
+def _judged(of: TraceSet, one: Crossing, estimator: str) -> list[Judgement]:
+    """The estimator on one sequence."""
+    rover = load_rover("el_dorado_ii")
+    rig = nominal_rig(rover)
+    tracker = resolve("slip_estimator", estimator, SLIP_ESTIMATOR)(rig)
+    memory = tracker.init()
+    estimates: list[SlipAngle] = []
+    truths: list[TraceTruth] = []
+    for view, _, trace in labelled_sequence(
+        one.kind,
+        seed=one.seed,
+        frames=of.frames,
+        rover=rover,
+        profile=of.profile,
+        bare=_BARE,
+        terrain=Terrain(slope_y=of.slope),
+    ):
+        memory, estimate = tracker.step(memory, view)
+        estimates.append(estimate)
+        truths.append(trace)
+    return judged(estimates, truths, rig)
