@@ -6,6 +6,7 @@ import math
 from typing import Final, Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from vehicle.clock import TICK
 from vehicle.description import Vehicle
@@ -36,7 +37,8 @@ class Referee:
         """``road`` is its centre line, (n, 2) [m] with points no further apart than the road is wide."""
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
-        self._road, self._half_width = road, road_half_width
+        self._road = None if road is None else KDTree(road)
+        self._half_width = road_half_width
 
     def init(self) -> int | None:
         """Memory at the start: the tick from which on one side of a unit has been in the air, None if none is."""
@@ -59,5 +61,5 @@ class Referee:
         x, y, psi = truth.poses[0].tolist()
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        distance = np.hypot(*(wheels[:, None] - self._road).transpose(2, 0, 1)).min(axis=1)
+        distance, _ = self._road.query(wheels)
         return bool(np.any(distance > self._half_width))
