@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 from itertools import pairwise, takewhile
 from typing import Any, Final
@@ -31,7 +30,7 @@ from scenarios.reference import reference_off_tracking
 from scenarios.reproduce.figure import Progress
 from scenarios.run_log import Estimate, run_log
 from scenarios.scenario import load_scenario
-from scenarios.studies.pool import default_jobs, workers
+from scenarios.studies.pool import as_finished, default_jobs
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
@@ -232,16 +231,14 @@ def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
 def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> None:
     """Drives all cases and keeps each as soon as it is finished; told after each."""
     progress(0, 100 * len(cases), f"{len(cases)} drives in {jobs} processes")
-    with workers(jobs) as pool:
-        at_work = {pool.submit(drive, case, _untold): case for case in cases}
-        for k, future in enumerate(as_completed(at_work), start=1):
-            case = at_work[future]
-            _DRIVEN[case] = future.result()
-            progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
+    for k, (case, found) in enumerate(as_finished(_untold, cases, jobs=jobs), start=1):
+        _DRIVEN[case] = found
+        progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
 
 
-def _untold(share: float) -> None:
-    """Nobody watches a worker."""
+def _untold(case: Case) -> Drive:
+    """A drive in a worker, which nobody watches."""
+    return drive(case, lambda share: None)
 
 
 def _told(progress: Progress, k: int, of: int, case: Case) -> Callable[[float], None]:

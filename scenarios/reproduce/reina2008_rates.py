@@ -16,20 +16,9 @@ from matplotlib.figure import Figure
 
 from scenarios.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
-from scenarios.reproduce.trace_sets import (
-    HARD,
-    NOTES,
-    PLAIN,
-    SLOPE,
-    TraceSet,
-    judge,
-    log_of,
-    statistics_of,
-    unfinished,
-)
+from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import TraceStatistics
 
-SOURCE: Final = "Reina et al., ICRA 2008"
 _SEEDS: Final = (61, 62, 63, 64)  # none of them was looked at when FTrace's breakpoints were chosen
 _SEEDS_A: Final = (66, 67)  # the same; longer sequences, as each begins on a crust that takes no trace
 _LENGTH: Final = 288  # images of one sequence of set B: 58 s, as long as Fig. 8 is from its onset of slip
@@ -54,20 +43,16 @@ _NOTE: Final = (
 
 def table3(quick: bool, progress: Progress) -> Reproduction:
     """FTrace on 5016 images of sets A and B, and beside them on the light and the imprints that are hard for it."""
-    sets = [one.shortened() if quick else one for one in (*SETS, *BESIDE)]
-    got = judge(sets, "ftrace", progress)
-    results = [(one, statistics_of(k, got)) for k, one in enumerate(sets)]
-    missing = unfinished(sets, got)
-    return Reproduction(
+    table = Table(
         name="reina2008-table3",
         title="Table III: rates of the FTrace system",
-        source=SOURCE,
-        comparisons=[line for one, numbers in results for line in _comparisons(one, numbers)],
-        notes=(*NOTES, _NOTE, *missing),
-        interrupted=bool(missing),
-        data=log_of(got),
-        draw=lambda: _drawn(results),
+        note=_NOTE,
+        estimator="ftrace",
+        sets=(*SETS, *BESIDE),
+        compared=_comparisons,
+        drawn=_drawn,
     )
+    return table.made(quick, progress)
 
 
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:

@@ -15,18 +15,7 @@ from matplotlib.figure import Figure
 
 from scenarios.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
-from scenarios.reproduce.reina2008_rates import SOURCE
-from scenarios.reproduce.trace_sets import (
-    HARD,
-    NOTES,
-    PLAIN,
-    SLOPE,
-    TraceSet,
-    judge,
-    log_of,
-    statistics_of,
-    unfinished,
-)
+from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics
 from sensors.sand.rover_pass import SlipProfile
 
@@ -48,20 +37,16 @@ _NOTE: Final = (
 
 def table3_plus(quick: bool, progress: Progress) -> Reproduction:
     """Rates and errors of ``ftrace_plus`` on six kinds of sand, with slip that changes slowly and fast."""
-    sets = [one.shortened() if quick else one for one in SETS]
-    got = judge(sets, "ftrace_plus", progress)
-    results = [(one, statistics_of(k, got)) for k, one in enumerate(sets)]
-    missing = unfinished(sets, got)
-    return Reproduction(
+    table = Table(
         name="reina2008-table3-plus",
         title="Table III with ftrace_plus, on all kinds of sand of Fig. 2",
-        source=SOURCE,
-        comparisons=[line for one, numbers in results for line in _comparisons(one, numbers)],
-        notes=(*NOTES, _NOTE, *missing),
-        interrupted=bool(missing),
-        data=log_of(got),
-        draw=lambda: _drawn(results),
+        note=_NOTE,
+        estimator="ftrace_plus",
+        sets=SETS,
+        compared=_comparisons,
+        drawn=_drawn,
     )
+    return table.made(quick, progress)
 
 
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from estimators.estimates import SlipAngle
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
 from scenarios.log import Log, Signal
-from scenarios.reproduce.figure import Progress
+from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
-from scenarios.studies.pool import default_jobs, workers
+from scenarios.studies.pool import as_finished, default_jobs
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import SlipProfile
 from sensors.sand.sequence import labelled_sequence
@@ -24,6 +25,7 @@ from sensors.sand.trace import TraceTruth
 from vehicle.rover.description import load_rover
 from vehicle.terrain import Terrain
 
+SOURCE: Final = "Reina et al., ICRA 2008"
 PLAIN: Final = ("uniform", "ripples", "pebbles")  # Fig. 2 a to c
 HARD: Final = ("shadows", "mast_shadows", "foreign")  # Fig. 2 d to f
 SLOPE: Final = math.tan(math.radians(5.0))  # of set B's ground, across the way (Reina 2008, section III)
@@ -60,7 +62,7 @@ class Crossing(NamedTuple):
     seed: int
 
 
-SIGNALS: Final = (
+_SIGNALS: Final = (
     Signal("set", "-", "its number, in the order of the table"),
     Signal("kind", "-", "of sand: 0 uniform, 1 ripples, 2 pebbles, 3 shadows, 4 mast_shadows, 5 foreign"),
     Signal("seed", "-", "of the sequence"),
@@ -72,7 +74,7 @@ SIGNALS: Final = (
     Signal("sigmas", "-", "the same over the stated standard deviation"),
     Signal("lagged_error", "rad", "of the later estimate of an earlier moment, less the true slip angle then"),
 )
-NOTES: Final = (
+_NOTES: Final = (
     "An image is with a trace if the wheel's own imprint covers 80 % or more of the visible length behind the wheel, "
     "without if 10 % or less; between, it counts for nothing.",
     "False positives in percent of the images without, false negatives and misidentified in percent of those with a "
@@ -83,7 +85,7 @@ NOTES: Final = (
 Judged = Mapping[Crossing, Sequence[Judgement]]
 
 
-def crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
+def _crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
     """All sequences of the sets, in their order."""
     return [Crossing(k, kind, seed) for k, one in enumerate(sets) for kind in one.kinds for seed in one.seeds]
 
@@ -98,39 +100,62 @@ def judge(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judge
         ValueError: one line, if there is no such estimator.
     """
     resolve("slip_estimator", estimator, SLIP_ESTIMATOR)
-    wanted = crossings(sets)
+    wanted = _crossings(sets)
     done, total = 0, sum(one.size for one in sets)
     found: dict[Crossing, list[Judgement]] = {}
     jobs = min(default_jobs(), len(wanted))
     progress(0, total, f"{len(wanted)} sequences, {jobs} at a time")
+    work = partial(_judged, tuple(sets), estimator)
     try:
-        with workers(jobs) as pool:
-            at_work = {pool.submit(_judged, sets[one.trace_set], one, estimator): one for one in wanted}
-            for future in as_completed(at_work):
-                one = at_work[future]
-                found[one] = future.result()
-                done += len(found[one])
-                progress(done, total, f"set {sets[one.trace_set].name}, {one.kind}, seed {one.seed}")
+        for one, judgements in as_finished(work, wanted, jobs=jobs):
+            found[one] = judgements
+            done += len(judgements)
+            progress(done, total, f"set {sets[one.trace_set].name}, {one.kind}, seed {one.seed}")
     except KeyboardInterrupt:
         if not found:
             raise
     return {one: found[one] for one in wanted if one in found}
 
 
-def unfinished(sets: Sequence[TraceSet], got: Judged) -> tuple[str, ...]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """What is made of sets, and how it is shown."""
+
+    name: str
+    title: str
+    note: str  # what the sets are
+    estimator: str
+    sets: Sequence[TraceSet]
+    compared: Callable[[TraceSet, TraceStatistics], list[Comparison]]
+    drawn: Callable[[Sequence[tuple[TraceSet, TraceStatistics]]], Figure]
+
+    def made(self, quick: bool, progress: Progress) -> Reproduction:
+        """The reproduction; of an interrupted one, of the sequences that are finished."""
+        sets = [one.shortened() if quick else one for one in self.sets]
+        got = judge(sets, self.estimator, progress)
+        results = [(one, _statistics(k, got)) for k, one in enumerate(sets)]
+        missing = _unfinished(sets, got)
+        return Reproduction(
+            name=self.name,
+            title=self.title,
+            source=SOURCE,
+            comparisons=[line for one, numbers in results for line in self.compared(one, numbers)],
+            notes=(*_NOTES, self.note, *missing),
+            interrupted=bool(missing),
+            data=Log(_SIGNALS, np.array([row for one, judgements in got.items() for row in _rows(one, judgements)])),
+            draw=lambda: self.drawn(results),
+        )
+
+
+def _unfinished(sets: Sequence[TraceSet], got: Judged) -> tuple[str, ...]:
     """A note if an interrupt has left some out."""
-    of = len(crossings(sets))
+    of = len(_crossings(sets))
     return () if len(got) == of else (f"Interrupted: {len(got)} of {of} sequences are finished, and only they count.",)
 
 
-def statistics_of(number: int, got: Judged) -> TraceStatistics:
+def _statistics(number: int, got: Judged) -> TraceStatistics:
     """Rates and errors over one of the sets."""
     return statistics(each for one, judgements in got.items() if one.trace_set == number for each in judgements)
-
-
-def log_of(got: Judged) -> Log:
-    """Every image as ``SIGNALS`` lists it."""
-    return Log(SIGNALS, np.array([row for one, judgements in got.items() for row in _rows(one, judgements)]))
 
 
 def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float]]:
@@ -139,8 +164,9 @@ def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float
         yield [one.trace_set, kind, one.seed, k, math.nan if present is None else present, *numbers]
 
 
-def _judged(of: TraceSet, one: Crossing, estimator: str) -> list[Judgement]:
+def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Judgement]:
     """The estimator on one sequence."""
+    of = sets[one.trace_set]
     rover = load_rover("el_dorado_ii")
     rig = nominal_rig(rover)
     tracker = resolve("slip_estimator", estimator, SLIP_ESTIMATOR)(rig)

@@ -9,15 +9,17 @@ import json
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from loky import ProcessPoolExecutor
 
 from scenarios.studies.case import Case, Outcome
 
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 Told = Callable[[int, int, str], None]  # runs done, of how many, the last one's title
 
 
@@ -88,6 +90,17 @@ def _problem(future: Future[None]) -> str:
     """
     error = future.exception()
     return "" if error is None else f"{type(error).__name__}: {error}".splitlines()[0]
+
+
+def as_finished(work: Callable[[Given], Made], given: Sequence[Given], *, jobs: int) -> Iterator[tuple[Given, Made]]:
+    """What is made of each, as it is finished: here one after the other, or in so many processes."""
+    if jobs <= 1:
+        yield from ((one, work(one)) for one in given)
+        return
+    with workers(jobs) as pool:
+        at_work = {pool.submit(work, one): one for one in given}
+        for future in as_completed(at_work):
+            yield at_work[future], future.result()
 
 
 @contextmanager

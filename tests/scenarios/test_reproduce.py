@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,17 @@ import typer
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from estimators.estimates import SlipAngle, lost_slip
 from scenarios.commands.reproduce import reproduce
 from scenarios.log import Log, Signal, read_log
-from scenarios.reproduce import catalogue
+from scenarios.reproduce import catalogue, trace_sets
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.reina2008_rates import SETS
 from scenarios.reproduce.reina2008_sample import PUBLISHED
+from scenarios.reproduce.trace_sets import Table, TraceSet
+from sensors.messages import RoverView
+from sensors.trace_rig import TraceRig
 
 APP = typer.Typer(pretty_exceptions_enable=False)
 APP.command()(reproduce)
@@ -44,6 +49,45 @@ def test_table_2_writes_picture_data_and_numbers(tmp_path: Path) -> None:
 def test_sets_have_the_papers_numbers_of_images() -> None:
     """Table III: 1560 images of set A and 3456 of set B, 5016 in all."""
     assert [one.size for one in SETS] == [1560, 3456]
+
+
+def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
+    """Two short ones with a tracker of one's own that sees no trace anywhere: nothing false, everything missed."""
+    short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope=0.0)
+    told: list[tuple[int, int, str]] = []
+    table = Table(
+        name="table",
+        title="",
+        note="made up",
+        estimator=f"{__name__}:Blind",
+        sets=(short, replace(short, name="longer", frames=6)),
+        compared=lambda one, got: [Comparison(quantity=one.name, published="", own=got.frames, unit="-")],
+        drawn=lambda results: Figure(),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trace_sets, "default_jobs", lambda: 1)
+        made = table.made(False, lambda *step: told.append(step))
+    assert [one.own for one in made.comparisons] == [4, 6]
+    assert not made.interrupted
+    assert "made up" in made.notes
+    assert made.data["frame"].tolist() == [*range(4), *range(6)]
+    assert made.data["set"].tolist() == [0] * 4 + [1] * 6
+    assert not made.data["detected"].any()
+    assert told[-1][:2] == (10, 10)
+
+
+class Blind:
+    """Sees nothing."""
+
+    def __init__(self, rig: TraceRig) -> None:
+        self.rig = rig
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def step(self, memory: None, view: RoverView) -> tuple[None, SlipAngle]:
+        """Lost."""
+        return None, lost_slip(view.tick)
 
 
 @pytest.mark.parametrize("name", REPRODUCTIONS)
