@@ -125,8 +125,9 @@ class Estimated:
         Raises:
             ValueError: one line, if the scenario estimates nothing, or does not keep time with the steps.
         """
-        if scenario.off_tracking == "truth":
-            raise ValueError(f"sensing: scenario {scenario.name} has off_tracking = truth; use observation = 'truth'")
+        told = scenario.off_tracking
+        if told in ("truth", "surrogate"):
+            raise ValueError(f"sensing: scenario {scenario.name} has off_tracking = {told}; use observation = '{told}'")
         self.features = features(vehicle, len(vehicle.units[-1].steered_axles))
         self.observation_space = observation_space(self.features)
         self._n = fleet.n

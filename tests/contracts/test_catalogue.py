@@ -69,8 +69,8 @@ def test_every_rover_scenario_is_named_after_its_file_and_starts(name: str) -> N
     assert session.outcome is None
 
 
-@pytest.mark.parametrize("name", vehicle_names())
 @pytest.mark.parametrize("friction", [0.1, 0.8])
+@pytest.mark.parametrize("name", vehicle_names())  # of one vehicle after the other, for what is built for each
 def test_every_vehicle_turns_without_losing_its_footing_in_numbers(name: str, friction: float) -> None:
     """Full lock at 30 km/h, on ice and on a dry road: it may slide, but states stay finite and loads add up."""
     vehicle = load_vehicle(name)

@@ -53,6 +53,7 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
     file = tmp_path / "linear.npz"
     save_network(LINEAR, file)
     settings = [f"trailer_steering={LAW}", f"steering.path={file}", "off_tracking=truth", "course.turn_deg=120"]
+    settings += ["course.entry=20", "course.exit=10"]
     scenario = load_scenario("roundabout", settings)
     session = Session(assemble(scenario, 1))
     while session.outcome is None:

@@ -1,16 +1,24 @@
-"""A run made up from kinematics: a tractor and a command-steered semitrailer on three quarters of a roundabout."""
+"""A run made up from kinematics: a tractor and a command-steered semitrailer on three quarters of a roundabout.
+
+And the worlds of runs with cameras, each of which takes as long to build as some seconds of driving through it.
+"""
 
 from __future__ import annotations
 
 import math
+import pickle
+from collections.abc import Iterator
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+import scenarios.cameras
 from scenarios.log import Log, Signal
 from scenarios.metrics import true_off_tracking
 from scenarios.results import CameraFrame, RunResult, Timing, UnitOutline
+from sensors.world import World, build_world
 from vehicle.frames import FloatArray
 
 STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle
@@ -157,3 +165,35 @@ def camera_run() -> RunResult:
 def blind_run() -> RunResult:
     """A run without cameras."""
     return make_run(cameras=False)
+
+
+class Worlds:
+    """Builds each world once: of the same arguments and generator comes the same one (tests/sensors/test_world.py)."""
+
+    KEPT = 6  # some 50 MB each
+
+    def __init__(self) -> None:
+        self._built: dict[bytes, tuple[World, Any]] = {}
+
+    def build(self, *, rng: np.random.Generator, **arguments: Any) -> World:
+        """As ``build_world``; the generator then is where building the world would have left it."""
+        key = pickle.dumps((rng.bit_generator.state, arguments))
+        if key not in self._built:
+            if len(self._built) == self.KEPT:
+                self._built.pop(next(iter(self._built)))
+            self._built[key] = build_world(rng=rng, **arguments), rng.bit_generator.state
+        world, rng.bit_generator.state = self._built[key]
+        return world
+
+    def forget(self) -> None:
+        """The next ones are built anew."""
+        self._built.clear()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def worlds() -> Iterator[Worlds]:
+    """The worlds of all tests of a process."""
+    kept = Worlds()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scenarios.cameras, "build_world", kept.build)
+        yield kept

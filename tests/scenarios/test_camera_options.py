@@ -19,7 +19,7 @@ from sensors.lens import RawStereoRig, load_raw_rig
 from sensors.raw_camera import RawStereoCamera
 from sensors.stereo_camera import StereoCamera
 
-SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.2", "course.length=20")
+SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
 BARREL = "rig.distortion=[-0.15, 0.02, 0, 0, 0]"
 
 
@@ -78,7 +78,7 @@ def test_what_can_not_be_is_one_clear_line(setting: str, complaint: str) -> None
 
 def test_perfect_cameras_stay_the_plain_ones() -> None:
     """They cost nothing more, and their frames are those that they always were."""
-    parts = assemble(scenario("rig.noise=1.5", "world.sun_elevation_deg=20"), seed=1)
+    parts = assemble(scenario("rig.noise=1.5", "world.sun_elevation_deg=20", "world.scenery_density=0"), seed=1)
     assert parts.cameras is not None
     assert isinstance(parts.cameras.camera, StereoCamera)
     assert parts.cameras.rectifier is None
@@ -175,7 +175,7 @@ def test_traffic_is_in_the_pictures_of_a_run() -> None:
     """The same seed with and without it: its first pictures differ."""
     hashes = set()
     for kind in ("none", "following"):
-        session = Session(assemble(scenario(f"traffic={kind}"), seed=3))
+        session = Session(assemble(scenario(f"traffic={kind}"), seed=1))
         session.advance()
         session.close()
         cameras = session.parts.cameras

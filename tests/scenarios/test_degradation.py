@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,6 +26,12 @@ SEEN = (
     "rig.height=200",
     "world.scenery_density=0.2",
 )
+
+
+@cache
+def driven(name: str, *settings: str) -> RunResult:
+    """The run of the first seed; the same one for all who ask for it."""
+    return run(load_scenario(name, settings), 1)
 
 
 def assert_safe(result: RunResult) -> None:
@@ -52,7 +59,7 @@ def assert_safe(result: RunResult) -> None:
 )
 def test_faults_of_the_messages_do_no_harm(fault: str, worst: float) -> None:
     """On snow; what is lost is accuracy, and no more of it than command steer costs."""
-    result = run(load_scenario("roundabout", (*ROUND, f"faults={fault}")), 1)
+    result = driven("roundabout", *ROUND, f"faults={fault}")
     assert_safe(result)
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < worst
 
@@ -87,7 +94,7 @@ def test_faults_of_the_cameras_do_no_harm(fault: str) -> None:
 def test_how_a_fault_is_answered_is_the_users_choice() -> None:
     """Straight wheels in a turn cut in by more than command steer, and by more the sooner they are there."""
     lost = (*ROUND, "faults=dropout:1@14")
-    command_steer = run(load_scenario("roundabout", lost), 1).log["off_tracking_true"]
+    command_steer = driven("roundabout", *lost).log["off_tracking_true"]
     straight = run(load_scenario("roundabout", (*lost, "degradation.fallback=straight")), 1).log["off_tracking_true"]
     assert np.nanmax(np.abs(straight)) > 1.5 * np.nanmax(np.abs(command_steer))
 

@@ -242,6 +242,7 @@ def test_pictures_are_reduced_by_means() -> None:
         (ROVER, {"observation": "camera", "sensing": "roundabout"}, "roundabout is a trailer's"),
         (ROVER, {"observation": "estimate", "soils": ("none",)}, "firm ground takes no trace"),
         (TRAILER, {"observation": "estimate", "sensing": "off_tracking=truth"}, "use observation = 'truth'"),
+        (TRAILER, {"observation": "estimate", "sensing": "off_tracking=surrogate"}, "use observation = 'surrogate'"),
         (TRAILER, {"observation": "estimate", "sensing": "rig.rate_hz=8"}, "multiple of the control step, 0.02 s"),
     ],
 )

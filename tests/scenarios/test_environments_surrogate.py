@@ -161,11 +161,11 @@ def test_latencies_beyond_a_frame_are_refused() -> None:
 
 
 def poses(n: int) -> list[BodyPose]:
-    """A trailer that goes straight ahead by half a metre every 0.1 s."""
+    """A trailer that goes straight ahead by a metre every 0.1 s."""
     found = []
     for k in range(n):
         X_WB = np.eye(4)
-        X_WB[0, 3] = 0.5 * k
+        X_WB[0, 3] = k
         found.append(BodyPose(tick=100 * k, X_WB=X_WB))
     return found
 
@@ -174,19 +174,22 @@ def run_of(parameters: SurrogateParameters, seed: int, n: int) -> list[OffTracki
     """What the scenarios' form of it says once 10 m of path lie behind the hitch."""
     source = SurrogateOffTracking(10.0, np.random.default_rng(seed), parameters)
     memory, found = source.init(), []
-    for pose in poses(n + 21):
+    for pose in poses(n + 11):
         memory, estimate = source.step(memory, pose)
-        if estimate is not None and pose.tick >= 2100:
+        if estimate is not None and pose.tick >= 1100:
             found.append(estimate)
     return found
 
 
 def test_in_a_scenario_its_errors_are_the_same() -> None:
-    """Bias, drift and noise of 40 runs as large as those of the environments' form; correlated as they are."""
-    for part in ("bias", "drift", "noise"):
+    """Bias, drift and noise as large as those of the environments' form, correlated as they are.
+
+    Noise is known from fewer runs, and a bias, one number a run, from shorter ones.
+    """
+    for part, runs, frames in (("bias", 40, 22), ("drift", 40, 60), ("noise", 12, 40)):
         parameters = replace(PERFECT, **{part: 0.02})
-        single = np.array([[one.value for one in run_of(parameters, seed, 60)] for seed in range(40)]).T
-        many = errors(parameters, 60)
+        single = np.array([[one.value for one in run_of(parameters, seed, frames)] for seed in range(runs)]).T
+        many = errors(parameters, frames)
         assert single.std() == pytest.approx(many.std(), rel=0.25)  # a bias: 40 numbers
         for lag in (1, 20):
             alone, together = (float(np.mean(each[lag:] * each[:-lag]) / np.mean(each**2)) for each in (single, many))
@@ -200,7 +203,7 @@ def test_in_a_scenario_the_path_and_the_value_belong_together() -> None:
     assert np.interp(10.0, -estimate.path[:, 0], estimate.path[:, 1]) == pytest.approx(estimate.value)
     assert estimate.path_tangent == pytest.approx(-estimate.value / 10.0)
     assert estimate.std == pytest.approx(0.1)
-    assert estimate.v_x != 5.0
+    assert estimate.v_x != 10.0
 
 
 def test_in_a_scenario_health_is_lost_as_often() -> None:

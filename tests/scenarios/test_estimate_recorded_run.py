@@ -19,7 +19,7 @@ from scenarios.scenario import load_scenario
 def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same images, calibration and odometry: equal but for the twelve digits of the focal length in calib.txt."""
     monkeypatch.chdir(tmp_path)
-    length = ["course.length=20", "rig.width=640", "rig.height=200"]
+    length = ["course.length=20", "rig.width=640", "rig.height=200", "world.scenery_density=0.3"]
     result = run(load_scenario("constant-slip", length), 1, record=tmp_path / "images")
     told = CliRunner().invoke(app, ["off-tracking", "images", "--out", "out", "--no-video", "--quiet"])
     assert told.exit_code == 0, told.output

@@ -38,6 +38,7 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
     The scenario's path is points a frame apart and its velocities are means over a frame; here they are of now.
     """
     settings = [f"trailer_steering={law}", "off_tracking=truth", "course.turn_deg=120", "signals.noise=0"]
+    settings += ["course.entry=20", "course.exit=10"]
     parts = assemble(load_scenario("roundabout", settings), 1)
     session = Session(parts)
     while session.outcome is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ SLOPE = ("surface.slope_from=0.5", "surface.slope_over=0.3", "course.length=3")
 SHORT = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=ftrace")  # 34 images
 
 
+@cache
 def driven(name: str, *settings: str, seed: int = 1) -> RoverResult:
     scenario = load_any_scenario(name, settings)
     assert isinstance(scenario, RoverScenario)

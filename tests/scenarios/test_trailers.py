@@ -54,8 +54,9 @@ def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(
 
 
 def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_good() -> None:
-    """At 4 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
-    slow = ("off_tracking=kinematic", "course.turn_deg=30", "course.exit=5", "speed_kmh=4", "course.entry=20")
+    """At 5 km/h the tyres' slip is small: within 5 cm; the noise of the sensors then shows."""
+    course = ("course.turn_deg=30", "course.exit=5", "course.entry=20")
+    slow = ("off_tracking=kinematic", "reference_unit=false", "speed_kmh=5", *course)
     exact = run(load_scenario("roundabout", (*slow, "signals.noise=0")), 1)
     noisy = run(load_scenario("roundabout", (*slow, "signals.noise=5")), 1)
     errors = [summary(result)["off_tracking"] for result in (exact, noisy)]
@@ -67,7 +68,7 @@ def test_with_noise_free_signals_and_hardly_any_slip_the_no_slip_estimate_is_goo
 
 def test_steer_groups_turn_axles_by_one_angle_or_each_by_its_own() -> None:
     """Single: both steered axles alike. Common centre: the rear one turns more, both lines meet on the front's."""
-    settings = ("off_tracking=truth", "course.turn_deg=40", "course.exit=5")
+    settings = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=40", "course.exit=5")
     single = run(load_scenario("roundabout", (*settings, "steer_groups=single")), 1).log
     own = run(load_scenario("roundabout", (*settings, "steer_groups=common_centre")), 1).log
     np.testing.assert_allclose(single["steer_trailer_1"], single["steer_trailer_2"], atol=1e-12)
@@ -89,7 +90,8 @@ def test_a_recorded_drive_is_repeated_to_its_end(tmp_path: Path) -> None:
 
 def test_the_driver_slows_down_to_the_lateral_acceleration_allowed() -> None:
     """0.5 m/s2 on the 12.5 m circle of the front corner; its tractor turns tighter: a tenth more at most."""
-    settings = ("off_tracking=truth", "trailer_steering=none", "speed_kmh=20", "course.turn_deg=60", "course.exit=5")
+    course = ("course.entry=20", "course.turn_deg=60", "course.exit=5", "speed_kmh=20")
+    settings = ("off_tracking=truth", "reference_unit=false", "trailer_steering=none", *course)
     log = run(load_scenario("roundabout", (*settings, "driver.max_lateral_acceleration=0.5")), 1).log
     assert np.abs(log["v_x_tractor"] * log["yaw_rate_tractor"]).max() < 0.55
     assert 3.6 * log["v_x_tractor"][0] == pytest.approx(20.0, abs=0.1)

@@ -30,7 +30,8 @@ def test_the_chosen_trial_is_a_compromise_whatever_the_units() -> None:
 
 
 def arguments(out: Path, trials: int) -> list[str]:
-    short = ["course.turn_deg=30", "course.entry=20", "course.exit=5", "off_tracking=truth"]
+    course = ["course.turn_deg=30", "course.entry=20", "course.exit=5", "speed_kmh=20"]
+    short = [*course, "off_tracking=truth", "reference_unit=false"]
     fixed = [part for setting in short for part in ("--set", setting)]
     sets = ["--seeds", "11", "--judge-seeds", "12", "--range", "gain=0.1:1.0", "--jobs", "1"]
     return ["tune", "roundabout", "--trials", str(trials), *sets, *fixed, "--json", "--out", str(out)]

@@ -70,14 +70,16 @@ def autocorrelation(errors: FloatArray, lag: int) -> float:
 
 def test_errors_change_over_seconds_not_from_message_to_message() -> None:
     """A unit filters inertially: 10 ms later the error is nearly the same, after minutes another one altogether."""
-    sensor, errors = unit(1), []
     where = truth().bodies[1] @ [*P_BU, 1.0]
-    for k in range(60_000):  # ten minutes: the slow part alone gives some twenty independent samples
-        errors.append(sensor.sample(truth(PERIOD * k)).p_WU[0] - where[0])
-    series = np.array(errors)
-    assert autocorrelation(series, 1) > 0.99
-    assert 0.5 < autocorrelation(series, 300) < 0.95  # 3 s: the fast fifth of the variance is gone, the slow one not
-    assert abs(autocorrelation(series, 15_000)) < 0.5  # 150 s, 2 sigma of what twenty samples can tell
+
+    def errors(period: int, number: int) -> FloatArray:
+        sensor = unit(1)
+        return np.array([sensor.sample(truth(period * k)).p_WU[0] - where[0] for k in range(number)])
+
+    assert autocorrelation(errors(PERIOD, 3000), 1) > 0.99
+    series = errors(10 * PERIOD, 6000)  # ten minutes: the slow part alone gives some twenty independent samples
+    assert 0.5 < autocorrelation(series, 30) < 0.95  # 3 s: the fast fifth of the variance is gone, the slow one not
+    assert abs(autocorrelation(series, 1500)) < 0.5  # 150 s, 2 sigma of what twenty samples can tell
 
 
 def test_how_often_it_is_asked_does_not_change_the_size_of_its_errors() -> None:
