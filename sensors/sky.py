@@ -11,6 +11,7 @@ LOWEST = -0.10  # elevation of the panorama's lower edge [rad]
 HIGHEST = 0.80  # and of its upper edge; the sky above continues the upper row [rad]
 HAZE = (0.74, 0.80, 0.86)  # what everything far away fades into
 _OVERCAST = 0.85  # clouds without sun are that much darker [-]
+_SOFT = 0.0018  # over which a ridge's edge goes from hill to sky [rad]
 _SHAPE = (512, 4096)  # rows, columns [px]
 
 
@@ -50,10 +51,10 @@ def _with_ridges(rng: np.random.Generator, sky: NoiseArray, elevation: NoiseArra
     for base, spread, colour in ((0.040, 0.012, 0.75), (0.026, 0.009, 0.50), (0.012, 0.006, 0.25)):
         crest = base + spread * fractal_noise(rng, (1, _SHAPE[1]), 1.3, (0.0008, 0.03))
         crest = crest + 0.0012 * fractal_noise(rng, (1, _SHAPE[1]), 0.3, (0.02, 0.4))  # the tops of trees
-        woods = np.array([0.20, 0.28, 0.20], dtype=np.float32) * (
-            1.0 + 0.12 * fractal_noise(rng, _SHAPE, 0.9, (0.01, 0.3))[..., None]
-        )
-        hill = colour * np.array(HAZE, dtype=np.float32) + (1.0 - colour) * woods
-        inside = np.clip((crest - elevation) / 0.0018 + 0.5, 0.0, 1.0)[..., None]
-        sky = np.asarray(sky + inside * (hill - sky), dtype=np.float32)
+        grain = fractal_noise(rng, _SHAPE, 0.9, (0.01, 0.3))
+        low = int(np.argmax(elevation[:, 0] < crest.max() + _SOFT))  # the first row that the ridge reaches up to
+        woods = np.array([0.20, 0.28, 0.20], dtype=np.float32) * (1.0 + 0.12 * grain[low:, :, None])
+        hill = np.float32(colour) * np.array(HAZE, dtype=np.float32) + np.float32(1.0 - colour) * woods
+        inside = np.clip((crest - elevation[low:]) / _SOFT + 0.5, 0.0, 1.0)[..., None]
+        sky[low:] += np.asarray(inside * (hill - sky[low:]), dtype=np.float32)
     return sky

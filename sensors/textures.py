@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import cv2
 import numpy as np
 import scipy.fft
@@ -10,16 +12,21 @@ from numpy.typing import NDArray
 NoiseArray = NDArray[np.float32]
 TextureArray = NDArray[np.uint8]
 
+_FREQUENCIES: Final = (scipy.fft.fftfreq, scipy.fft.rfftfreq)  # of the rows and the columns of a real image's spectrum
+
 
 def fractal_noise(
     rng: np.random.Generator, shape: tuple[int, int], slope: float, band: tuple[float, float]
 ) -> NoiseArray:
     """Periodic noise of zero mean and unit deviation with amplitude ~ f^-slope inside ``band`` [cycles/px]."""
-    white = rng.standard_normal(shape, dtype=np.float32)
-    frequency = np.hypot(scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])[None, :])
-    inside = (frequency >= band[0]) & (frequency <= band[1]) & (frequency > 0.0)
-    gain = np.where(inside, np.maximum(frequency, 1.0 / max(shape)) ** -slope, 0.0).astype(np.float32)
-    noise = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=shape)
+    spectrum = scipy.fft.rfft2(rng.standard_normal(shape, dtype=np.float32))
+    # Squares in single precision: a quarter of the work is saved that would be in the gain.
+    down, along = (f(n).astype(np.float32) ** 2 for f, n in zip(_FREQUENCIES, shape, strict=True))
+    square = down[:, None] + along[None, :]
+    inside = (square >= np.float32(band[0]) ** 2) & (square <= np.float32(band[1]) ** 2) & (square > 0.0)
+    np.maximum(square, np.float32(1.0 / max(shape)) ** 2, out=square)
+    gain = np.power(square, np.float32(-0.5 * slope), out=np.zeros_like(square), where=inside)
+    noise = scipy.fft.irfft2(spectrum * gain, s=shape)
     return np.asarray(noise / noise.std(), dtype=np.float32)
 
 
@@ -35,8 +42,9 @@ def sigmoid(x: NoiseArray) -> NoiseArray:
 
 def coloured(levels: NoiseArray, dark: tuple[float, float, float], bright: tuple[float, float, float]) -> NoiseArray:
     """Levels (h, w) in 0..1 as a colour ramp (h, w, 3)."""
+    low, high = np.array(dark, dtype=np.float32), np.array(bright, dtype=np.float32)
     ramp = np.asarray(levels, dtype=np.float32)[..., None]
-    return np.asarray(np.array(dark) + ramp * (np.array(bright) - np.array(dark)), dtype=np.float32)
+    return np.asarray(low + ramp * (high - low), dtype=np.float32)
 
 
 def ground_detail(rng: np.random.Generator, size: int) -> TextureArray:
