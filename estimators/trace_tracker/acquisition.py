@@ -29,15 +29,13 @@ class Find(NamedTuple):
 
 def best_straight(image: FloatImage, behind: FloatArray, told: Profiles) -> Find:
     """The straight line through the wheel that looks most like a rut; ``told`` (n, slips, ...) are the ways it may."""
-    cut = _slanting(image, behind)
-    finds = []
-    for angle, seen, ways in zip(_ANGLES, cut, np.moveaxis(at_slips(told, _ANGLES), 1, 0), strict=True):
-        flat = unit(ways)
-        marks = seen[:, MARKS] @ flat[:, MARKS].T
-        scores = likeness(seen.reshape(len(seen), -1) @ flat.reshape(len(flat), -1).T / CHANNELS, marks)
-        shift, way = np.unravel_index(scores.argmax(), scores.shape)
-        finds.append(Find(float(angle), float(scores[shift, way]), float(marks[shift, way])))
-    return max(finds, key=lambda find: find.score)
+    seen = np.moveaxis(_slanting(image, behind), 2, 1)  # (angles, CHANNELS, shifts, WIDTH)
+    ways = unit(at_slips(told, _ANGLES)).transpose(1, 2, 3, 0)  # (angles, CHANNELS, WIDTH, n)
+    each = seen @ ways
+    marks = each[:, MARKS]
+    scores = likeness(each.mean(axis=1), marks)
+    best = np.unravel_index(scores.argmax(), scores.shape)
+    return Find(float(_ANGLES[best[0]]), float(scores[best]), float(marks[best]))
 
 
 def _slanting(image: FloatImage, behind: FloatArray) -> Profiles:

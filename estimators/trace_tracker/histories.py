@@ -35,11 +35,12 @@ class Histories(NamedTuple):
     def together(self) -> PathState:
         """The mean of the paces, with a covariance that has their differences in it."""
         shares = self.shares
-        mean = np.sum([w * path.mean for w, path in zip(shares, self.paths, strict=True)], axis=0)
-        covariance = np.zeros((len(mean), len(mean)))
+        means = np.stack([path.mean for path in self.paths])
+        mean = shares @ means
+        off = np.sqrt(shares)[:, None] * (means - mean)
+        covariance = off.T @ off
         for share, path in zip(shares, self.paths, strict=True):
-            off = path.mean - mean
-            covariance += share * (path.covariance + np.outer(off, off))
+            covariance += share * path.covariance
         return self.paths[0]._replace(mean=mean, covariance=covariance)
 
     def each(self, changed: Callable[[PathState], PathState]) -> Histories:

@@ -16,6 +16,7 @@ from vehicle.frames import FloatArray
 
 SEARCH: Final = round(0.034 / STEP)  # how far the trace is looked for beside where it is expected [px]
 _ROWS: Final = round(BAND / STEP)
+_FLAT: Final = 1e-6  # length of a profile without any marks
 
 
 def straightened(image: FloatImage, aside: FloatArray, margin: int = SEARCH) -> Profiles:
@@ -31,15 +32,30 @@ def straightened(image: FloatImage, aside: FloatArray, margin: int = SEARCH) -> 
 
 def windows(profiles: Profiles) -> Profiles:
     """All windows of a template's width (..., shifts, CHANNELS, WIDTH), each of mean 0 and length 1."""
-    cut = np.moveaxis(sliding_window_view(profiles, WIDTH, axis=-1), -2, -3)
-    return unit(cut)
+    sums, squares = (_sums(values)[..., None] for values in (profiles, np.square(profiles)))
+    lengths = np.sqrt(np.maximum(squares - sums**2 / WIDTH, 0.0)) + _FLAT
+    parts = (sums / WIDTH).astype(np.float32), (1.0 / lengths).astype(np.float32)
+    mean, scale = (np.swapaxes(part, -2, -3) for part in parts)
+    cut = np.swapaxes(sliding_window_view(profiles, WIDTH, axis=-1), -2, -3)
+    free = np.subtract(cut, mean, order="C")
+    free *= scale
+    return free
 
 
 def unit(profiles: Profiles) -> Profiles:
     """Profiles of mean 0 and length 1."""
-    free = profiles - profiles.mean(axis=-1, keepdims=True)
-    scaled: Profiles = free / (np.sqrt((free * free).sum(axis=-1, keepdims=True)) + np.float32(1e-6))
-    return scaled
+    ones = np.full(profiles.shape[-1], 1.0 / profiles.shape[-1], dtype=np.float32)
+    free = profiles - (profiles @ ones)[..., None]
+    free /= np.sqrt(np.einsum("...w,...w->...", free, free))[..., None] + np.float32(_FLAT)
+    return free
+
+
+def _sums(values: Profiles) -> FloatArray:
+    """Of all windows of a template's width (..., shifts), without adding up each of them."""
+    running = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
+    np.cumsum(values, axis=-1, out=running[..., 1:])
+    sums: FloatArray = running[..., WIDTH:] - running[..., :-WIDTH]
+    return sums
 
 
 def correlation(cut: Profiles, templates: Profiles) -> FloatArray:

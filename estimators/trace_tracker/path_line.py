@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,19 @@ from vehicle.frames import FloatArray
 _BEND: Final = 2  # pieces on either side over which a yaw rate is taken
 
 
-def directions(state: PathState) -> FloatArray:
-    """Of the middle's travel on each piece, against the body as it stands now (PIECES,) [rad]."""
-    turned = _turned(state)
-    towards: FloatArray = state.body_slips + 0.5 * (turned[:-1] + turned[1:])
-    return towards
+class _Way(NamedTuple):
+    """How the body went and stood at the pieces' ends, newest first, against how it stands now."""
+
+    directions: FloatArray  # (PIECES,) of the middle's travel on each piece [rad]
+    turned: FloatArray  # (PIECES + 1,) [rad]
+    back: FloatArray  # (PIECES + 1,) where the middle was [m]
+    aside: FloatArray  # (PIECES + 1,) [m]
+
+    def passed(self, origin: float, place: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
+        """Ways back from x = ``origin`` and aside of y of a place on the body, at the pieces' ends [m]."""
+        x, y = place
+        cos, sin = np.cos(self.turned), np.sin(self.turned)
+        return self.back + origin - x * cos + y * sin, self.aside + x * sin + y * (cos - 1.0)
 
 
 def slip_at(state: PathState, piece: int) -> tuple[float, float]:
@@ -35,23 +43,23 @@ def bend(state: PathState, piece: int) -> float:
 
 def trace(state: PathState, rig: TraceRig, behind: FloatArray) -> FloatArray:
     """Where beside the wheel the trace lies (n,) at places behind it (n,) [m]."""
-    back, aside = _passed(state, rig.wheel[0], rig.wheel)
+    back, aside = _way(state).passed(rig.wheel[0], rig.wheel)
     lies: FloatArray = np.interp(behind, back, aside) + state.offset
     return lies
 
 
 def seen(state: PathState, rig: TraceRig, bands: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Where the bands (n,) of a picture show the trace (n,) [m], and the gradient (n, len(mean)) of that."""
-    angles, steps = directions(state), state.lengths
-    back, aside = _passed(state, rig.wheel[0], rig.wheel)
+    way = _way(state)
+    back, aside = way.passed(rig.wheel[0], rig.wheel)
     piece = np.clip(np.searchsorted(back, bands) - 1, 0, PIECES - 1)
     share = (bands - back[piece]) / (back[piece + 1] - back[piece])
     weights = (np.arange(PIECES) < piece[:, None]) + (np.arange(PIECES) == piece[:, None]) * share[:, None]
-    by_direction = -steps * np.cos(angles) * weights
+    by_direction = -state.lengths * np.cos(way.directions) * weights
     by_turn = np.zeros((len(bands), PIECES + 1))  # of the body at the pieces' ends
     by_turn[:, :-1] += 0.5 * by_direction
     by_turn[:, 1:] += 0.5 * by_direction
-    lever, band = rig.wheel[0] * np.cos(_turned(state)), np.arange(len(bands))
+    lever, band = rig.wheel[0] * np.cos(way.turned), np.arange(len(bands))
     by_turn[band, piece] += (1.0 - share) * lever[piece]
     by_turn[band, piece + 1] += share * lever[piece + 1]
     by_turn[:, 0] -= by_turn.sum(axis=1)  # all turns are against the body as it stands now
@@ -72,32 +80,30 @@ def with_fronts(state: PathState, rig: TraceRig) -> PathState:
     since. Two ruts beside each other look much different from one: this is what templates go by. Pieces whose front
     wheel passed longer ago than the state goes back keep what was known of them.
     """
-    back, aside = _passed(state, rig.wheel[0], rig.wheel)
-    front_back, front_aside = _passed(state, rig.wheel[0], (rig.wheel[0] + rig.wheelbase, rig.wheel[1]))
+    way = _way(state)
+    back, aside = way.passed(rig.wheel[0], rig.wheel)
+    front_back, front_aside = way.passed(rig.wheel[0], (rig.wheel[0] + rig.wheelbase, rig.wheel[1]))
     known = back[:-1] <= front_back[-1]
     beside = aside[:-1] - np.interp(back[:-1], front_back, front_aside)
-    slips = np.arctan2(beside * np.cos(directions(state)), rig.wheelbase)
+    slips = np.arctan2(beside * np.cos(way.directions), rig.wheelbase)
     return state._replace(fronts=np.where(known, slips, state.fronts))
 
 
 def fronts_at(state: PathState, rig: TraceRig, behind: FloatArray) -> FloatArray:
     """Slip (n,) that would put the front wheel's rut where it lies at places behind the rear wheel [rad]."""
-    back, _ = _passed(state, rig.wheel[0], rig.wheel)
+    back, _ = _way(state).passed(rig.wheel[0], rig.wheel)
     piece: NDArray[np.intp] = np.clip(np.searchsorted(back, behind) - 1, 0, PIECES - 1)
     fronts: FloatArray = np.where(np.isnan(state.fronts), state.body_slips, state.fronts)[piece]
     return fronts
 
 
-def _turned(state: PathState) -> FloatArray:
-    """How the body stood at the pieces' ends (PIECES + 1,), newest first, against how it stands now [rad]."""
-    turned: FloatArray = np.append(state.headings, state.headings[-1]) - state.headings[0]
-    return turned
-
-
-def _passed(state: PathState, origin: float, place: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
-    """Ways back from x = ``origin`` and aside of y of a place on the body, at the pieces' ends (PIECES + 1,) [m]."""
-    angles, turned, (x, y) = directions(state), _turned(state), place
-    back = np.append(0.0, np.cumsum(state.lengths * np.cos(angles)))
-    aside = np.append(0.0, -np.cumsum(state.lengths * np.sin(angles)))
-    cos, sin = np.cos(turned), np.sin(turned)
-    return back + origin - x * cos + y * sin, aside + x * sin + y * (cos - 1.0)
+def _way(state: PathState) -> _Way:
+    """Where the rover was before it stood as it does now."""
+    turned = np.empty(PIECES + 1)
+    turned[:-1], turned[-1] = state.headings, state.headings[-1]
+    turned -= turned[0]
+    directions = state.body_slips + 0.5 * (turned[:-1] + turned[1:])
+    back, aside = np.zeros(PIECES + 1), np.zeros(PIECES + 1)
+    np.cumsum(state.lengths * np.cos(directions), out=back[1:])
+    np.cumsum(-state.lengths * np.sin(directions), out=aside[1:])
+    return _Way(directions, turned, back, aside)

@@ -31,10 +31,12 @@ OFFSET, RATE, TREND = -3, -2, -1
 _SLIP_PRIOR: Final = math.radians(6.0)  # of a rover of which nothing was seen: loose sand on moderate slopes, assumed
 _SLIP_CORRELATION: Final = 0.4  # way over which slip on a trace just found is alike [m]
 _OFFSET_PRIOR: Final = 0.005  # what sinkage, templates and calibration are off by [m]
-_OFFSET_WALK: Final = 0.004  # per sqrt(m): templates are off by millimetres, differently for each slip and sun [m]
+_OFFSET_WALK: Final = 0.002  # per sqrt(m): templates are off by millimetres, differently for each slip and sun [m]
 _SAND_STD: Final = 0.002  # by which crumbs and slumping put a rut aside, and [m]
 _SAND_WAY: Final = 0.04  # over which they do so: a band of the picture [m]
-_SHADE_STD: Final = (0.002, 0.001)  # of the nearest band, which the wheel's own shadow meets, and of the others [m]
+# An edge of a shadow that moves with the rover lies in the same bands for long and puts them aside by 5 to 10 mm; where
+# none is, every band tells soon enough that it is right.
+_SHADE_STD: Final = 0.004  # [m]
 _SHADE_WAY: Final = 3.0  # over which shadows move, by the rover's turns against the sun, assumed [m]
 _RATE_PRIOR: Final = math.radians(0.6)  # error of the encoders' yaw rate: wheels scrub and slip, assumed [rad/s]
 _RATE_TIME: Final = 2.0  # over which that error changes, assumed [s]
@@ -89,7 +91,7 @@ def begun(heading: float, steer: float, tick: int, bands: int, pace: Pace) -> Pa
     headings = math.radians(1.0) ** 2 * np.minimum(at[:, None], at) * ds / 0.1
     state.covariance[HEADING, HEADING] = headings + _COMPASS**2
     state.covariance[SAND, SAND] = _SAND_STD**2 * alike(state.lengths, _SAND_WAY)
-    state.covariance[SHADE, SHADE] = np.diag(_shade_variance(bands))
+    state.covariance[SHADE, SHADE] = _SHADE_STD**2 * np.eye(bands)
     state.covariance[RATE, RATE] = _RATE_PRIOR**2
     return with_slip(state, 0.0, _SLIP_PRIOR)
 
@@ -110,9 +112,11 @@ def with_slip(state: PathState, slip: float, std: float) -> PathState:
 
 def moved(state: PathState, length: float, yaw: float, seconds: float, steer: float, tick: int) -> PathState:
     """One piece on, the oldest forgotten; ``yaw`` is what the encoders say that the rover turned [rad]."""
-    pieces = np.r_[0, 0 : PIECES - 1]
-    order = np.r_[pieces, PIECES + pieces, 2 * PIECES + pieces, 3 * PIECES : len(state.mean)]
-    mean, covariance = state.mean[order], state.covariance[np.ix_(order, order)]
+    pieces = np.maximum(np.arange(PIECES) - 1, 0)
+    order = np.arange(len(state.mean))
+    for part in (SLIP, HEADING, SAND):
+        order[part] = part.start + pieces
+    mean, covariance = state.mean[order], state.covariance[order][:, order]
     pace, bands = state.pace, len(mean) - 3 * PIECES - 3
     mean[HEADING.start] += yaw
     add(mean, covariance, HEADING.start, RATE, seconds)
@@ -122,14 +126,14 @@ def moved(state: PathState, length: float, yaw: float, seconds: float, steer: fl
     fade(mean, covariance, np.array([RATE]), seconds / _RATE_TIME, np.array([_RATE_PRIOR**2]))
     fade(mean, covariance, np.array([TREND]), length / pace.way, np.array([pace.trend**2]))
     fade(mean, covariance, np.array([SAND.start]), length / _SAND_WAY, np.array([_SAND_STD**2]))
-    fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_WAY, _shade_variance(bands))
+    fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_WAY, np.full(bands, _SHADE_STD**2))
     return state._replace(
         mean=mean,
         covariance=covariance,
-        lengths=np.r_[length, state.lengths[:-1]],
-        steer=np.r_[0.5 * (steer + state.steered), state.steer[:-1]],
-        ticks=np.r_[float(tick), state.ticks[:-1]],
-        fronts=np.r_[math.nan, state.fronts[:-1]],
+        lengths=_pushed(state.lengths, length),
+        steer=_pushed(state.steer, 0.5 * (steer + state.steered)),
+        ticks=_pushed(state.ticks, tick),
+        fronts=_pushed(state.fronts, math.nan),
         steered=steer,
     )
 
@@ -147,17 +151,18 @@ def with_seen(
 ) -> tuple[PathState, float]:
     """Corrected by what was seen beside what was expected (n,), and the log likelihood of that."""
     projected = gradient @ state.covariance
-    spread = projected @ gradient.T + noise
-    solved = np.linalg.solve(spread, np.column_stack([projected, innovation]))
-    gain = solved[:, :-1].T
-    covariance = state.covariance - gain @ projected
-    size = np.linalg.slogdet(2.0 * math.pi * spread)[1]
-    likelihood = -0.5 * float(innovation @ solved[:, -1] + size)
-    corrected = state._replace(mean=state.mean + gain @ innovation, covariance=0.5 * (covariance + covariance.T))
-    return corrected, likelihood
+    root = np.linalg.cholesky(projected @ gradient.T + noise)
+    # With roots the covariance stays symmetric to the last bit.
+    told = np.linalg.solve(root, np.column_stack([projected, innovation]))
+    gained, surprise = told[:, :-1], told[:, -1]
+    covariance = state.covariance - gained.T @ gained
+    size = 2.0 * np.log(root.diagonal()).sum() + len(innovation) * math.log(2.0 * math.pi)
+    likelihood = -0.5 * float(surprise @ surprise + size)
+    return state._replace(mean=state.mean + surprise @ gained, covariance=covariance), likelihood
 
 
-def _shade_variance(bands: int) -> FloatArray:
-    deviations = np.full(bands, _SHADE_STD[1])
-    deviations[0] = _SHADE_STD[0]
-    return deviations**2
+def _pushed(values: FloatArray, newest: float) -> FloatArray:
+    """The newest before the others, the oldest forgotten."""
+    pushed = np.empty_like(values)
+    pushed[0], pushed[1:] = newest, values[:-1]
+    return pushed

@@ -46,7 +46,8 @@ def at_slips(profiles: Profiles, slips: FloatArray) -> Profiles:
     at = np.clip(np.interp(slips, SLIPS, np.arange(len(SLIPS))), 0.0, len(SLIPS) - 1.0)
     low = np.minimum(at.astype(int), len(SLIPS) - 2)
     share = (at - low).astype(np.float32)[:, None, None]
-    between: Profiles = (1.0 - share) * profiles[..., low, :, :] + share * profiles[..., low + 1, :, :]
+    between: Profiles = profiles.take(low, axis=-3)
+    between += share * (profiles.take(low + 1, axis=-3) - between)
     return between
 
 

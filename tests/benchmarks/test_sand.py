@@ -1,16 +1,27 @@
-"""What a rover's ground image costs: bar 50 ms, a quarter of the 0.2 s it is worth, for wheels, light and camera."""
+"""What a rover's ground image costs, and what a slip angle from it.
+
+Bar of the image: 50 ms, a quarter of the 0.2 s it is worth, for wheels, light and camera. Bar of the slip angle: 20 ms
+of the processor's time on one core; ``median_ms`` is that of a frame, for others may use the machine too.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator, Sequence
+
+import cv2
 import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from sensors.messages import GreyImage
+from estimators.estimates import Health
+from estimators.trace_tracker.tracker import FTracePlus
+from estimators.wheel_trace.ftrace import FTrace
+from sensors.messages import GreyImage, RoverView
 from sensors.sand.kinds import KINDS
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import FRAME_TICKS, RoverPass
-from sensors.sand.sequence import route_of
+from sensors.sand.sequence import labelled_sequence, route_of
 from sensors.sand.world import SandWorld
 from sensors.trace_camera import TraceCamera, Webcam
 from vehicle.clock import TICK
@@ -18,6 +29,7 @@ from vehicle.rover.description import load_rover
 from vehicle.terrain import Terrain
 
 LEAD, FRAMES = 45, 150  # the trace is as long as the view; then 2.4 m, some tiles of which are new
+VIEWS = 140  # of either kind of sand: the way begins on a crust that takes no imprint, then there is a trace
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
@@ -39,3 +51,55 @@ def test_frame(benchmark: BenchmarkFixture, kind: str) -> None:
     image = benchmark.pedantic(frame, rounds=FRAMES, iterations=1)
     benchmark.extra_info["share_of_real_time"] = benchmark.stats.stats.mean / (FRAME_TICKS * TICK)
     assert image.shape == (480, 640)
+
+
+@pytest.fixture(scope="module")
+def drives() -> list[list[RoverView]]:
+    """Plain sand, and the rover's own shadow, which has to be told from a trace."""
+    rover = load_rover("el_dorado_ii")
+    return [
+        [moment.view for moment in labelled_sequence(kind, seed=101, frames=VIEWS, rover=rover, profile="fast")]
+        for kind in ("uniform", "shadows")
+    ]
+
+
+@pytest.fixture
+def one_core() -> Iterator[None]:
+    """OpenCV keeps to one core."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    yield
+    cv2.setNumThreads(threads)
+
+
+@pytest.mark.usefixtures("one_core")
+def test_ftrace(benchmark: BenchmarkFixture, drives: list[list[RoverView]]) -> None:
+    """A straight line from edges of one image."""
+    measured(benchmark, FTrace(nominal_rig(load_rover("el_dorado_ii"))), drives)
+
+
+@pytest.mark.usefixtures("one_core")
+def test_ftrace_plus(benchmark: BenchmarkFixture, drives: list[list[RoverView]]) -> None:
+    """The whole trace, followed or searched for."""
+    measured(benchmark, FTracePlus(nominal_rig(load_rover("el_dorado_ii"))), drives)
+
+
+def measured(
+    benchmark: BenchmarkFixture, estimator: FTrace | FTracePlus, drives: Sequence[Sequence[RoverView]]
+) -> None:
+    """Processor time of every frame of the drives, which are worth nothing if no trace was seen."""
+    spent: list[float] = []
+
+    def estimated() -> int:
+        seen = 0
+        for drive in drives:
+            memory = estimator.init()
+            for view in drive:
+                begin = time.process_time()
+                memory, estimate = estimator.step(memory, view)
+                spent.append(time.process_time() - begin)
+                seen += estimate.health is Health.OK
+        return seen
+
+    assert benchmark.pedantic(estimated, rounds=3, warmup_rounds=1) > VIEWS // 10
+    benchmark.extra_info["median_ms"] = 1e3 * float(np.median(spent))

@@ -122,9 +122,9 @@ class Crab(RoverPass):
 
 
 def test_steering_is_not_taken_for_slip() -> None:
-    """Wheels that are turned by 5 deg lead the trace elsewhere; encoders know, and slip stays what it was, to 1 deg.
+    """Wheels that are turned by 5 deg lead the trace elsewhere; encoders know, and slip stays what it was.
 
-    The body's own slip angle changes by all of the 5 deg.
+    The body's own slip angle changes by all of the 5 deg, which would be an RMS of more than 3 deg if it were missed.
     """
     crab = Crab(frames=LEAD + 75, profile="none")
     rng = np.random.default_rng(73)
@@ -135,13 +135,8 @@ def test_steering_is_not_taken_for_slip() -> None:
     for errors in (body, wheel):
         settled = np.array(errors[25:])
         change = settled - settled[:10].mean()
-        assert np.degrees(np.abs(smoothed(change)).max()) < 1.0
+        assert np.degrees(np.sqrt((change**2).mean())) < 0.8  # two independent estimates of 0.5 make 0.7
     assert moments[-1].trace.slip_angle - moments[0].trace.slip_angle == pytest.approx(math.radians(-5.0), abs=1e-3)
-
-
-def smoothed(values: np.ndarray) -> np.ndarray:
-    """Means over a second: the compass and a wheel's scrub add noise to single ones."""
-    return np.convolve(values, np.full(5, 0.2), mode="valid")
 
 
 def test_mirrored_world_has_mirrored_slip(trace: list[Labelled], estimates: list[SlipAngle]) -> None:
