@@ -41,6 +41,10 @@ _OF_NEWEST = 60  # fewer points of the newest keyframe that agree, or less than 
 _IN_VIEW = 0.8  # share of the points that could be offered; with fewer in view the next keyframe is due as well
 _AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
 _HARDEST = 8.0  # acceleration, as in full braking; shake of the body is up to half of that [m/s2]
+# Of the speed, and at least, that a trailer may have changed its velocity by while it was lost: one that turns into a
+# roundabout meanwhile does so by half; a vehicle close behind that is taken for the world seems to stop it.
+_UNSEEN, _UNSEEN_LEAST = 0.5, 0.5  # [-], [m/s]
+_FORGOTTEN = 5.0  # lost for longer, any velocity may be right [s]
 _DOUBTFUL = 0.03  # error of a doubtful motion that is right none the less: measured amid traffic [m]
 _CORRECTION = 0.1  # that a pose may be from where the circular odometry has it [m]
 
@@ -75,9 +79,10 @@ class KeyframeOdometry:
     def step(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
         """Memory with the frame in it, and the motion since the frame before; None for the first frame.
 
-        A frame without texture (dark, blinded) is lost and passed over, as ``CircularOdometry`` has it. So is one of
-        doubtful health whose motion leaps away from the last velocity: then a vehicle that hides most of the view has
-        been taken for the world, and the keyframes of the world are kept for when it is seen again.
+        A frame without texture (dark, blinded) is lost and passed over, as ``CircularOdometry`` has it. So is one
+        whose motion leaps away from the last velocity and is of doubtful health, or the first after others were lost:
+        then a vehicle that hides most of the view has been taken for the world, and the keyframes of the world are
+        kept for when it is seen again.
         """
         after, motion = self._measured(memory, frame)
         if motion is None or memory.last is None or not _leaps(memory.last, motion):
@@ -179,13 +184,23 @@ def _health(found: Located) -> Health:
 
 
 def _leaps(last: Motion, motion: Motion) -> bool:
-    """Whether a doubtful motion is farther from the one at the last velocity than any brakes could explain."""
-    if motion.health is not Health.DEGRADED:
-        return False
+    """Whether a motion is farther from the one at the last velocity than can be believed.
+
+    A doubtful one that goes on from the last: than any brakes could explain. Any that comes after frames that were
+    lost: than a vehicle changes its velocity by while nobody looks, even if brakes could explain it.
+    """
     span, since = ((motion.tick - tick) * TICK for tick in (motion.previous_tick, last.tick))
+    found_again = motion.previous_tick > last.tick
+    believed = motion.health is Health.OK and not found_again
+    if motion.health is Health.LOST or believed or since > _FORGOTTEN:
+        return False
     guess = stretched(last.X_PC, (motion.tick - motion.previous_tick) / (last.tick - last.previous_tick))
     leap = float(np.linalg.norm(motion.X_PC[:3, 3] - guess[:3, 3]))
-    return leap > _DOUBTFUL + _HARDEST * span * (since - 0.5 * span)
+    change = _HARDEST * (since - 0.5 * span)  # of the velocity [m/s]
+    if found_again:
+        speed = float(np.linalg.norm(guess[:3, 3])) / span
+        change = min(change, max(_UNSEEN * speed, _UNSEEN_LEAST))
+    return leap > _DOUBTFUL + change * span
 
 
 def _lost(motion: Motion) -> Motion:

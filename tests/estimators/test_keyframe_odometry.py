@@ -10,7 +10,7 @@ import pytest
 
 from estimators.estimates import Health, Motion
 from estimators.keyframe_odometry import KeyframeMemory, KeyframeOdometry
-from estimators.rigid_motion import rotation_vector
+from estimators.rigid_motion import rotation_vector, stretched
 from estimators.stereo_odometry import CircularOdometry
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
@@ -322,3 +322,27 @@ def test_a_doubtful_leap_is_not_believed(
         assert np.array_equal(told.X_PC, np.eye(4))
         assert told.anchor is None
         assert np.isinf(np.diag(told.covariance)).all()
+
+
+@pytest.mark.parametrize(
+    ("share", "lost_for", "believed"),
+    [(0.7, 0.4, True), (0.0, 0.4, False), (0.0, 2.0, False), (1.4, 2.0, True), (0.0, 6.0, True)],
+)
+def test_what_is_seen_first_after_a_loss_must_go_on_as_before(
+    drive, monkeypatch: pytest.MonkeyPatch, share: float, lost_for: float, believed: bool
+) -> None:
+    """In good health even, and if brakes could explain it: at rest is what a vehicle close behind would look like.
+
+    After five seconds nobody knows any more how fast it ought to be.
+    """
+    odometry = KeyframeOdometry(drive.calibration)
+    before, _ = run(odometry, drive.frames[:4])
+    last = before.last
+    assert last is not None
+    X = stretched(last.X_PC, share)
+    frame = replace(drive.frames[4], tick=last.tick + round(1000 * lost_for))
+    again = replace(last, tick=frame.tick, previous_tick=frame.tick - (last.tick - last.previous_tick), X_PC=X)
+    monkeypatch.setattr(odometry, "_measured", lambda *_: (before, again))
+    _, told = odometry.step(before, frame)
+    assert told is not None
+    assert (told.health is not Health.LOST) == believed
