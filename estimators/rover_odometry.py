@@ -8,7 +8,9 @@ exploration rovers"), of which nothing but that idea is used here. Longitudinal 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -146,7 +148,7 @@ class RoverOdometry:
         moved = self._moved(memory, readings, rolling, elapsed)
         if fix is not None:
             moved = _corrected(moved, fix, elapsed)
-        kept = tuple(old for old in moved.turns if old.tick > readings.tick - _HISTORY)
+        kept = moved.turns[bisect_right(moved.turns, readings.tick - _HISTORY, key=attrgetter("tick")) :]
         speed = math.hypot(rolling.v_x, rolling.v_y)
         if speed > _STANDING:
             way = (kept[-1].way if kept else 0.0) + speed * elapsed

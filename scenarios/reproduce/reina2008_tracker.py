@@ -20,7 +20,7 @@ from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics
 from sensors.sand.rover_pass import SlipProfile
 
 _SEEDS: Final = (1, 2, 3, 4, 5)  # the tracker was tuned on seeds from 100 on
-_LENGTH: Final = 175  # images of a sequence: 35 s
+_LENGTH: Final = 400  # images of a sequence, 80 s: some 20 s of it until the slip sets in
 _SLOPES: Final[Mapping[SlipProfile, float]] = {"slow": SLOPE, "fast": 0.0}  # the ground's, by how the slip changes
 SETS: Final = tuple(
     TraceSet(name=f"{kind}, {profile}", kinds=(kind,), seeds=_SEEDS, frames=_LENGTH, profile=profile, slope=slope)
