@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise, takewhile
 from typing import Any, Final
 
@@ -231,14 +232,13 @@ def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
 def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> None:
     """Drives all cases and keeps each as soon as it is finished; told after each."""
     progress(0, 100 * len(cases), f"{len(cases)} drives in {jobs} processes")
-    for k, (case, found) in enumerate(as_finished(_untold, cases, jobs=jobs), start=1):
+    for k, (case, found) in enumerate(as_finished(partial(drive, told=_untold), cases, jobs=jobs), start=1):
         _DRIVEN[case] = found
         progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
 
 
-def _untold(case: Case) -> Drive:
-    """A drive in a worker, which nobody watches."""
-    return drive(case, lambda share: None)
+def _untold(share: float) -> None:
+    """Nobody watches a worker."""
 
 
 def _told(progress: Progress, k: int, of: int, case: Case) -> Callable[[float], None]:
