@@ -21,7 +21,10 @@ EXAMPLES = "Examples: offtrack reproduce reina2008-table3   offtrack reproduce a
 def reproduce(
     name: Annotated[
         str,
-        typer.Argument(help="all, reina2008-table2, -table3, -table3-plus, -fig6, -fig8, desaxe2018-fig6 … -fig16."),
+        typer.Argument(
+            help="reina2008-table2, -table3, -table3-plus, -fig6, -fig8; "
+            "desaxe2018-fig6 to -fig9, -fig13 to -fig16; or all."
+        ),
     ],
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer images, shorter drives: a minute or few for each.")

@@ -81,7 +81,6 @@ _NOTES: Final = (
     "trace. Misidentified: the line is on average more than half a wheel's width off the middle of the rut.",
 )
 
-
 Judged = Mapping[Crossing, Sequence[Judgement]]
 
 
@@ -90,7 +89,7 @@ def _crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
     return [Crossing(k, kind, seed) for k, one in enumerate(sets) for kind in one.kinds for seed in one.seeds]
 
 
-def judge(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judged:
+def _all_judged(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judged:
     """What a slip estimator makes of every sequence, in several processes if there are several cores.
 
     An interrupt ends it early and keeps the sequences that are finished, if there are any.
@@ -132,7 +131,7 @@ class Table:
     def made(self, quick: bool, progress: Progress) -> Reproduction:
         """The reproduction; of an interrupted one, of the sequences that are finished."""
         sets = [one.shortened() if quick else one for one in self.sets]
-        got = judge(sets, self.estimator, progress)
+        got = _all_judged(sets, self.estimator, progress)
         results = [(one, _statistics(k, got)) for k, one in enumerate(sets)]
         missing = _unfinished(sets, got)
         return Reproduction(
