@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.lens_map import Floats, LensMap, resampled
-from vehicle.frames import FloatArray, inverse, skew, so3_exp, transform
+from vehicle.frames import FloatArray, cross, inverse, skew, so3_exp, transform
 
 _MOST_TAPS: Final = 16  # of the average that stands for an exposure; further apart than a pixel they begin to show
 _LONGEST: Final = 0.2  # between two captures; after a longer one nothing is known of the motion [s]
@@ -25,7 +25,7 @@ class Twist(NamedTuple):
     def seen_from(self, X_BC: FloatArray) -> Twist:
         """The twist of frame C that is fixed in this one, B."""
         R, p = X_BC[:3, :3], X_BC[:3, 3]
-        return Twist(R.T @ (self.v + np.cross(self.w, p)), R.T @ self.w)
+        return Twist(R.T @ (self.v + cross(self.w, p)), R.T @ self.w)
 
 
 STILL: Final = Twist(np.zeros(3), np.zeros(3))
@@ -44,7 +44,7 @@ def twist_between(X_before: FloatArray, X_now: FloatArray, seconds: float) -> Tw
 def moved(X_WB: FloatArray, twist: Twist, seconds: float) -> FloatArray:
     """Where a steady twist takes a body from X_WB (4, 4)."""
     turn, way = twist.w * seconds, twist.v * seconds
-    X: FloatArray = X_WB @ transform(so3_exp(turn), way + 0.5 * np.cross(turn, way))
+    X: FloatArray = X_WB @ transform(so3_exp(turn), way + 0.5 * cross(turn, way))
     return X
 
 

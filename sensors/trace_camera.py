@@ -77,6 +77,7 @@ class TraceCamera:
         middle = np.linalg.solve(self._H, [rig.camera.cx, rig.camera.cy, 1.0])
         self._middle: tuple[float, float] = (middle[0] / middle[2], middle[1] / middle[2])  # of the view, in R [m]
         self._exposure: tuple[int, float, float] | None = None  # tick, gain and level of the image before
+        self._newest: tuple[RoverTruth, _Light] | None = None  # what the image before was made of
         light = world.light
         self._sun, self._sky = np.array(light.sun_colour), np.array(light.sky_colour)
 
@@ -88,6 +89,7 @@ class TraceCamera:
     def sample(self, truth: RoverTruth) -> GreyImage:
         """The image whose exposure has its middle at the truth's tick."""
         light = self._light(truth)
+        self._newest = truth, light
         level = self._level(light, _SAND @ _LUMINANCE, self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
         level = self._blurred(level, self._smear(truth))
         gain = self._gain(truth.tick, float(level[::8, ::8].mean()))
@@ -95,7 +97,8 @@ class TraceCamera:
 
     def colour(self, truth: RoverTruth) -> ColourImage:
         """The same view in colour, for people: without noise, exposed as the last image was."""
-        light = self._light(truth)
+        newest = self._newest
+        light = newest[1] if newest is not None and newest[0] is truth else self._light(truth)
         gain = 1.0 if self._exposure is None else self._exposure[1]
         tint = np.where(light.hidden, np.float32(1.0), self._view.tint(light.seen, self._world))
         channels = [

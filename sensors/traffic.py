@@ -22,7 +22,7 @@ from sensors.textures import TextureArray
 from sensors.things import Thing
 from sensors.world import World
 from vehicle.clock import TICK
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, cross
 from vehicle.truth import Truth
 
 TrafficKind = Literal["following", "overtaking", "crossing", "mixed"]
@@ -206,10 +206,10 @@ class Traffic:
         x = np.append(ahead, 0.5 * (z[0] + z[1] - z[2] - z[3]) / (axles[0] - axles[1]))
         y = np.append(left, 0.25 * (z[0] - z[1] + z[2] - z[3]))
         x /= np.linalg.norm(x)
-        up = np.cross(x, y)
+        up = cross(x, y)
         up /= np.linalg.norm(up)
         pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([x, np.cross(up, x), up])
+        pose[:3, :3] = np.column_stack([x, cross(up, x), up])
         rear_height = 0.5 * float(z[2] + z[3])
         pose[:3, 3] = np.append(place.rear, rear_height) - axles[1] * x
         return pose

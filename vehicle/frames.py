@@ -73,6 +73,12 @@ def rotation_zyx(yaw: float, pitch: float, roll: float) -> FloatArray:
     )
 
 
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """a x b of two single vectors, (3,) each; NumPy's own takes its time to find out that they are."""
+    (a_x, a_y, a_z), (b_x, b_y, b_z) = a.tolist(), b.tolist()
+    return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
+
+
 def transform(R: FloatArray, p: FloatArray) -> FloatArray:
     """Homogeneous pose X_AB, shape (4, 4), from R_AB (3, 3) and p_AB (3,)."""
     X = np.eye(4)

@@ -25,6 +25,7 @@ class HeightMap:
     x: float = 0.0  # of the first column, in W [m]
     y: float = 0.0  # of the first row, in W [m]
     _spline: Any = field(init=False, repr=False)
+    _slopes: Any = field(init=False, repr=False)  # its derivatives along x and y
 
     def __post_init__(self) -> None:
         if self.heights.ndim != 2 or min(self.heights.shape) < 4:
@@ -34,11 +35,9 @@ class HeightMap:
         if not self.spacing > 0.0:
             raise ValueError(f"spacing = {self.spacing} m must be positive")
         rows, columns = (np.arange(n) for n in self.heights.shape)
-        object.__setattr__(
-            self,
-            "_spline",
-            RectBivariateSpline(self.y + self.spacing * rows, self.x + self.spacing * columns, self.heights, s=0),
-        )
+        spline = RectBivariateSpline(self.y + self.spacing * rows, self.x + self.spacing * columns, self.heights, s=0)
+        object.__setattr__(self, "_spline", spline)
+        object.__setattr__(self, "_slopes", (spline.partial_derivative(0, 1), spline.partial_derivative(1, 0)))
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Height [m] at x, y [m] in W, of their common shape."""
@@ -48,15 +47,15 @@ class HeightMap:
     def gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Slope (dz/dx, dz/dy) [-] at x, y [m] in W; (..., 2)."""
         v, u = self._inside(x, y)
-        slope = np.stack([self._spline.ev(v, u, dy=1), self._spline.ev(v, u, dx=1)], axis=-1)
+        slope = np.stack([along(v, u, grid=False) for along in self._slopes], axis=-1)
         return np.where(np.stack([u == x, v == y], axis=-1), slope, 0.0)
 
     def _inside(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The nearest place on the grid: y, then x [m]."""
         n_y, n_x = self.heights.shape
         return (
-            np.clip(y, self.y, self.y + self.spacing * (n_y - 1)),
-            np.clip(x, self.x, self.x + self.spacing * (n_x - 1)),
+            np.minimum(np.maximum(y, self.y), self.y + self.spacing * (n_y - 1)),
+            np.minimum(np.maximum(x, self.x), self.x + self.spacing * (n_x - 1)),
         )
 
 

@@ -121,5 +121,7 @@ def slope_towards(direction: float, steepness: float) -> tuple[float, float]:
 
 
 def _common(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    x, y = np.broadcast_arrays(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if x.shape != y.shape:
+        x, y = np.broadcast_arrays(x, y)
     return x, y

@@ -12,7 +12,7 @@ import numpy as np
 from sensors.sand.grid import Bytes, Floats
 from sensors.sand.solids import WheelBody
 from vehicle.clock import TICK
-from vehicle.frames import FloatArray, transform
+from vehicle.frames import FloatArray, cross, transform
 from vehicle.rover.description import Rover
 from vehicle.rover.truth import RoverTruth
 
@@ -78,7 +78,7 @@ class Casters:
         ahead = np.array([math.cos(truth.wheel_headings[k]), math.sin(truth.wheel_headings[k]), 0.0])
         ahead -= (ahead @ up) * up
         ahead /= np.linalg.norm(ahead)
-        X_WK = transform(np.column_stack([ahead, np.cross(up, ahead), up]), truth.wheel_positions[k] + self.radius * up)
+        X_WK = transform(np.column_stack([ahead, cross(up, ahead), up]), truth.wheel_positions[k] + self.radius * up)
         turned = float(truth.wheel_turns[k])
         return WheelBody(X_WK=X_WK, radius=self.radius, width=self.width, lugs=self.lugs, turned=turned, albedo=_METAL)
 

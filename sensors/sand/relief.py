@@ -18,6 +18,7 @@ from sensors.textures import sigmoid, to_bytes
 from vehicle.terrain import Terrain
 
 RIPPLE_LENGTH: Final = 0.085  # from crest to crest: wind ripples in medium sand [m]
+_CRACKS: Final = 0.41  # from crack to crack [m]
 ALBEDO: Final = 150.0  # levels of sand that is neither dark nor bright
 
 
@@ -93,9 +94,8 @@ class Relief:
 
     def _waves(self, window: Window) -> Floats:
         """Wind ripples, of crests that wind and end."""
-        x, y = window.places()
-        along = math.cos(self.crest) * (x + window.corner[0]) + math.sin(self.crest) * (y + window.corner[1])
-        phase = (2.0 * math.pi / RIPPLE_LENGTH) * (along + 0.012 * self.warp.over(window))
+        cycles = self._across_crests(window, RIPPLE_LENGTH) + np.float32(0.012 / RIPPLE_LENGTH) * self.warp.over(window)
+        phase = np.float32(2.0 * math.pi) * cycles
         strength = np.clip(0.8 + 0.35 * self.patches.over(window), 0.1, 1.6)
         return np.asarray(self.kind.ripples * strength * (np.sin(phase) + 0.25 * np.sin(2.0 * phase + 0.9)), np.float32)
 
@@ -103,12 +103,18 @@ class Relief:
         """Depth of cracks, which run as the crests do [m]."""
         if not self.kind.cracks:
             return np.zeros(window.shape, np.float32)
-        x, y = window.places()
-        along = math.cos(self.crest) * (x + window.corner[0]) + math.sin(self.crest) * (y + window.corner[1])
-        place = (along + 0.02 * self.warp.over(window) + 0.0012 * self.rough.over(window)) / 0.41  # [cracks]
-        off = np.abs(place - np.round(place)) * 0.41
+        warp = np.float32(0.02) * self.warp.over(window) + np.float32(0.0012) * self.rough.over(window)
+        place = self._across_crests(window, _CRACKS) + warp * np.float32(1.0 / _CRACKS)  # [cracks]
+        off = np.abs(place - np.round(place)) * np.float32(_CRACKS)
         open_here = np.clip(0.6 + patches, 0.0, 1.0)
         return np.asarray(self.kind.cracks * open_here * np.exp(-((off / 0.004) ** 2)), dtype=np.float32)
+
+    def _across_crests(self, window: Window, length: float) -> Floats:
+        """Way across the crests in lengths [-], less a whole number of them for the sake of precision."""
+        x, y = window.places()
+        c, s = math.cos(self.crest), math.sin(self.crest)
+        begin = float(window.corner @ [c, s]) / length
+        return x * np.float32(c / length) + y * np.float32(s / length) + np.float32(begin - math.floor(begin))
 
     def _lay_pebbles(self, window: Window, height: Floats, albedo: Floats, tint: Floats) -> None:
         for pebble in self.pebbles.near(self.seed, window):

@@ -14,9 +14,10 @@ from vehicle.frames import FloatArray, inverse
 
 
 class Hits(NamedTuple):
-    """Where rays meet a body."""
+    """Where rays (...,) meet a body: whether they do, and of the n that do, in their order, the rest (n,)."""
 
-    depth: Floats  # along the rays; infinite where they miss it
+    met: NDArray[np.bool_]  # (...,)
+    depth: Floats  # along the rays
     facing: Floats  # cosine of the sun over its surface, 0 where it turns away
     sky: Floats  # share of the sky over its surface
     albedo: Floats  # against that of sand
@@ -43,14 +44,15 @@ class Ellipsoid:
         along = (rays @ X_EW[:3, :3].T.astype(np.float32)) / radii.astype(np.float32)
         a, b, c = (along * along).sum(axis=-1), along @ origin.astype(np.float32), float(origin @ origin) - 1.0
         square = b * b - a * np.float32(c)
-        depth = np.where(square > 0.0, (-b - np.sqrt(np.maximum(square, 0.0))) / a, np.inf)
-        at = origin.astype(np.float32) + np.where(square > 0.0, depth, 0.0)[..., None] * along
+        met = square > 0.0
+        depth = (-b[met] - np.sqrt(square[met])) / a[met]
+        at = origin.astype(np.float32) + depth[:, None] * along[met]
         skin = _skin(at * np.float32(2.5 * max(self.radii) / 0.1))
         normal = (at + np.float32(0.15) * skin) / radii.astype(np.float32)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         facing = np.maximum(normal @ (X_EW[:3, :3] @ sun).astype(np.float32), 0.0)
         albedo = np.float32(self.albedo) * (1.0 + 0.12 * skin[..., 0])
-        return Hits(depth.astype(np.float32), facing, 0.6 + 0.4 * normal[..., 2], albedo)
+        return Hits(met, depth.astype(np.float32), facing, 0.6 + 0.4 * normal[..., 2], albedo)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,33 +75,37 @@ class WheelBody:
         """Rays (..., 3) from an eye, all in W."""
         X_KW = inverse(self.X_WK)
         o = (X_KW[:3, :3] @ eye + X_KW[:3, 3]).astype(np.float32)
-        d = rays @ X_KW[:3, :3].T.astype(np.float32)
-        half = np.float32(0.5 * self.width)
-        a = d[..., 0] ** 2 + d[..., 2] ** 2
-        b = d[..., 0] * o[0] + d[..., 2] * o[2]
-        square = b * b - a * (o[0] ** 2 + o[2] ** 2 - np.float32(self.radius) ** 2)
-        tread = (-b - np.sqrt(np.maximum(square, 0.0))) / np.maximum(a, 1e-9)
-        on_tread = (square > 0.0) & (np.abs(o[1] + tread * d[..., 1]) < half)
+        x, y, z = np.moveaxis(rays @ X_KW[:3, :3].T.astype(np.float32), -1, 0)
+        half, radius = np.float32(0.5 * self.width), np.float32(self.radius)
+        a, b = x * x + z * z, x * o[0] + z * o[2]
+        square = b * b - a * (o[0] ** 2 + o[2] ** 2 - radius**2)
+        tread = (-b - np.sqrt(np.maximum(square, 0.0))) / np.maximum(a, np.float32(1e-9))
+        on_tread = (square > 0.0) & (np.abs(o[1] + tread * y) < half)
         side = np.sign(o[1])
-        disc = (side * half - o[1]) / np.where(np.abs(d[..., 1]) > 1e-6, d[..., 1], np.float32(1e-6))
+        disc = (side * half - o[1]) / np.where(np.abs(y) > 1e-6, y, np.float32(1e-6))
         on_disc = (abs(o[1]) > half) & (disc > 0.0)
-        on_disc &= (o[0] + disc * d[..., 0]) ** 2 + (o[2] + disc * d[..., 2]) ** 2 < np.float32(self.radius) ** 2
-        depth = np.minimum(np.where(on_tread, tread, np.inf), np.where(on_disc, disc, np.inf)).astype(np.float32)
-        first = np.isfinite(depth) & on_tread & (depth == tread)
-        at = np.asarray(o + np.where(np.isfinite(depth), depth, 0.0)[..., None] * d, dtype=np.float32)
-        return self._shaded(depth, at, first, side, X_KW[:3, :3] @ sun)
+        on_disc &= (o[0] + disc * x) ** 2 + (o[2] + disc * z) ** 2 < radius**2
+        on_tread &= ~on_disc | (tread < disc)
+        met = on_tread | on_disc
+        first = on_tread[met]
+        depth = np.where(first, tread[met], disc[met])
+        at_x, at_z = o[0] + depth * x[met], o[2] + depth * z[met]
+        return Hits(met, depth, *self._shaded(at_x, at_z, first, side, (X_KW[:3, :3] @ sun).astype(np.float32)))
 
-    def _shaded(self, depth: Floats, at: Floats, on_tread: NDArray[np.bool_], side: float, sun: FloatArray) -> Hits:
-        angle = np.arctan2(at[..., 0], at[..., 2])  # from the top, + ahead, as it turns
+    def _shaded(
+        self, x: Floats, z: Floats, on_tread: NDArray[np.bool_], side: np.float32, sun: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Cosine of the sun, share of the sky and albedo (n,) where it is met."""
+        angle = np.arctan2(x, z)  # from the top, + ahead, as it turns
         lug = np.cos(self.lugs * (angle - np.float32(math.remainder(self.turned, 2.0 * math.pi))))
-        slope = np.where(on_tread, -0.5 * np.sin(np.arccos(np.clip(lug, -1, 1))) * (lug > 0.3), 0.0)
-        nx = np.where(on_tread, (at[..., 0] + slope * at[..., 2]) / self.radius, 0.0)
-        nz = np.where(on_tread, (at[..., 2] - slope * at[..., 0]) / self.radius, 0.0)
-        ny = np.where(on_tread, 0.0, side)
+        slope = np.where(lug > 0.3, -0.5 * np.sqrt(1.0 - lug * lug), np.float32(0.0))
+        nx = np.where(on_tread, (x + slope * z) / np.float32(self.radius), np.float32(0.0))
+        nz = np.where(on_tread, (z - slope * x) / np.float32(self.radius), np.float32(0.0))
+        ny = np.where(on_tread, np.float32(0.0), side)
         length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        facing = np.maximum((nx * sun[0] + ny * sun[1] + nz * sun[2]) / np.maximum(length, 1e-6), 0.0)
-        albedo = np.where(on_tread & (lug > 0.55), 1.5 * self.albedo, self.albedo)
-        return Hits(depth, facing.astype(np.float32), (0.5 + 0.5 * nz).astype(np.float32), albedo.astype(np.float32))
+        facing = np.maximum((nx * sun[0] + ny * sun[1] + nz * sun[2]) / length, 0.0)
+        albedo = np.float32(self.albedo) * np.where(on_tread & (lug > 0.55), np.float32(1.5), np.float32(1.0))
+        return facing, np.asarray(0.5 + 0.5 * nz, dtype=np.float32), albedo
 
 
 def _skin(at: Floats) -> Floats:

@@ -143,11 +143,13 @@ class GroundView:
                 continue
             rays = np.stack(_turned(self.rays[part], X_WC), axis=-1)
             hits = body.hit(X_WC[:3, 3], rays, sun)
-            ground = (z[part] - np.float32(X_WC[2, 3])) / rays[..., 2]
+            ground = (z[part][hits.met] - np.float32(X_WC[2, 3])) / rays[..., 2][hits.met]
             first = hits.depth < ground
-            direct[part][first] = 0.5 * (hits.facing * hits.albedo)[first]
-            ambient[part][first] = 0.5 * (hits.sky * hits.albedo)[first]
-            hidden[part] |= first
+            shown = hits.met
+            shown[hits.met] = first
+            direct[part][shown] = 0.5 * (hits.facing * hits.albedo)[first]
+            ambient[part][shown] = 0.5 * (hits.sky * hits.albedo)[first]
+            hidden[part] |= shown
         return hidden
 
     def _part(self, X_WC: FloatArray, place: FloatArray, reach: float) -> tuple[slice, slice] | None:

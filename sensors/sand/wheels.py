@@ -30,6 +30,10 @@ class Stand(NamedTuple):
     turned: float  # [rad]
     sinkage: float  # [m]
 
+    def way(self, to: Stand) -> float:
+        """How far it is to another stand [m]."""
+        return math.dist(self.place, to.place)
+
 
 def stands(truth: RoverTruth) -> tuple[Stand, ...]:
     """All wheels of a rover."""
@@ -53,13 +57,16 @@ class Wheel:
     last: Stand | None = None
     displaced: float = 0.0  # by it per length of way, smoothed [m2]
 
-    def roll_on(self, field: Field, to: Stand) -> None:
-        """Imprint the way to where the wheel is now, if it is long enough to show."""
+    def roll_on(self, field: Field, to: Stand, after: Stand | None = None) -> None:
+        """Imprint the way to where the wheel is now, if it is long enough to show.
+
+        ``after`` is where it comes next, if that is known: short ways are imprinted together.
+        """
         if self.last is None:
             self.last, self.displaced = to, to.sinkage * self.tread.width
             return
-        way = float(np.hypot(*(to.place - self.last.place)))
-        if way < _SHORTEST:
+        way = self.last.way(to)
+        if way < _SHORTEST or (after is not None and self.last.way(after) <= _LONGEST):
             return
         pieces = math.ceil(way / _LONGEST)
         for k in range(pieces):

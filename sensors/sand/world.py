@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -115,10 +116,10 @@ class SandWorld:
 
     def drive(self, truths: Sequence[RoverTruth]) -> None:
         """Let the wheels imprint the way through these moments, each of which goes on from the one before."""
-        for truth in truths:
-            now = stands(truth)
-            for wheel, stand in zip(self._wheels, now, strict=True):
-                wheel.roll_on(self._field, stand)
+        moments = [stands(truth) for truth in truths]
+        for now, then in zip_longest(moments, moments[1:]):
+            for k, wheel in enumerate(self._wheels):
+                wheel.roll_on(self._field, now[k], then[k] if then else None)
             self._passed = self._passed.on(now[REAR_LEFT], now[REAR_LEFT].sinkage > 0.0)
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:

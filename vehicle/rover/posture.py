@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from vehicle.frames import FloatArray, Pose2, transform
+from vehicle.frames import FloatArray, Pose2, cross, transform
 from vehicle.rover.description import Rover
 from vehicle.rover.layout import RoverState
 from vehicle.terrain import Terrain
@@ -59,9 +59,9 @@ def _lean(lowest: FloatArray) -> FloatArray:
     forward = lowest[0] + lowest[1] - lowest[2] - lowest[3]
     leftward = lowest[0] + lowest[2] - lowest[1] - lowest[3]
     e_x = forward / np.linalg.norm(forward)
-    up = np.cross(e_x, leftward)
+    up = cross(e_x, leftward)
     e_z = up / np.linalg.norm(up)
-    return np.column_stack([e_x, np.cross(e_z, e_x), e_z])
+    return np.column_stack([e_x, cross(e_z, e_x), e_z])
 
 
 def _wheel_velocities(p: FloatArray, s: RoverState[FloatArray]) -> FloatArray:
