@@ -8,7 +8,7 @@ exploration rovers"), of which nothing but that idea is used here. Longitudinal 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -201,10 +201,10 @@ def _again(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
     if tick is None or tick <= before:
         return memory
     memory = memory._replace(lagged_tick=tick)
-    ends = [turn for turn in memory.turns if turn.tick in (before, tick)]
-    if len(ends) != 2:  # it is the first one, or the rover stood meanwhile
+    last, then = (_turn_near(memory.turns, end) for end in (before, tick))
+    if (last.tick, then.tick) != (before, tick):  # it is the first one, or the rover stood meanwhile
         return memory
-    then, way = ends[1], ends[1].way - ends[0].way
+    way = then.way - last.way
     aside = way * (math.tan(wrap(slip.lagged_value - then.direction)) - math.tan(then.drift))
     course = then.heading + then.direction
     return memory._replace(x=memory.x - aside * math.sin(course), y=memory.y + aside * math.cos(course))
@@ -212,11 +212,18 @@ def _again(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
 
 def _pointed(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:
     """Where the wheels pointed over the way that the slip angle is of [rad]; None if that is not known."""
-    then = min(turns, key=lambda turn: abs(turn.tick - slip.tick))
+    then = _turn_near(turns, slip.tick)
     if abs(then.tick - slip.tick) > _NEAR:
         return None
-    meant = [turn.direction for turn in turns if then.way - slip.way <= turn.way <= then.way]
-    return math.fsum(meant) / len(meant)
+    begin = bisect_left(turns, then.way - slip.way, key=attrgetter("way"))
+    end = bisect_right(turns, then.way, key=attrgetter("way"))
+    return math.fsum(turn.direction for turn in turns[begin:end]) / (end - begin)
+
+
+def _turn_near(turns: tuple[Turn, ...], tick: int) -> Turn:
+    """That which was nearest to a tick."""
+    at = bisect_left(turns, tick, key=attrgetter("tick"))
+    return min(turns[max(at - 1, 0) : at + 1], key=lambda turn: abs(turn.tick - tick))
 
 
 def _corrected(memory: OdometryMemory, fix: LaserFix, elapsed: float) -> OdometryMemory:

@@ -122,13 +122,12 @@ class TraceCamera:
         shade = self._casters.shadows(truth, self._world.light.direction, seen.x, seen.y, seen.z)
         return seen, self._view.full(shade)
 
-    def _bodies(self, truth: RoverTruth) -> Iterator[tuple[FloatArray, Body]]:
+    def _bodies(self, truth: RoverTruth) -> Iterator[Body]:
         """Rocks around the rover, and the wheel that the camera is behind."""
         for rock in self._world.rocks:
             if math.dist(rock.place[:2], truth.pose[:2]) < _NEAR:
-                yield np.array(rock.place), rock.body()
-        body = self._casters.wheel_body(truth, REAR_LEFT)
-        yield body.X_WK[:3, 3], body
+                yield rock.body()
+        yield self._casters.wheel_body(truth, REAR_LEFT)
 
     def _level(self, light: _Light, albedo: float | Floats, sun: float, sky: float) -> Floats:
         """Grey levels at a gain of 1."""

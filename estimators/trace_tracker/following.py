@@ -77,7 +77,7 @@ def _look(ground: Ground, prior: Histories, path: Histories, told: tuple[Profile
     expected, gradient = path_line.seen(line, rig, ground.bands)
     slips = path_line.fronts_at(line, rig, ground.bands)
     cut = windows(straightened(ground.image, path_line.trace(line, rig, ground.behind)))
-    std = np.sqrt(np.einsum("ij,jk,ik->i", gradient, line.covariance, gradient) + _SWAY**2)
+    std = np.sqrt(np.sum((gradient @ line.covariance) * gradient, axis=1) + _SWAY**2)
     sunny, shaded = (unit(at_slips(profiles, slips)) for profiles in told)
     in_sun, in_shade = correlation(cut, sunny), correlation(cut, shaded)
     off, scores = peaks(np.maximum(in_sun, in_shade), std)

@@ -140,10 +140,13 @@ def moved(state: PathState, length: float, yaw: float, seconds: float, steer: fl
 
 def with_compass(state: PathState, reading: float) -> PathState:
     """The heading corrected by a compass reading [rad]."""
-    gradient = np.zeros((1, len(state.mean)))
-    gradient[0, HEADING.start] = 1.0
-    innovation = np.array([math.remainder(reading - float(state.headings[0]), 2.0 * math.pi)])
-    return with_seen(state, gradient, innovation, np.array([[_COMPASS**2]]))[0]
+    told = state.covariance[HEADING.start]  # a single part of the state is measured as it is
+    variance = told[HEADING.start] + _COMPASS**2
+    innovation = math.remainder(reading - float(state.headings[0]), 2.0 * math.pi)
+    gained = told / math.sqrt(variance)
+    return state._replace(
+        mean=state.mean + (innovation / variance) * told, covariance=state.covariance - np.outer(gained, gained)
+    )
 
 
 def with_seen(

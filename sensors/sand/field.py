@@ -30,7 +30,7 @@ class Tile:
     albedo: Bytes
     tint: Bytes
     packed: Bytes  # 255 where a wheel has pressed it
-    light: Bytes  # (n, n, 2) of sun and sky that comes back, see ``sent_back``
+    light: Bytes  # (2, n, n) of sun and sky that comes back, see ``sent_back``
     stale: NDArray[np.uint8]  # (blocks, blocks) 1 where the light is no more that of the height
     rock_light: Bytes | None  # share of the sun that rocks leave it; None: all
 
@@ -72,11 +72,11 @@ class Field:
             ] = 1
 
     def light(self, window: Window) -> Bytes:
-        """Light of sun and sky that comes back from a window (h, w, 2)."""
+        """Light of sun and sky that comes back from a window (2, h, w)."""
         self._light_anew(window)
-        out = np.empty((*window.shape, 2), np.uint8)
+        out = np.empty((2, *window.shape), np.uint8)
         for tile, here, there in self._parts(window):
-            out[there] = tile.light[here]
+            out[:, *there] = tile.light[:, *here]
         return out
 
     def tint(self, window: Window) -> Bytes:
@@ -114,7 +114,7 @@ class Field:
             direct = sun[there]
             if tile.rock_light is not None:
                 direct = direct * (tile.rock_light[here] * np.float32(1.0 / 255.0))
-            tile.light[here] = sent_back(tile.albedo[here], tile.packed[here], direct, sky[there])
+            tile.light[:, *here] = sent_back(tile.albedo[here], tile.packed[here], direct, sky[there])
             tile.stale[_in_blocks(here)] = 0
 
     def _parts(self, window: Window) -> Iterator[tuple[Tile, tuple[slice, slice], tuple[slice, slice]]]:
@@ -140,7 +140,7 @@ class Field:
             albedo=ground.albedo,
             tint=ground.tint,
             packed=sand.packed,
-            light=np.zeros((*window.shape, 2), np.uint8),
+            light=np.zeros((2, *window.shape), np.uint8),
             stale=np.ones((TILE // _BLOCK, TILE // _BLOCK), np.uint8),
             rock_light=self._rock_light(window, sand.height),
         )

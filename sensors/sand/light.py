@@ -90,17 +90,19 @@ def sunlit(height: Floats, reach: Reach, light: Sunlight) -> tuple[Floats, Float
 
 
 def sent_back(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
-    """Light of sun and sky that comes back (h, w, 2), as the root of its share: bytes are then as fine as eyes are."""
+    """Light of sun and sky that comes back (2, h, w), as the root of its share: bytes are then as fine as eyes are."""
     own = albedo.astype(np.float32)
     pressed = packed.astype(np.float32) * np.float32(1.0 / 255.0)
     own += (np.float32(ALBEDO * (1.0 - _PACKED)) - own) * (np.float32(_COVERED) * pressed)
     share = own * np.float32(0.5 / ALBEDO)
-    both = cv2.merge([share * sun, share * sky])
-    return np.asarray(np.minimum(255.0 * cv2.sqrt(both), 255.0), dtype=np.uint8)
+    sent = np.empty((2, *share.shape), np.uint8)
+    for plane, light in zip(sent, (sun, sky), strict=True):
+        plane[...] = np.minimum(255.0 * cv2.sqrt(share * light), 255.0)
+    return sent
 
 
-def came_back(sent: Bytes) -> tuple[Floats, Floats]:
-    """The shares of the sun's and of the sky's light (h, w) from what ``sent_back`` says."""
-    scale = np.float32(2.0 / 255.0**2)
-    direct, ambient = (part.astype(np.float32) for part in cv2.split(sent))
-    return direct * direct * scale, ambient * ambient * scale
+def came_back(sent: Bytes | Floats) -> Floats:
+    """The share (h, w) of the sun's or of the sky's light from what ``sent_back`` says of it."""
+    share: Floats = np.square(sent, dtype=np.float32)
+    share *= np.float32(2.0 / 255.0**2)
+    return share

@@ -82,7 +82,7 @@ class Relief:
 
     def large(self, window: Window) -> Floats:
         """The large shape in a window [m]."""
-        outer = window.grown(2 * COARSE)
+        outer = window.grown(COARSE)
         rows, columns = (math.ceil(side / COARSE) for side in outer.shape)
         x = outer.left * TEXEL + (np.arange(columns) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
         y = outer.top * TEXEL + (np.arange(rows) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
@@ -90,7 +90,7 @@ class Relief:
             self.terrain.height(x[None, :] + 0.0 * y[:, None], y[:, None] + 0.0 * x[None, :]), np.float32
         )
         fine = cv2.resize(coarse, (columns * COARSE, rows * COARSE), interpolation=cv2.INTER_LINEAR)
-        return np.asarray(fine[2 * COARSE :, 2 * COARSE :][: window.shape[0], : window.shape[1]], dtype=np.float32)
+        return np.asarray(fine[COARSE:, COARSE:][: window.shape[0], : window.shape[1]], dtype=np.float32)
 
     def _waves(self, window: Window) -> Floats:
         """Wind ripples, of crests that wind and end."""

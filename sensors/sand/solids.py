@@ -32,9 +32,9 @@ class Ellipsoid:
     albedo: float
 
     @property
-    def reach(self) -> float:
-        """Radius around the middle that has all of it [m]."""
-        return max(self.radii)
+    def corners(self) -> FloatArray:
+        """Of a box (8, 3) in W that has all of it; its skin has no height."""
+        return _corners(self.X_WE, self.radii)
 
     def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
         """Rays (..., 3) from an eye, all in W."""
@@ -67,9 +67,9 @@ class WheelBody:
     albedo: float
 
     @property
-    def reach(self) -> float:
-        """Radius around the centre that has all of it [m]."""
-        return math.hypot(self.radius, 0.5 * self.width)
+    def corners(self) -> FloatArray:
+        """Of a box (8, 3) in W that has all of it."""
+        return _corners(self.X_WK, (self.radius, 0.5 * self.width, self.radius))
 
     def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
         """Rays (..., 3) from an eye, all in W."""
@@ -106,6 +106,12 @@ class WheelBody:
         facing = np.maximum((nx * sun[0] + ny * sun[1] + nz * sun[2]) / length, 0.0)
         albedo = np.float32(self.albedo) * np.where(on_tread & (lug > 0.55), np.float32(1.5), np.float32(1.0))
         return facing, np.asarray(0.5 + 0.5 * nz, dtype=np.float32), albedo
+
+
+def _corners(X_WB: FloatArray, half: tuple[float, float, float]) -> FloatArray:
+    """Corners (8, 3) in W of a box about B's origin, along its axes."""
+    corners = np.stack(np.meshgrid(*((-side, side) for side in half)), axis=-1).reshape(-1, 3)
+    return np.asarray(corners @ X_WB[:3, :3].T + X_WB[:3, 3])
 
 
 def _skin(at: Floats) -> Floats:

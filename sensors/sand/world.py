@@ -132,7 +132,7 @@ class SandWorld:
         return self._field.height(window)
 
     def lit(self, window: Window) -> Bytes:
-        """Light of sun and sky that comes back from a window (h, w, 2), see ``sensors.sand.light.sent_back``."""
+        """Light of sun and sky that comes back from a window (2, h, w), see ``sensors.sand.light.sent_back``."""
         return self._field.light(window)
 
     def tint(self, window: Window) -> Bytes:
