@@ -29,6 +29,8 @@ typedef double real __attribute__((vector_size(8 * LANES)));
 
 #define ALL(a) ((a) - (real){0})
 #define OP static inline __attribute__((always_inline)) real
+/* written out at each of its hundreds of places, a long one is no faster and takes twice as long to compile */
+#define LONG_OP static __attribute__((noinline)) real
 
 /* operations the processor has */
 
@@ -55,7 +57,7 @@ OP op_or(real a, real b) { return op_select(a, ALL(1.0), op_ne(b, ALL(0.0))); }
 
 OP quadrants(real a) { return (a * 0x1.45f306dc9c883p-1 + 0x1.8p52) - 0x1.8p52; } /* a / (pi/2), rounded */
 
-OP quarter_wave(real a, real ahead) {
+LONG_OP quarter_wave(real a, real ahead) {
   real n = quadrants(a);
   real r = ((a - n * 1.57079625129699707031) - n * 7.54978941586159635336e-8) - n * 5.39030285815811905290e-15;
   real z = r * r;
@@ -77,7 +79,7 @@ OP op_tan(real a) { return op_sin(a) / op_cos(a); }
 
 /* arc tangent after Cephes: three ranges, a rational function on the middle one */
 
-OP op_atan(real a) {
+LONG_OP op_atan(real a) {
   real size = op_abs(a);
   real far = op_lt(ALL(2.41421356237309504880), size), near = op_lt(size, ALL(0.66));
   real up = op_select(far, ALL(-1.0), op_select(near, size, size - 1.0));
