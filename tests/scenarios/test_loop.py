@@ -89,7 +89,7 @@ def test_with_cameras_left_and_right_agree_to_the_odometrys_noise() -> None:
     0.4 m.
     """
     small = ("rig.width=672", "rig.height=240", "world.scenery_density=0.3", "reference_unit=false")
-    settings = (*small, "course.entry=18", "course.turn_deg=50", "course.exit=5")
+    settings = (*small, "course.entry=20", "course.turn_deg=45", "course.exit=5")
     left = run(load_scenario("roundabout", settings), 1).log
     right = run(load_scenario("roundabout-right", settings), 1).log
     assert len(left) == pytest.approx(len(right), abs=2)
