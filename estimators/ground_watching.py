@@ -18,7 +18,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, Motion, OffTracking
+from estimators.estimates import Health, Motion, OffTracking, Reads
 from estimators.ground_motion import ground_motion
 from estimators.ground_view import GroundView, ground_cameras, viewed
 from estimators.hitch_path import chord_lengths, crossing, tangent
@@ -73,7 +73,7 @@ class GroundMemory(NamedTuple):
 class GroundWatching:
     """Off-tracking from two cameras that watch the ground under the trailer."""
 
-    watches_ground: ClassVar[bool] = True  # what its cameras have to look at
+    reads: ClassVar[Reads] = "ground"
     _single = False
 
     def __init__(self, calibration: StereoCalibration, follow_distance: float) -> None:

@@ -17,7 +17,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Health, OffTracking, Reads
 from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -54,7 +54,7 @@ class KinematicMemory(NamedTuple):
 class KinematicOffTracking:
     """The off-tracking of one trailer under the assumption that the tractor's rear axle does not slip."""
 
-    reads_signals: ClassVar[bool] = True  # of the combination: what it is constructed with and fed
+    reads: ClassVar[Reads] = "signals"
 
     def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float) -> None:
         """For the ``unit`` of a vehicle whose follow point is ``follow_distance`` [m] behind its hitch.

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Health, OffTracking, Reads
 from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import BodyPose, GnssIns
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
@@ -22,7 +22,7 @@ class ReferenceMemory(NamedTuple):
 class ReferenceOffTracking:
     """The off-tracking that the poses of a reference unit show; its own errors are not modelled in ``std``."""
 
-    reads_poses: ClassVar[bool] = True  # of a unit on the trailer, not what cameras see
+    reads: ClassVar[Reads] = "poses"
 
     def __init__(self, follow_distance: float) -> None:
         """For a follow point ``follow_distance`` [m] behind the hitch.

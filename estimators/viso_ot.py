@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Generic, NamedTuple
 
-from estimators.estimates import Anchor, Health, Motion, OffTracking
+from estimators.estimates import Anchor, Health, Motion, OffTracking, Reads
 from estimators.odometry import Memory, Odometry
 from estimators.off_tracking import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.rigid_motion import UncertainMotion, seen_from
@@ -36,6 +36,7 @@ class VisoOtMemory(NamedTuple, Generic[Memory]):
 class VisoOt(Generic[Memory]):
     """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
 
+    reads: ClassVar[Reads] = "stereo"
     buffer_options: ClassVar[bool] = True  # it is constructed with those of the buffer
 
     def __init__(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from controllers.trailer import TrailerGeometry
+from estimators.estimates import Reads
 from estimators.self_calibration import SelfCalibratedOdometry
 from scenarios.adapters import rig_on
 from scenarios.board_calibration import Told
@@ -92,16 +93,15 @@ def opened_sensing(
     """
     estimator = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
-    watches_ground = getattr(estimator, "watches_ground", False)  # with cameras under the trailer
-    reads = getattr(estimator, "reads_signals", False)  # of the combination, and needs to know this
-    sees = not (reads or getattr(estimator, "reads_poses", False))
+    reads: Reads = getattr(estimator, "reads", "stereo")
+    sees = reads in ("stereo", "ground")
     settings = scenario.viso_ot.model_dump() if getattr(estimator, "buffer_options", False) else {}
     if not settings and scenario.viso_ot != VisoOtOptions():
         raise ValueError(f"viso_ot: off_tracking = {scenario.off_tracking} has none of these options, viso_ot has")
     cameras: Cameras | None = None
     if sees or record:
         noise = stream(seed, f"camera noise{_own(vehicle, unit)}")
-        if watches_ground:
+        if reads == "ground":
             cameras = opened_ground_cameras(
                 scenario, views, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
             )
@@ -117,7 +117,7 @@ def opened_sensing(
                 keep_colour=keep_colour,
                 calibrating=calibrating,
             )
-    if reads:
+    if reads == "signals":
         heard = _with_faults(signals, scenario, seed, vehicle, unit, None)
         source = estimator(vehicle, unit, trailer.follow_distance)
         return Sensing(sensor=heard, schedule=_SIGNALS, source=source, cameras=cameras, sees=False)
@@ -128,7 +128,7 @@ def opened_sensing(
         source = estimator(trailer.follow_distance, *own_errors)
         return Sensing(sensor=sensor, schedule=schedule, source=source, cameras=cameras, sees=False)
     arguments = [cameras.calibration, trailer.follow_distance]
-    if not watches_ground:
+    if reads == "stereo":
         measuring = odometry(cameras.calibration)
         own = scenario.rig.self_calibration
         arguments.append(SelfCalibratedOdometry(cameras.calibration, measuring) if own else measuring)

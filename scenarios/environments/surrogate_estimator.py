@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import Health, OffTracking, Reads
 from estimators.reference import ReferenceMemory, ReferenceOffTracking
 from scenarios.environments.surrogate import SurrogateParameters, drifted, load_surrogate
 from sensors.messages import BodyPose
@@ -33,8 +33,8 @@ class SurrogateMemory(NamedTuple):
 class SurrogateOffTracking:
     """Off-tracking from exact poses, with the errors and losses of ``surrogate.SurrogateParameters`` on it."""
 
-    reads_poses: ClassVar[bool] = True
-    random: ClassVar[bool] = True
+    reads: ClassVar[Reads] = "poses"
+    random: ClassVar[bool] = True  # it is constructed with a generator of its errors
 
     def __init__(
         self, follow_distance: float, rng: np.random.Generator, parameters: SurrogateParameters | None = None

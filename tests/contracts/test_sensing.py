@@ -125,10 +125,10 @@ def test_a_source_knows_nothing_before_a_trailer_length_is_travelled(
     """4 m of path do not reach back 14 m: the value is 0 and lost, not a guess; the path is what there is."""
     build = resolve("off_tracking", name, OFF_TRACKING)
     frames, poses = messages
-    if getattr(build, "reads_poses", False):
+    if build.reads == "poses":
         own_errors = [np.random.default_rng(3)] if getattr(build, "random", False) else []
         source, given = build(parts.trailer.follow_distance, *own_errors), poses
-    elif getattr(build, "watches_ground", False):
+    elif build.reads == "ground":
         assembly, given = under_the_trailer
         source = build(assembly.cameras.calibration, parts.trailer.follow_distance)
     else:
