@@ -59,6 +59,27 @@ class WatchedTrailer:
     signals: CombinationSensors
     sensing: Sensing
 
+    @classmethod
+    def of(
+        cls,
+        vehicle: Vehicle,
+        unit: int,
+        geometry: TrailerGeometry,
+        law: TrailerSteering[Any],
+        signals: CombinationSensors,
+        sensing: Sensing,
+    ) -> WatchedTrailer:
+        """The ``unit`` of a vehicle with what senses and steers it."""
+        return cls(
+            unit=unit,
+            name=vehicle.units[unit].name,
+            geometry=geometry,
+            steers_ahead=sum(len(ahead.steered_axles) for ahead in vehicle.units[:unit]),
+            law=law,
+            signals=signals,
+            sensing=sensing,
+        )
+
     @property
     def n_steered(self) -> int:
         """Number of its steered axles."""
@@ -166,17 +187,7 @@ def assemble(
             record=record and unit == units[-1],
             calibrating=calibrating,
         )
-        trailers.append(
-            WatchedTrailer(
-                unit=unit,
-                name=vehicle.units[unit].name,
-                geometry=geometry,
-                steers_ahead=sum(len(ahead.steered_axles) for ahead in vehicle.units[:unit]),
-                law=laws[unit],
-                signals=signals,
-                sensing=sensing,
-            )
-        )
+        trailers.append(WatchedTrailer.of(vehicle, unit, geometry, laws[unit], signals, sensing))
     return Assembly(
         scenario=scenario,
         seed=seed,

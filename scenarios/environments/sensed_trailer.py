@@ -84,15 +84,7 @@ class SensedTrailer:
             keep_colour=False,
             record=sees,
         )
-        watched = WatchedTrailer(
-            unit=unit,
-            name=name,
-            geometry=geometry,
-            steers_ahead=sum(len(ahead.steered_axles) for ahead in vehicle.units[:unit]),
-            law=Unsteered(geometry),
-            signals=signals,
-            sensing=self.sensing,
-        )
+        watched = WatchedTrailer.of(vehicle, unit, geometry, Unsteered(geometry), signals, self.sensing)
         self._loop, self._signals = TrailerLoop(watched, worker, _untimed), signals
         self._follow = setting.follow_distance
         self._tick = 0  # of the newest look
