@@ -36,10 +36,11 @@ def detect_corners(image: GreyImage, *, per_bucket: int) -> Points:
 
 def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float32], count: int) -> NDArray[np.intp]:
     """Indices of the ``count`` strongest of the points (n, 2) in each bucket of 50 x 50 px."""
-    bucket = points // _BUCKET
-    order = np.lexsort((-strength, bucket[:, 0], bucket[:, 1]))
+    column, row = (points.T / _BUCKET).astype(np.int64)
+    bucket = row * (column.max(initial=0) + 1) + column
+    order = np.lexsort((-strength, bucket))
     place = np.arange(len(order))
-    new = np.any(np.diff(bucket[order], axis=0, prepend=-1.0) != 0.0, axis=1)
+    new = np.diff(bucket[order], prepend=-1) > 0
     rank = place - np.maximum.accumulate(np.where(new, place, 0))
     chosen: NDArray[np.intp] = order[rank < count]
     return chosen

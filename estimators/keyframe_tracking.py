@@ -12,7 +12,7 @@ from estimators.keyframes import FINEST, Keyframe
 from estimators.local_planes import rays_through, warps
 from estimators.pose import Sightings
 from estimators.stereo_geometry import project
-from estimators.warped_matching import MARGIN, Float32Array, Found, find, templates, warped_patches
+from estimators.warped_matching import MARGIN, Float32Array, Found, find, sampled, templates, warped_places
 from sensors.messages import StereoFrame
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse
@@ -39,75 +39,83 @@ class Tracks(NamedTuple):
 class _Offer(NamedTuple):
     """What is looked for of one keyframe."""
 
+    keyframe: Keyframe
     feature: NDArray[np.intp]  # (n,)
-    X_NK: FloatArray  # (4, 4)
-    z: FloatArray  # (n, 3) predicted images [px]
-    patches: tuple[Float32Array, Float32Array]  # as the left and the right image should show them
+    z: Float32Array  # (n, 3) predicted images [px]
 
 
 def tracked(
     calibration: StereoCalibration, keyframes: Sequence[Keyframe], frame: StereoFrame, X_OC: FloatArray
 ) -> Tracks:
     """Points of the keyframes (newest first), looked for in the frame at the predicted pose ``X_OC``."""
-    offers = _offers(calibration, keyframes, X_OC)
+    X_CK = inverse(X_OC) @ np.array([keyframe.X_OK for keyframe in keyframes])
+    offers = _offers(calibration, keyframes, X_CK)
+    number = np.repeat(np.arange(len(offers)), [len(offer.feature) for offer in offers])
     z = np.concatenate([offer.z for offer in offers])
-    left_image, right_image = frame.left.astype(np.float32), frame.right.astype(np.float32)
-    left_patches, right_patches = (np.concatenate([offer.patches[side] for offer in offers]) for side in (0, 1))
-    left = find(templates(left_patches), left_image, z[:, :2])
+    left_patches, right_patches = _patches(calibration, offers, X_CK[number])
+    left = find(templates(left_patches), frame.left.astype(np.float32), z[:, :2])
     shift = left.points - z[:, :2]
-    right = find(templates(right_patches), right_image, np.column_stack([z[:, 2], z[:, 1]]) + shift)
+    right = find(templates(right_patches), frame.right.astype(np.float32), z[:, [2, 1]] + shift)
     found = (left.likeness > _LIKENESS) & (right.likeness > _LIKENESS) & (np.abs(shift).max(axis=1) < _GATE)
     apart = left.points - right.points
     found &= (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > _LEAST_DISPARITY)
     return Tracks(
-        keyframe=np.repeat(np.arange(len(offers)), [len(offer.feature) for offer in offers]),
+        keyframe=number,
         feature=np.concatenate([offer.feature for offer in offers]),
-        seen=_sightings(keyframes, offers, left, right),
+        seen=_sightings(offers, number, left, right),
         found=found,
     )
 
 
-def _offers(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_OC: FloatArray) -> list[_Offer]:
+def _offers(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Offer]:
     """Points of every keyframe that the pair should show; what older ones have not got, the newest fills up."""
-    X_ON = keyframes[0].X_OK
+    of_each = [keyframe.points @ X[:3, :3].T + X[:3, 3] for keyframe, X in zip(keyframes, X_CK, strict=True)]
+    points, misses = np.concatenate(of_each), np.concatenate([keyframe.misses for keyframe in keyframes])
+    z = project(calibration, points)
+    u, v, u_right = z.T
+    inside = (u > MARGIN) & (v > MARGIN) & (u_right > MARGIN) & (u < calibration.width - 1 - MARGIN)
+    inside &= (v < calibration.height - 1 - MARGIN) & (points[:, 2] > _NEAREST) & (misses < _MISSES)
     older_share = int(_OLDER * OFFERED / max(len(keyframes) - 1, 1))
-    offers, left_over = [], OFFERED
+    offers, left_over, end = [], OFFERED, len(points)
     for keyframe in reversed(keyframes):
         limit = left_over if keyframe is keyframes[0] else older_share
-        offers.append(_offer(calibration, keyframe, X_ON, X_OC, limit))
-        left_over -= len(offers[-1].feature)
+        start = end - len(keyframe.points)
+        feature = np.flatnonzero(inside[start:end])[:limit]
+        offers.append(_Offer(keyframe, feature, z[start + feature].astype(np.float32)))
+        left_over, end = left_over - len(feature), start
     return offers[::-1]
 
 
-def _offer(
-    calibration: StereoCalibration, keyframe: Keyframe, X_ON: FloatArray, X_OC: FloatArray, limit: int
-) -> _Offer:
-    X_CK = inverse(X_OC) @ keyframe.X_OK
-    R, t = X_CK[:3, :3], X_CK[:3, 3]
-    seen = keyframe.points @ R.T + t
-    z = project(calibration, seen)
-    inside = (z[:, :2] > MARGIN).all(axis=1) & (z[:, 2] > MARGIN) & (z[:, 0] < calibration.width - 1 - MARGIN)
-    inside &= (z[:, 1] < calibration.height - 1 - MARGIN) & (seen[:, 2] > _NEAREST) & (keyframe.misses < _MISSES)
-    feature = np.flatnonzero(inside)[:limit]
-    centres, planes = keyframe.centres[feature], keyframe.planes[feature]
-    rays = rays_through(calibration, centres)
-    patches = tuple(
-        warped_patches(keyframe.image, centres, warps(R, t - side, planes, rays))
-        for side in (np.zeros(3), calibration.X_ClCr[:3, 3])
-    )
-    return _Offer(feature, inverse(X_ON) @ keyframe.X_OK, z[feature].astype(np.float32), (patches[0], patches[1]))
+def _patches(
+    calibration: StereoCalibration, offers: Sequence[_Offer], X_CK: FloatArray
+) -> tuple[Float32Array, Float32Array]:
+    """The patches (n, 289) as the left and the right image should show them, from poses (n, 4, 4)."""
+    centres = np.concatenate([offer.keyframe.centres[offer.feature] for offer in offers])
+    planes = np.concatenate([offer.keyframe.planes[offer.feature] for offer in offers])
+    t_sides = np.stack([X_CK[:, :3, 3], X_CK[:, :3, 3] - calibration.X_ClCr[:3, 3]])
+    bent = warps(X_CK[:, :3, :3], t_sides, planes, rays_through(calibration, centres))
+    (u_left, u_right), (v_left, v_right) = warped_places(centres, bent)
+    left, right, end = [], [], 0
+    for offer in offers:  # both sides at once, while the image is in the cache
+        image, part = offer.keyframe.image, slice(end, end + len(offer.feature))
+        left.append(sampled(image, u_left[part], v_left[part]))
+        right.append(sampled(image, u_right[part], v_right[part]))
+        end = part.stop
+    return np.concatenate(left), np.concatenate(right)
 
 
-def _sightings(keyframes: Sequence[Keyframe], offers: Sequence[_Offer], left: Found, right: Found) -> Sightings:
+def _sightings(offers: Sequence[_Offer], number: NDArray[np.intp], left: Found, right: Found) -> Sightings:
     """The points in the axes of the newest keyframe, with their measured images."""
-    points, covariance = [], []
-    for keyframe, offer in zip(keyframes, offers, strict=True):
-        R, p = offer.X_NK[:3, :3], offer.X_NK[:3, 3]
-        points.append(keyframe.points[offer.feature] @ R.T + p)
-        covariance.append(R @ keyframe.covariance[offer.feature] @ R.T)
+    X_NK = inverse(offers[0].keyframe.X_OK) @ np.array([offer.keyframe.X_OK for offer in offers])[number]
+    R = np.ascontiguousarray(X_NK[:, :3, :3])
+    points = np.concatenate([offer.keyframe.points[offer.feature] for offer in offers])
+    covariance = np.concatenate([offer.keyframe.covariance[offer.feature] for offer in offers])
     z = np.column_stack([left.points[:, 0], 0.5 * (left.points[:, 1] + right.points[:, 1]), right.points[:, 0]])
     v = 0.25 * (left.variance[:, 1] + right.variance[:, 1]) + 0.5 * FINEST**2
     variance = np.column_stack([left.variance[:, 0] + FINEST**2, v, right.variance[:, 0] + FINEST**2])
     return Sightings(
-        np.concatenate(points), np.concatenate(covariance), z.astype(np.float64), variance.astype(np.float64)
+        np.einsum("nij,nj->ni", R, points) + X_NK[:, :3, 3],
+        R @ covariance @ R.transpose(0, 2, 1),
+        z.astype(np.float64),
+        variance.astype(np.float64),
     )

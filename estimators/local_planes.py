@@ -44,18 +44,19 @@ def local_planes(
 
 
 def warps(R: FloatArray, t: FloatArray, planes: FloatArray, rays: FloatArray) -> FloatArray:
-    """How offsets around images (n, 2, 2) in a camera map back to offsets in the camera of the planes and rays (n, 3).
+    """How offsets around images (..., 2, 2) in a camera map back to offsets in the camera of the planes and rays.
 
-    X' = R X + t takes points into that camera. The inverse of the Jacobian of x' = (H x) / (H x)_z, H = R + t n'.
+    X' = R X + t takes points into that camera; R (..., 3, 3) may be one for all, as the others (..., 3) may be. The
+    inverse of the Jacobian of x' = (H x) / (H x)_z, H = R + t n'.
     """
-    H = R + t[:, None] * planes[:, None, :]
-    seen = np.einsum("nij,nj->ni", H, rays)
-    forward = (H[:, :2, :2] - (seen[:, :2] / seen[:, 2:])[..., None] * H[:, 2:, :2]) / seen[:, 2, None, None]
-    determinant = forward[:, 0, 0] * forward[:, 1, 1] - forward[:, 0, 1] * forward[:, 1, 0]
+    H = R + t[..., None] * planes[..., None, :]
+    seen = np.einsum("...ij,...j->...i", H, rays)
+    forward = (H[..., :2, :2] - (seen[..., :2] / seen[..., 2:])[..., None] * H[..., 2:, :2]) / seen[..., 2:, None]
+    determinant = forward[..., 0, 0] * forward[..., 1, 1] - forward[..., 0, 1] * forward[..., 1, 0]
     backward: FloatArray = np.empty_like(forward)
-    backward[:, 0, 0], backward[:, 1, 1] = forward[:, 1, 1], forward[:, 0, 0]
-    backward[:, 0, 1], backward[:, 1, 0] = -forward[:, 0, 1], -forward[:, 1, 0]
-    backward /= determinant[:, None, None]
+    backward[..., 0, 0], backward[..., 1, 1] = forward[..., 1, 1], forward[..., 0, 0]
+    backward[..., 0, 1], backward[..., 1, 0] = -forward[..., 0, 1], -forward[..., 1, 0]
+    backward /= determinant[..., None, None]
     return backward
 
 

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.reprojection import motion_jacobian, residuals
-from estimators.stereo_geometry import projection_jacobian
+from estimators.reprojection import linearised, motion_jacobian
+from estimators.stereo_geometry import triangulation_jacobian
 from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
@@ -27,6 +27,7 @@ _MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqr
 _FINEST = 0.02  # no tracker is better [px]
 _FEWEST = 6  # matches for a solution with something left over to judge it by
 _DAMPING = 1e-12  # share of the trace; keeps the solution finite where all matches are alike
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # rows and columns of cofactors
 
 
 class Sightings(NamedTuple):
@@ -52,15 +53,14 @@ def refined(calibration: StereoCalibration, seen: Sightings, X_PC: FloatArray, i
 
     At least six must agree.
     """
-    points = seen.points
+    points, z = np.ascontiguousarray(seen.points.T), np.ascontiguousarray(seen.z.T)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, seen)  # hardly depends on the motion
     for tuning in _TUNING:
         for _ in range(_ITERATIONS):
-            r = residuals(calibration, R, p, points, seen.z)
+            r, J = linearised(calibration, R, p, points, z)
             error, sigma = _normalised(r, information, inliers)
             weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
-            J = motion_jacobian(calibration, R, p, points)
             normal, gradient = _normal_equations(J, information, weight, r)
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
@@ -81,10 +81,11 @@ def own_covariance(calibration: StereoCalibration, seen: Sightings, solution: So
     It is what differs between two frames that see the same points.
     """
     R, p = solution.X_PC[:3, :3], solution.X_PC[:3, 3]
-    J = motion_jacobian(calibration, R, p, seen.points)[solution.inliers]
-    A = _information(calibration, R, p, seen)[solution.inliers] @ J
-    normal = A.reshape(-1, 6).T @ J.reshape(-1, 6)
-    own = (A * seen.variance[solution.inliers][..., None]).reshape(-1, 6).T @ A.reshape(-1, 6)
+    seen = Sightings(*(of_all[solution.inliers] for of_all in seen))
+    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(seen.points.T))
+    A = _weighted(J, _information(calibration, R, p, seen))
+    normal = A.reshape(6, -1) @ J.reshape(6, -1).T
+    own = (A * seen.variance.T).reshape(6, -1) @ A.reshape(6, -1).T
     # covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal)
     share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ solution.covariance
     symmetric: FloatArray = 0.5 * (share + share.T)
@@ -95,9 +96,15 @@ def _normal_equations(
     J: FloatArray, information: FloatArray, weight: FloatArray, r: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Matrix (6, 6) and right-hand side (6,) of a weighted Gauss-Newton step."""
-    A = (weight[:, None, None] * information @ J).reshape(-1, 6)
-    normal = A.T @ J.reshape(-1, 6)
-    return normal + _DAMPING * np.trace(normal) * np.eye(6), A.T @ r.ravel()
+    A = _weighted(J, weight * information).reshape(6, -1)
+    normal = A @ J.reshape(6, -1).T
+    return normal + _DAMPING * np.trace(normal) * np.eye(6), A @ r.ravel()
+
+
+def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
+    """Jacobian (6, 3, n), its rows times the inverse covariances (3, 3, n)."""
+    weighted: FloatArray = np.einsum("kin,ijn->kjn", J, information)
+    return weighted
 
 
 def _variance(error: FloatArray, sigma: float) -> float:
@@ -115,19 +122,30 @@ def _variance(error: FloatArray, sigma: float) -> float:
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:
     """Covariance (n, 3, 3) of points triangulated from images with ``variance`` (n, 3) or (3,)."""
-    to_point = np.linalg.inv(projection_jacobian(calibration, points))
+    to_point = triangulation_jacobian(calibration, points)
     covariance: FloatArray = (to_point * variance[..., None, :]) @ to_point.transpose(0, 2, 1)
     return covariance
 
 
 def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, seen: Sightings) -> FloatArray:
-    """Inverse covariance (n, 3, 3) of the residuals."""
-    J = -motion_jacobian(calibration, R, p, seen.points)[..., 3:]  # images move with the point as against the camera
-    carried = J @ seen.covariance @ J.transpose(0, 2, 1)
-    return np.asarray(np.linalg.inv(seen.variance[:, :, None] * np.eye(3) + carried), dtype=np.float64)
+    """Inverse covariance (3, 3, n) of the residuals."""
+    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(seen.points.T))[3:]  # as with points, but for the sign
+    covariance = np.ascontiguousarray(seen.covariance.transpose(1, 2, 0))
+    carried = np.einsum("lin,ljn->ijn", np.einsum("kin,kln->lin", J, covariance), J)
+    return _inverse(np.eye(3)[:, :, None] * seen.variance.T + carried)
+
+
+def _inverse(S: FloatArray) -> FloatArray:
+    """Inverses of symmetric matrices (3, 3, n) by their cofactors."""
+    one, two = S[_NEXT], S[_AFTER]
+    cofactors = one[:, _NEXT] * two[:, _AFTER] - one[:, _AFTER] * two[:, _NEXT]
+    inverse: FloatArray = cofactors / (S[0] * cofactors[0]).sum(axis=0)
+    return inverse
 
 
 def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:
     """Root mean square error (n,) of each match, and its robust scale over the inliers, one standard deviation [px]."""
-    error = np.sqrt(((information @ r[..., None])[..., 0] * r).sum(axis=1) / 3.0)
-    return error, max(_FINEST, float(np.median(error[inliers])) / _MEDIAN)
+    error = np.sqrt((np.einsum("in,ijn->jn", r, information) * r).sum(axis=0) / 3.0)
+    ordered = np.sort(error[inliers])
+    median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
+    return error, max(_FINEST, median / _MEDIAN)

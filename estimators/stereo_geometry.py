@@ -17,25 +17,22 @@ def triangulate(calibration: StereoCalibration, z: FloatArray) -> FloatArray:
     return np.stack([(z[..., 0] - calibration.cx) * scale, (z[..., 1] - calibration.cy) * scale, depth], axis=-1)
 
 
+def triangulation_jacobian(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
+    """dp/dz, shape (..., 3, 3), of points (..., 3), all of whose coordinates go with one over the disparity."""
+    scale = p[..., 2] / calibration.focal_length
+    J = np.zeros((*p.shape, 3))
+    J[..., 2] = p * (scale / calibration.baseline)[..., None]
+    J[..., 0] = -J[..., 2]
+    J[..., 0, 0] += scale
+    J[..., 1, 1] = scale
+    return J
+
+
 def project(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
     """Images (..., 3) of points (..., 3) in front of the cameras."""
     scale = calibration.focal_length / p[..., 2]
-    return np.stack(
-        [
-            p[..., 0] * scale + calibration.cx,
-            p[..., 1] * scale + calibration.cy,
-            (p[..., 0] - calibration.baseline) * scale + calibration.cx,
-        ],
-        axis=-1,
-    )
-
-
-def projection_jacobian(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
-    """dz/dp, shape (..., 3, 3), of points (..., 3)."""
-    scale = calibration.focal_length / p[..., 2]
-    J = np.zeros((*p.shape, 3))
-    J[..., 0, 0] = J[..., 1, 1] = J[..., 2, 0] = scale
-    J[..., 0, 2] = -p[..., 0] * scale / p[..., 2]
-    J[..., 1, 2] = -p[..., 1] * scale / p[..., 2]
-    J[..., 2, 2] = -(p[..., 0] - calibration.baseline) * scale / p[..., 2]
-    return J
+    z = np.empty_like(p)
+    z[..., 0] = p[..., 0] * scale + calibration.cx
+    z[..., 1] = p[..., 1] * scale + calibration.cy
+    z[..., 2] = z[..., 0] - calibration.baseline * scale
+    return z

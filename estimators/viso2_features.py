@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from sensors.messages import GreyImage
 
-_BLOB = np.array(
+BLOB = np.array(
     [[-1, -1, -1, -1, -1], [-1, 1, 1, 1, -1], [-1, 1, 8, 1, -1], [-1, 1, 1, 1, -1], [-1, -1, -1, -1, -1]], np.float32
 )
-_CORNER = np.outer([-1, -1, 0, 1, 1], [1, 1, 0, -1, -1]).astype(np.float32)
+CORNER = np.outer([-1, -1, 0, 1, 1], [1, 1, 0, -1, -1]).astype(np.float32)
 _WINDOW = 11  # a feature is the strongest of its kind within this; 7000 to 9000 an image [px]
 # A feature must stand out of the noise by so many standard deviations of it that noise alone has less than one of a
 # kind in a bucket of 50 x 50 px: normal, 3.35; the smoothest squares of a plain image seem 10 % quieter than they are.
@@ -27,7 +27,8 @@ _STANDS_OUT = 3.7
 # The noise is measured where the image is smoothest, as textures respond too: what the masks themselves respond to,
 # since resampling has coloured it. Where there is texture everywhere that is too much, but the Laplacian of Immerkaer,
 # "Fast noise variance estimation", CVIU 1996, which hardly sees textures, says how much it is at most.
-_LAPLACIAN = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
+_SECOND = np.array([1, -2, 1], np.float32)
+_LAPLACIAN = np.outer(_SECOND, _SECOND)
 _RESAMPLED = 4.0 / 9.0  # it sees of white noise that was interpolated bilinearly, on average over fractions of a pixel
 _BLOCK = 32  # side of the squares [px]
 _EVERY = 2  # one of so many rows and columns of a square is looked at
@@ -49,20 +50,36 @@ class Features(NamedTuple):
 
 def detect_features(image: GreyImage) -> Features:
     """Blobs and corners of the image with their descriptors, whatever its brightness and contrast."""
-    laplacian = np.asarray(cv2.filter2D(image, cv2.CV_16S, _LAPLACIAN), dtype=np.int16)
+    laplacian = np.asarray(cv2.sepFilter2D(image, cv2.CV_16S, _SECOND, _SECOND), dtype=np.int16)
     at_most = _deviation(laplacian, _LAPLACIAN, 0.5) / _RESAMPLED
-    summits = [one for mask in (_BLOB, _CORNER) for one in _both_signs(image, mask, at_most)]
+    responses = (blob_response(image), BLOB), (corner_response(image), CORNER)
+    summits = [one for response, mask in responses for one in _both_signs(response, mask, at_most)]
     points = np.concatenate([points for points, _ in summits])
     strength = np.concatenate([strength for _, strength in summits])
     kind = np.repeat(np.arange(len(summits)), [len(points) for points, _ in summits])
     return Features(points, kind, strength, _described(image, points))
 
 
+def blob_response(image: GreyImage) -> NDArray[np.int16]:
+    """Response to ``BLOB``, from sums over squares: twice that of 3 x 3 less that of 5 x 5, and 7 times the middle."""
+    inner, outer = (cv2.boxFilter(image, cv2.CV_16S, (side, side), normalize=False) for side in (3, 5))
+    response = np.asarray(cv2.addWeighted(inner, 2.0, outer, -1.0, 0.0), dtype=np.int16)
+    response += image * np.int16(7)
+    return response
+
+
+def corner_response(image: GreyImage) -> NDArray[np.int16]:
+    """Response to ``CORNER``, from sums over the squares of 2 x 2 in its corners."""
+    framed = cv2.copyMakeBorder(image, 2, 2, 2, 2, cv2.BORDER_REFLECT_101)
+    sums = np.asarray(cv2.boxFilter(framed, cv2.CV_16S, (2, 2), anchor=(0, 0), normalize=False), dtype=np.int16)
+    across = cv2.subtract(sums[:-1, 3:-1], sums[:-1, :-4])
+    return np.asarray(cv2.subtract(across[:-3], across[3:]), dtype=np.int16)
+
+
 def _both_signs(
-    image: GreyImage, mask: NDArray[np.float32], at_most: float
+    response: NDArray[np.int16], mask: NDArray[np.float32], at_most: float
 ) -> list[tuple[NDArray[np.int64], NDArray[np.float32]]]:
     """Maxima and minima of the response to the mask; the noise of the image is ``at_most`` [grey levels]."""
-    response = np.asarray(cv2.filter2D(image, cv2.CV_16S, mask), dtype=np.int16)
     noise = min(_deviation(response, mask, _SMOOTH), at_most)
     weakest = math.ceil(_STANDS_OUT * noise * float(np.linalg.norm(mask)))
     maxima = _summits(response, weakest)

@@ -57,22 +57,30 @@ def circular_matches(
     in_right = most_similar(_placed(previous.left), _placed(previous.right), to_right)
     paired = np.flatnonzero(_apart(previous, np.arange(len(in_right)), in_right) >= 0)
     left_P, right_P = _taken(previous.left, paired), _taken(previous.right, in_right[paired])
-    z_P = _images(left_P, right_P)
+    z_P = _images(left_P.points, right_P.points)
     expected = moved(calibration, z_P, X_PC).astype(np.float64)
     right_C = most_similar(Placed(right_P, expected[:, [2, 1]]), _placed(current.right), around)
-    left_C = _on(right_C, most_similar(_placed(current.right), _placed(current.left), to_left))
+    left_C = _on(right_C, _in_left(current, right_C, to_left))
     there = np.flatnonzero(_apart(current, left_C, right_C) >= 0)
-    in_left_C, in_right_C = _taken(current.left, left_C[there]), _taken(current.right, right_C[there])
-    near = np.flatnonzero(np.all(np.abs(in_left_C.points - expected[there, :2]) <= reach, axis=1))
-    back = most_similar(_placed(_taken(in_left_C, near)), Placed(left_P, expected[:, :2]), around)
-    on = near[back == there[near]]
-    closed = there[on]
+    off = np.take(current.left.points, left_C[there], axis=0) - expected[there, :2]
+    near = there[np.all(np.abs(off) <= reach, axis=1)]
+    back = most_similar(_placed(_taken(current.left, left_C[near])), Placed(left_P, expected[:, :2]), around)
+    closed = near[back == near]
     strength = left_P.strength[closed]
-    found = Matches(z_P[closed], _images(_taken(in_left_C, on), _taken(in_right_C, on)))
+    in_left_C, in_right_C = current.left.points[left_C[closed]], current.right.points[right_C[closed]]
+    found = Matches(z_P[closed], _images(in_left_C, in_right_C))
     found, strength = _strongest(found, strength, _NEIGHBOURS)
     supported = _supported(found)
     found, strength = Matches(found.previous[supported], found.current[supported]), strength[supported]
     return _strongest(found, strength, _PER_BUCKET)[0]
+
+
+def _in_left(pair: PairFeatures, right: Indices, to_left: Window) -> Indices:
+    """For all features of the right image, the left one; -1 without, or if they are not among the numbers ``right``."""
+    wanted = np.flatnonzero(np.bincount(right[right >= 0], minlength=len(pair.right.points)))
+    in_left = np.full(len(pair.right.points), -1, np.int64)
+    in_left[wanted] = most_similar(_placed(_taken(pair.right, wanted)), _placed(pair.left), to_left)
+    return in_left
 
 
 def _strongest(matches: Matches, strength: NDArray[np.float32], count: int) -> tuple[Matches, NDArray[np.float32]]:
@@ -86,7 +94,12 @@ def _placed(features: Features) -> Placed:
 
 
 def _taken(features: Features, index: Indices) -> Features:
-    return Features(features.points[index], features.kind[index], features.strength[index], features.descriptors[index])
+    return Features(
+        points=np.take(features.points, index, axis=0),
+        kind=np.take(features.kind, index),
+        strength=np.take(features.strength, index),
+        descriptors=np.take(features.descriptors, index, axis=0),
+    )
 
 
 def _on(first: Indices, second: Indices) -> Indices:
@@ -103,22 +116,22 @@ def _apart(pair: PairFeatures, left: Indices, right: Indices) -> Indices:
     return np.where((left < 0) | (right < 0), -1, pair.left.points[left, 0] - pair.right.points[right, 0])
 
 
-def _images(left: Features, right: Features) -> FloatArray:
+def _images(left: NDArray[np.int64], right: NDArray[np.int64]) -> FloatArray:
     """z (n, 3) of pairs; the row is the mean of the two. What has no disparity is far away: it shows how one turns."""
-    rows = 0.5 * (left.points[:, 1] + right.points[:, 1])
-    right_columns = np.minimum(right.points[:, 0], left.points[:, 0] - _LEAST)
-    return np.column_stack([left.points[:, 0], rows, right_columns]).astype(np.float64)
+    rows = 0.5 * (left[:, 1] + right[:, 1])
+    return np.column_stack([left[:, 0], rows, np.minimum(right[:, 0], left[:, 0] - _LEAST)]).astype(np.float64)
 
 
 def _supported(matches: Matches) -> NDArray[np.bool_]:
     """Whether enough of a match's neighbours (in a Delaunay triangulation) move alike and are as far away."""
     try:
-        first, neighbours = Delaunay(matches.current[:, :2]).vertex_neighbor_vertices
+        triangles = Delaunay(matches.current[:, :2])
     except (QhullError, ValueError):  # fewer than three matches, or all in a line
         return np.zeros(len(matches.current), np.bool_)
-    ends = np.repeat(np.arange(len(matches.current)), np.diff(first))
-    flow = matches.current - matches.previous
-    disparity = matches.current[:, 0] - matches.current[:, 2]
-    alike = np.abs(flow[ends] - flow[neighbours]).max(axis=1) < _ALIKE
-    alike &= np.abs(disparity[ends] - disparity[neighbours]) < _ALIKE
-    return np.bincount(ends[alike], minlength=len(flow)) >= _SUPPORT
+    once = triangles.neighbors < np.arange(len(triangles.simplices))[:, None]  # of the two triangles of an edge
+    corners = triangles.simplices[:, [[1, 2], [2, 0], [0, 1]]]  # the edges opposite to the corners
+    one, other = corners[once].T
+    compared = np.column_stack([matches.current - matches.previous, matches.current[:, 0] - matches.current[:, 2]]).T
+    alike = (np.abs(compared.take(one, axis=1) - compared.take(other, axis=1)) < _ALIKE).all(axis=0)
+    agreeing = np.concatenate([one[alike], other[alike]])
+    return np.bincount(agreeing, minlength=len(matches.current)) >= _SUPPORT

@@ -15,7 +15,7 @@ from estimators.estimates import Health, Motion
 from estimators.matching import Matches
 from estimators.odometry import above_ground
 from estimators.ransac import consensus
-from estimators.reprojection import motion_jacobian, residuals
+from estimators.reprojection import linearised
 from estimators.rigid_motion import UncertainMotion
 from estimators.stereo_geometry import triangulate
 from estimators.stereo_odometry import LONGEST_SPAN, PLENTY
@@ -115,17 +115,17 @@ def _least_squares(
 ) -> UncertainMotion | None:
     """The motion of least reprojection error in both current images, by Gauss-Newton; None if it does not settle."""
     R, p = X_PC[:3, :3], X_PC[:3, 3]
+    points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
     for _ in range(_ITERATIONS):
-        J = motion_jacobian(calibration, R, p, points).reshape(-1, 6)
-        r = residuals(calibration, R, p, points, z)
-        weighted = J * np.tile(_BOTH_ROWS, len(points))[:, None]
-        normal = weighted.T @ J
+        r, J = linearised(calibration, R, p, points, z)
+        weighted = (J * _BOTH_ROWS[:, None]).reshape(6, -1)
+        normal = weighted @ J.reshape(6, -1).T
         if np.linalg.matrix_rank(normal, hermitian=True) < 6:
             return None
-        step = np.asarray(np.linalg.solve(normal, weighted.T @ r.ravel()), dtype=np.float64)
+        step = np.asarray(np.linalg.solve(normal, weighted @ r.ravel()), dtype=np.float64)
         R, p = so3_exp(step[:3]) @ R, p + step[3:]
         if np.abs(step).max() < _CONVERGED:
-            variance = _CORRELATION**2 * float(np.sum(_BOTH_ROWS * np.square(r))) / (3 * len(points) - 6)
+            variance = _CORRELATION**2 * float(np.sum(_BOTH_ROWS @ np.square(r))) / (r.size - 6)
             covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
             return UncertainMotion(transform(orthonormalised(R), p), covariance)
     return None

@@ -17,6 +17,7 @@ from estimators.features import Points
 from vehicle.frames import FloatArray
 
 _HALF = 7  # patches of 15 x 15 px
+_SIDE = 2 * _HALF + 1
 _SPREAD = 0.6 * _HALF  # standard deviation of the Gaussian weights [px]
 _ITERATIONS = 5  # at most; most patches are done after three
 _DONE = 0.02  # a step shorter than this is the last: the next would be a fifth of it [px]
@@ -46,11 +47,11 @@ _NOISE_SHARE = 2.0 * float(np.square(_WEIGHT).sum())  # of the grey levels' vari
 class Templates(NamedTuple):
     """Patches as they should look in another image, ready to be looked for there."""
 
-    slopes: Float32Array  # (n, 2, 225) shift per grey level: gradients solved by the structure tensor [px]
-    offset: Float32Array  # (n, 2) what ``slopes`` make of the template itself [px]
-    pattern: Float32Array  # (n, 225) weighted grey levels of mean 0 and spread 1
+    gradients: Float32Array  # (2, n, 225) of the grey levels along u and v, weighted, of mean 0 [1/px]
+    inverse: Float32Array  # (2, 2, n) of the structure tensor
+    offset: Float32Array  # (2, n) what ``gradients`` make of the template itself
+    pattern: Float32Array  # (n, 225) weighted grey levels of mean 0
     contrast: Float32Array  # (n,) weighted standard deviation [grey levels]
-    unit_variance: Float32Array  # (n, 2) variance of the shift for one grey level of noise [px2]
 
 
 class Found(NamedTuple):
@@ -63,56 +64,72 @@ class Found(NamedTuple):
 
 def warped_patches(image: Float32Array, centres: Points, warps: FloatArray) -> Float32Array:
     """Grey levels (n, 289) around the centres; ``warps`` (n, 2, 2) take offsets in the other image to offsets here."""
-    A = warps.astype(np.float32)
-    u = centres[:, :1] + A[:, 0, :1] * _U_WIDE + A[:, 0, 1:] * _V_WIDE
-    v = centres[:, 1:] + A[:, 1, :1] * _U_WIDE + A[:, 1, 1:] * _V_WIDE
-    return _sampled(image, u, v)
+    return sampled(image, *warped_places(centres, warps))
+
+
+def warped_places(centres: Points, warps: FloatArray) -> tuple[Float32Array, Float32Array]:
+    """Columns and rows (..., 289) of the pixels of warped patches, of ``warped_patches``' arguments (..., 2)."""
+    A = warps.astype(np.float32)[..., None]
+    u, v = A[..., 0, 0, :] * _U_WIDE, A[..., 1, 0, :] * _U_WIDE
+    u += centres[..., :1]
+    v += centres[..., 1:]
+    u += A[..., 0, 1, :] * _V_WIDE
+    v += A[..., 1, 1, :] * _V_WIDE
+    return u, v
+
+
+def sampled(image: Float32Array, u: Float32Array, v: Float32Array) -> Float32Array:
+    """Grey levels (n, m) at positions between pixels; beyond the edge those of the edge."""
+    if len(u) == 0:
+        return np.empty(u.shape, np.float32)
+    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
 def templates(patches: Float32Array) -> Templates:
     """Templates from warped patches (n, 289)."""
-    wide = patches.reshape(len(patches), 2 * _HALF + 3, 2 * _HALF + 3)
-    patch = wide[:, 1:-1, 1:-1].reshape(len(wide), len(_WEIGHT))
-    gradient = np.empty((len(wide), 2, patch.shape[1]), np.float32)
-    gradient[:, 0] = (0.5 * (wide[:, 1:-1, 2:] - wide[:, 1:-1, :-2])).reshape(patch.shape)
-    gradient[:, 1] = (0.5 * (wide[:, 2:, 1:-1] - wide[:, :-2, 1:-1])).reshape(patch.shape)
-    gradient -= (gradient @ _WEIGHT)[..., None]
-    weighted = gradient * _WEIGHT
-    tensor = np.einsum("nki,nli->nkl", weighted, gradient)
-    a, b, c = tensor[:, 0, 0], tensor[:, 0, 1], tensor[:, 1, 1]
-    inverse = np.stack([c, -b, -b, a], axis=1).reshape(-1, 2, 2) / np.maximum(a * c - b * b, _FLATTEST)[:, None, None]
-    slopes = inverse @ weighted
-    contrast = _contrast(patch)
+    rows = patches.reshape(-1, _SIDE + 2)
+    columns = np.ascontiguousarray(rows[:, 1:-1]).reshape(len(patches), _SIDE * (_SIDE + 2))
+    across = _minus(rows[:, 2:], rows[:, :-2]).reshape(columns.shape)[:, _SIDE:-_SIDE]
+    down, patch = columns[:, 2 * _SIDE :] - columns[:, : -2 * _SIDE], columns[:, _SIDE:-_SIDE]
+    doubled = np.empty((2, *patch.shape), np.float32)  # gradients: differences over two pixels
+    for of_doubled, difference in zip(doubled, (across, down), strict=True):
+        np.subtract(difference, (difference @ _WEIGHT)[:, None], out=of_doubled)
+    gradients = doubled * (np.float32(0.5) * _WEIGHT)
+    a, b, c = (np.float32(0.5) * np.vecdot(gradients[i], doubled[j]) for i, j in ((0, 0), (0, 1), (1, 1)))
+    deviation = patch - (patch @ _WEIGHT)[:, None]
+    pattern = deviation * _WEIGHT
     return Templates(
-        slopes=slopes,
-        offset=np.einsum("nki,ni->nk", slopes, patch),
-        pattern=(patch - (patch @ _WEIGHT)[:, None]) * (_WEIGHT / contrast[:, None]),
-        contrast=contrast,
-        unit_variance=np.float32(_NOISE_SHARE) * np.stack([inverse[:, 0, 0], inverse[:, 1, 1]], axis=1),
+        gradients=gradients,
+        inverse=np.array([[c, -b], [-b, a]]) / np.maximum(a * c - b * b, np.float32(_FLATTEST)),
+        offset=np.vecdot(gradients, patch),
+        pattern=pattern,
+        contrast=np.sqrt(np.maximum(np.vecdot(pattern, deviation), np.float32(_LEAST_CONTRAST**2))),
     )
 
 
 def find(sought: Templates, image: Float32Array, guess: Points) -> Found:
     """The patches in the image, each near its guess (n, 2)."""
-    points, active = guess.astype(np.float32), np.arange(len(guess))
+    at, active = guess.T.astype(np.float32), np.arange(len(guess))
     for _ in range(_ITERATIONS):
-        seen = _sampled(image, points[active, :1] + _U, points[active, 1:] + _V)
-        gain = sought.contrast[active] / _contrast(seen)
-        step = gain[:, None] * np.einsum("nki,ni->nk", sought.slopes[active], seen) - sought.offset[active]
-        points[active] -= np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        active = active[np.abs(step).max(axis=1) > _DONE]
-    seen = _sampled(image, points[:, :1] + _U, points[:, 1:] + _V)
-    likeness = np.einsum("ni,ni->n", sought.pattern, seen) / _contrast(seen)
+        u, v = at.take(active, axis=1)
+        seen = sampled(image, u[:, None] + _U, v[:, None] + _V)
+        gain = sought.contrast.take(active) / _contrast(seen)
+        misfit = gain * np.vecdot(sought.gradients.take(active, axis=1), seen) - sought.offset.take(active, axis=1)
+        step = (sought.inverse.take(active, axis=2) * misfit).sum(axis=1)
+        at[:, active] -= step.clip(-_LONGEST_STEP, _LONGEST_STEP)
+        active = active[np.abs(step).max(axis=0) > _DONE]
+    u, v = at
+    seen = sampled(image, u[:, None] + _U, v[:, None] + _V)
+    likeness = np.vecdot(sought.pattern, seen) / (sought.contrast * _contrast(seen))
     # the difference of two patches of equal contrast has the variance 2 contrast^2 (1 - likeness), twice that of one
     noise = np.maximum(sought.contrast * np.sqrt(np.maximum(1.0 - likeness, 0.0)), _QUIETEST)
-    return Found(points, likeness, np.square(noise)[:, None] * sought.unit_variance)
+    variance = np.float32(_NOISE_SHARE) * np.square(noise) * sought.inverse[[0, 1], [0, 1]]
+    return Found(np.ascontiguousarray(at.T), likeness, np.ascontiguousarray(variance.T))
 
 
-def _sampled(image: Float32Array, u: Float32Array, v: Float32Array) -> Float32Array:
-    """Grey levels (n, m) at positions between pixels; beyond the edge those of the edge."""
-    if len(u) == 0:
-        return np.empty(u.shape, np.float32)
-    return np.asarray(cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
+def _minus(one: Float32Array, other: Float32Array) -> Float32Array:
+    """Differences (n, m) of parts of rows, which OpenCV goes through several times as fast as NumPy."""
+    return np.asarray(cv2.subtract(one, other), dtype=np.float32) if len(one) else one
 
 
 def _contrast(patch: Float32Array) -> Float32Array:

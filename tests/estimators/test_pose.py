@@ -10,10 +10,11 @@ import pytest
 from estimators.matching import Matches
 from estimators.pose import _CORRELATION, Sightings, own_covariance, point_covariance, refined
 from estimators.ransac import consensus
+from estimators.reprojection import linearised
 from estimators.rigid_motion import rotation_vector
-from estimators.stereo_geometry import project, triangulate
+from estimators.stereo_geometry import project, triangulate, triangulation_jacobian
 from sensors.rig import StereoCalibration
-from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 
 STD = 0.1  # [px] of a coordinate
 VARIANCE = np.array([1.0, 0.5, 1.0])  # of (u left, v, u right), up to a scale; v is the mean of two
@@ -152,6 +153,26 @@ def test_hypotheses_follow_the_inverse_convention(calibration: StereoCalibration
     p_P, p_C = triangulate(calibration, matches.previous), triangulate(calibration, matches.current)
     X_CP = inverse(solved(calibration, matches)[1].X_PC)
     assert p_P @ X_CP[:3, :3].T + X_CP[:3, 3] == pytest.approx(p_C, abs=1e-6)
+
+
+def test_jacobians_are_those_of_differences(calibration: StereoCalibration) -> None:
+    """Central differences: of images with the motion, for several motions at once, and of points with their images."""
+    rng, step = np.random.default_rng(11), 1e-6
+    points = points_ahead(rng, 20, calibration)
+    z = project(calibration, points)
+    R, p = np.array([np.eye(3), MOTION[:3, :3]]), np.array([np.zeros(3), MOTION[:3, 3]])
+
+    def predicted(d: FloatArray) -> FloatArray:
+        return -linearised(calibration, so3_exp(d[:3]) @ R, p + d[3:], points.T, z.T)[0]
+
+    _, J = linearised(calibration, R, p, points.T, z.T)
+    changes = [(predicted(d) - predicted(-d)) / (2.0 * step) for d in step * np.eye(6)]
+    np.testing.assert_allclose(J, np.stack(changes, axis=1), rtol=1e-6, atol=1e-6)  # rounding of 1e-13 px over a step
+    moved = [(triangulate(calibration, z + d) - triangulate(calibration, z - d)) / 2e-3 for d in 1e-3 * np.eye(3)]
+    # the square of a step over a disparity of at least 4 px
+    np.testing.assert_allclose(
+        triangulation_jacobian(calibration, points), np.stack(moved, axis=2), rtol=1e-6, atol=1e-9
+    )
 
 
 def test_covariance_of_points_is_that_of_their_spread(calibration: StereoCalibration) -> None:

@@ -13,7 +13,7 @@ from estimators.matching import moved
 from estimators.nearest_descriptors import Placed, Window, most_similar
 from estimators.rigid_motion import UncertainMotion, rotation_vector
 from estimators.velocity_filter import Velocity, expected_motion, started, updated
-from estimators.viso2_features import Features, detect_features
+from estimators.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
 from estimators.viso2_matching import circular_matches, pair_features
 from estimators.viso2_odometry import Viso2Odometry
 from sensors.messages import StereoFrame
@@ -107,14 +107,23 @@ def test_glare_does_not_hide_the_noise(drive) -> None:
     assert np.count_nonzero(detect_features(image).points[:, 0] > 460) == pytest.approx(kept, rel=0.1)
 
 
-def test_most_similar_is_what_a_full_search_finds() -> None:
-    """Against brute force over all pairs, windows to both sides, with empty ones among them."""
+def test_responses_are_those_to_the_masks(drive) -> None:
+    """Sums over squares are a short way to the very same numbers, at the edges as well."""
+    image = drive.frames[20].left
+    assert np.array_equal(blob_response(image), cv2.filter2D(image, cv2.CV_16S, BLOB))
+    assert np.array_equal(corner_response(image), cv2.filter2D(image, cv2.CV_16S, CORNER))
+
+
+@pytest.mark.parametrize("window", [Window(60.0, 20.0, 12.0), Window(90.3, 0.0, 1.0), Window(0.0, 90.3, 1.0)])
+def test_most_similar_is_what_a_full_search_finds(window: Window) -> None:
+    """Against brute force over all pairs: windows to both sides and to one, ends included, empty ones among them."""
     rng = np.random.default_rng(1)
     sought, others = (some_features(rng, count) for count in (300, 400))
-    window = Window(left=60.0, right=20.0, rows=12.0)
+    sought.points[:40], sought.kind[:40] = others.points[:40], others.kind[:40]  # no disparity at all
     found = most_similar(*(Placed(f, f.points.astype(np.float64)) for f in (sought, others)), window)
     offset = others.points[None] - sought.points[:, None]
-    allowed = (offset[..., 0] >= -60) & (offset[..., 0] <= 20) & (np.abs(offset[..., 1]) <= 12)
+    allowed = (offset[..., 0] >= -window.left) & (offset[..., 0] <= window.right)
+    allowed &= np.abs(offset[..., 1]) <= window.rows
     allowed &= others.kind[None] == sought.kind[:, None]
     difference = np.abs(others.descriptors[None].astype(int) - sought.descriptors[:, None]).sum(axis=2)
     cost = np.where(allowed, difference, 10**6)
