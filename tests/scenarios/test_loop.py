@@ -83,10 +83,11 @@ def test_left_and_right_roundabout_are_mirror_images() -> None:
 
 
 def test_with_cameras_left_and_right_agree_to_the_odometrys_noise() -> None:
-    """The worlds differ, the vehicle does not: what the camera adds to the mirror image is a few millimetres of drift.
+    """The worlds differ, the vehicle does not: what the camera adds to the mirror image is millimetres of drift.
 
-    15 mm and 1 degree are three times the noise of the estimate, and what it does to the steering; cut-in would be
-    0.4 m.
+    With cameras as small as these the estimate is off by 4 to 15 mm RMS (seeds 1, 101 to 104), and left and right
+    disagree by 6 to 25 mm; 35 mm and 1 degree are three times the usual, and what it does to the steering. Cut-in would
+    be 0.4 m.
     """
     small = ("rig.width=672", "rig.height=240", "world.scenery_density=0.3", "reference_unit=false")
     settings = (*small, "course.entry=20", "course.turn_deg=45", "course.exit=5")
@@ -97,7 +98,7 @@ def test_with_cameras_left_and_right_agree_to_the_odometrys_noise() -> None:
     e = left["off_tracking_true"][:n] + right["off_tracking_true"][:n]
     steer = left["steer_trailer_1"][:n] + right["steer_trailer_1"][:n]
     assert np.nanmax(np.abs(left["off_tracking_estimate"][:n] - left["off_tracking_true"][:n])) > 0.0
-    assert np.sqrt(np.nanmean(e**2)) < 0.015
+    assert np.sqrt(np.nanmean(e**2)) < 0.035
     assert np.sqrt(np.mean(steer**2)) < np.radians(1.0)
 
 
