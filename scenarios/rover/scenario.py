@@ -85,8 +85,7 @@ class TraceRigOptions(Options):
     """The camera behind the left rear wheel (Reina 2008, section II); its place is that of the paper's."""
 
     rate_hz: float = quantity(5.0, "Hz", ge=1.0, le=20.0)
-    # exposure to finished estimate; assumed: a small computer takes until the next image, at 5 Hz (Reina 2008)
-    latency: float = quantity(0.2, "s", ge=0.0, le=2.0)
+    latency: float = quantity(0.1, "s", ge=0.0, le=2.0)  # exposure to finished estimate
     noise: float = quantity(2.0, "grey levels", ge=0.0, le=50.0)  # standard deviation of the image noise
     shot_noise: float = quantity(3.0, "grey levels", ge=0.0, le=50.0)  # of the light's own noise, where it is white
 
