@@ -100,12 +100,13 @@ class TraceCamera:
         newest = self._newest
         light = newest[1] if newest is not None and newest[0] is truth else self._light(truth)
         gain = 1.0 if self._exposure is None else self._exposure[1]
-        tint = np.where(light.hidden, np.float32(1.0), self._view.tint(light.seen, self._world))
-        channels = [
-            self._level(light, _SAND[k] + tint * np.float32(_STONE[k] - _SAND[k]), self._sun[k], self._sky[k])
-            for k in range(3)
-        ]
-        return np.asarray(np.clip(gain * np.stack(channels, axis=-1), 0, 255), dtype=np.uint8)
+        tint = self._view.tint(light.seen, self._world)
+        tint[light.hidden] = 1.0
+        channels = []
+        for k in range(3):
+            albedo = tint * np.float32(_STONE[k] - _SAND[k]) + np.float32(_SAND[k])
+            channels.append(cv2.convertScaleAbs(self._level(light, albedo, self._sun[k], self._sky[k]), alpha=gain))
+        return np.asarray(cv2.merge(channels), dtype=np.uint8)
 
     def _light(self, truth: RoverTruth) -> _Light:
         """What reaches the pixels."""
@@ -131,8 +132,11 @@ class TraceCamera:
 
     def _level(self, light: _Light, albedo: float | Floats, sun: float, sky: float) -> Floats:
         """Grey levels at a gain of 1."""
-        share = np.float32(_SUN * sun) * light.direct + np.float32(_SKY * sky) * light.ambient
-        return np.asarray(255.0 * cv2.sqrt(np.asarray(share * np.float32(albedo), np.float32)), dtype=np.float32)
+        share = np.asarray(cv2.addWeighted(light.direct, _SUN * sun, light.ambient, _SKY * sky, 0.0), dtype=np.float32)
+        share *= albedo if isinstance(albedo, np.ndarray) else np.float32(albedo)
+        cv2.sqrt(share, share)
+        share *= np.float32(255.0)
+        return share
 
     def _smear(self, truth: RoverTruth) -> FloatArray:
         """How far the middle of the view moves in the image while it is exposed (2,) [px]."""

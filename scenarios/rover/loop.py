@@ -114,6 +114,8 @@ class RoverSession:
         message = view if self.parts.scenario.slip_estimator != "truth" else ExactSlip().sample(truth)
         estimate = self._worker.submit(self._estimate, message)
         self._in_flight = self._in_flight.put(self.tick + schedule.latency, estimate)
+        if view is not None:
+            self._keep(view, truth)
 
     def _view(self, truth: RoverTruth, readings: RoverReadings) -> RoverView | None:
         """What the camera sees, with the ground as the wheels have left it by now."""
@@ -123,19 +125,22 @@ class RoverSession:
         with self.stopwatch.timed("render"):
             world.drive(self._driven)
             self._driven = []
-            view = RoverView(
+            return RoverView(
                 tick=self.tick,
                 image=camera.sample(truth),
                 heading=readings.heading,
                 wheel_speeds=readings.wheel_speeds,
                 steer=readings.steer,
             )
-            if self._keep_frames:
-                self.frames.append((self.tick, _jpeg(camera.colour(truth))))
+
+    def _keep(self, view: RoverView, truth: RoverTruth) -> None:
+        """What of a view is for people and recordings; the estimator is at work on it meanwhile."""
         self._images.update(view.image.tobytes())
         if self._recorder:
             self._recorder.add(view, truth)
-        return view
+        if self._keep_frames and self.parts.camera is not None:
+            with self.stopwatch.timed("render"):
+                self.frames.append((self.tick, _jpeg(self.parts.camera.colour(truth))))
 
     def _estimate(self, message: Any) -> SlipAngle:
         """What the estimator makes of a message; called in the worker, one message after the other."""
