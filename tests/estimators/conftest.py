@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from estimators.estimates import Motion
+from estimators.rigid_motion import rotation_vector
 from sensors.messages import GreyImage, StereoFrame
 from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import FloatArray, rotation_zyx, transform
@@ -129,6 +133,35 @@ class Drive:
         """True X_PC (4, 4) of the left camera between two frames."""
         X_SC = self.calibration.X_SC
         return np.linalg.inv(self.bodies[first] @ X_SC) @ self.bodies[second] @ X_SC
+
+    @staticmethod
+    def run(odometry: Any, frames: Sequence[StereoFrame], memory: Any = None) -> tuple[Any, list[Motion]]:
+        """An odometry's memory after some frames, and the motions that it found."""
+        memory, motions = memory or odometry.init(), []
+        for frame in frames:
+            memory, motion = odometry.step(memory, frame)
+            if motion is not None:
+                motions.append(motion)
+        return memory, motions
+
+    def errors(self, motions: Sequence[Motion]) -> FloatArray:
+        """Of motions (n, 6), along the axes of the frame that each starts from: what their covariances are about."""
+        truths = [self.camera_motion(motion.previous_tick // 100, motion.tick // 100) for motion in motions]
+        return np.array([self.deviation(truth, motion.X_PC) for truth, motion in zip(truths, motions, strict=True)])
+
+    def normalised(self, motions: Sequence[Motion]) -> FloatArray:
+        """The same in standard deviations."""
+        return self.errors(motions) / np.sqrt([np.diag(motion.covariance) for motion in motions])
+
+    @staticmethod
+    def deviation(truth: FloatArray, X: FloatArray) -> FloatArray:
+        """Error (6,) of a pose along the axes that it starts from."""
+        return np.concatenate([rotation_vector(truth[:3, :3] @ X[:3, :3].T), truth[:3, 3] - X[:3, 3]])
+
+    @staticmethod
+    def dark(frame: StereoFrame) -> StereoFrame:
+        """A frame of the same moment without any light."""
+        return replace(frame, left=np.zeros_like(frame.left), right=np.zeros_like(frame.right))
 
 
 def body_pose(k: int) -> FloatArray:

@@ -11,37 +11,17 @@ import pytest
 from estimators.estimates import Health, Motion
 from estimators.matching import moved
 from estimators.nearest_descriptors import Placed, Window, most_similar
-from estimators.rigid_motion import UncertainMotion, rotation_vector
+from estimators.rigid_motion import UncertainMotion
 from estimators.velocity_filter import Velocity, expected_motion, started, updated
 from estimators.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
 from estimators.viso2_matching import circular_matches, pair_features
 from estimators.viso2_odometry import Viso2Odometry
-from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, so3_exp, transform
-
-
-def run(odometry: Viso2Odometry, frames: list[StereoFrame]) -> list[Motion]:
-    memory, motions = odometry.init(), []
-    for frame in frames:
-        memory, motion = odometry.step(memory, frame)
-        if motion is not None:
-            motions.append(motion)
-    return motions
 
 
 @pytest.fixture(scope="module")
 def motions(drive) -> list[Motion]:
-    return run(Viso2Odometry(drive.calibration), drive.frames)
-
-
-def errors(drive, motions: list[Motion]) -> FloatArray:
-    rows = []
-    for motion in motions:
-        X_PC = drive.camera_motion(motion.previous_tick // 100, motion.tick // 100)
-        turned = rotation_vector(X_PC[:3, :3] @ motion.X_PC[:3, :3].T)
-        rows.append(np.concatenate([turned, X_PC[:3, 3] - motion.X_PC[:3, 3]]))
-    return np.array(rows)
+    return drive.run(Viso2Odometry(drive.calibration), drive.frames)[1]
 
 
 def test_features_are_blobs_and_corners_at_whole_pixels() -> None:
@@ -168,7 +148,7 @@ def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: lis
     """Whole pixels: some millimetres and hundredths of a degree a frame, ten times the sub-pixel odometries."""
     assert len(motions) == len(drive.frames) - 1
     assert all(motion.health is not Health.LOST for motion in motions)
-    rms = np.sqrt(np.mean(np.square(errors(drive, motions)[:40]), axis=0))  # hard braking after that: the filter lags
+    rms = np.sqrt(np.mean(np.square(drive.errors(motions)[:40]), axis=0))  # hard braking after that: the filter lags
     assert np.degrees(rms[:3]).max() < 0.06
     assert 1e-3 < rms[3:].max() < 20e-3  # [m]
 
@@ -176,34 +156,9 @@ def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: lis
 def test_covariance_is_consistent_with_the_errors(drive, motions: list[Motion]) -> None:
     """Normalised errors while driving steadily: 19 of 20 within 2.5 standard deviations."""
     deviations = np.sqrt([np.diag(motion.covariance) for motion in motions[:40]])
-    ratios = np.abs(errors(drive, motions)[:40] / deviations)
+    ratios = np.abs(drive.errors(motions)[:40] / deviations)
     assert np.mean(ratios < 2.5) > 0.95
     assert np.sqrt(np.mean(np.square(ratios))) > 0.3
-
-
-def test_black_frame_is_lost_and_passed_over(drive) -> None:
-    """The next motion spans the gap."""
-    frames = list(drive.frames[20:27])
-    frames[3] = replace(frames[3], left=dark_image(drive), right=dark_image(drive))
-    motions = run(Viso2Odometry(drive.calibration), frames)
-    lost = [motion.health is Health.LOST for motion in motions]
-    assert lost == [False, False, True, False, False, False]
-    assert np.all(np.isinf(np.diag(motions[2].covariance)))
-    assert (motions[3].previous_tick, motions[3].tick) == (2200, 2400)
-    assert np.abs(errors(drive, motions[3:])[:, 3:]).max() < 0.06  # [m]
-
-
-def test_step_is_repeatable(drive) -> None:
-    """Bit by bit."""
-    one, other = (run(Viso2Odometry(drive.calibration), drive.frames[:3])[-1] for _ in range(2))
-    assert np.array_equal(one.X_PC, other.X_PC)
-    assert np.array_equal(one.covariance, other.covariance)
-
-
-def test_camera_must_be_above_the_ground(calibration: StereoCalibration) -> None:
-    """Its height says how near the nearest point can be."""
-    with pytest.raises(ValueError, match="must be positive"):
-        Viso2Odometry(replace(calibration, X_SC=np.eye(4)))
 
 
 def measured(velocity: float, std: float) -> UncertainMotion:

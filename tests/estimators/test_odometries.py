@@ -1,0 +1,106 @@
+"""What every odometry of the catalogue does when views are good, bad and gone: synthetic ones, with exact truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Health
+from scenarios.catalogue import ODOMETRY, resolve
+from sensors.rig import StereoCalibration
+
+OFF = {"viso2": 60e-3}  # that a single motion may be [m]; whole pixels are no better
+FINE = 5e-3
+
+
+@pytest.fixture(params=sorted(ODOMETRY))
+def name(request: pytest.FixtureRequest) -> str:
+    chosen: str = request.param
+    return chosen
+
+
+@pytest.fixture
+def odometry(name: str, drive) -> Any:
+    return resolve("odometry", name, ODOMETRY)(drive.calibration)
+
+
+def test_first_motion_is_found_from_rest(drive, name: str, odometry: Any) -> None:
+    """No prediction yet, and 1.5 m with 6 deg to go: so far fewer features are alike to the pixel."""
+    motions = drive.run(odometry, drive.frames[30:34:3])[1]
+    assert motions[0].health is (Health.DEGRADED if name in OFF else Health.OK)
+    assert np.linalg.norm(drive.errors(motions)[0, 3:]) < OFF.get(name, FINE)
+
+
+def test_dark_frame_is_lost_and_passed_over(drive, name: str, odometry: Any) -> None:
+    """No texture, no information: identity, infinitely uncertain; the next motion starts before the gap."""
+    frames = list(drive.frames[20:28])
+    frames[4] = drive.dark(frames[4])
+    motions = drive.run(odometry, frames)[1]
+    assert [motion.health is Health.LOST for motion in motions] == [False] * 3 + [True] + [False] * 3
+    lost, after = motions[3], motions[4]
+    assert np.array_equal(lost.X_PC, np.eye(4))
+    assert np.all(np.isinf(np.diag(lost.covariance)))
+    assert (lost.previous_tick, lost.tick) == (2300, 2400)
+    assert (after.previous_tick, after.tick) == (2300, 2500)
+    assert np.abs(drive.errors(motions[4:])[:, 3:]).max() < OFF.get(name, FINE)
+    assert np.abs(drive.normalised(motions[4:])).max() < 5.0
+
+
+def test_long_darkness_ends(drive, odometry: Any) -> None:
+    """Dark for longer than the ground can be recognised over: it starts again with the first light."""
+    frames = [*drive.frames[10:13], *(drive.dark(frame) for frame in drive.frames[13:22]), *drive.frames[22:26]]
+    motions = drive.run(odometry, frames)[1]
+    assert all(motion.health is Health.LOST for motion in motions[2:12])
+    assert all(motion.health is not Health.LOST for motion in motions[12:])
+    assert motions[12].previous_tick == 2200
+
+
+def test_starting_in_the_dark_recovers(drive, odometry: Any) -> None:
+    """A first frame without texture must not stay the one that all others are compared with."""
+    motions = drive.run(odometry, [drive.dark(drive.frames[0]), *drive.frames[1:4]])[1]
+    assert [motion.health is Health.LOST for motion in motions] == [True, False, False]
+
+
+def test_frame_from_elsewhere_is_lost_and_recovered_from(drive, odometry: Any) -> None:
+    """Textured, but of another place: nothing agrees, and the odometry says so and goes on from there."""
+    other = drive.frames[40]
+    strange = replace(drive.frames[5], left=np.fliplr(other.left).copy(), right=np.fliplr(other.right).copy())
+    motions = drive.run(odometry, [*drive.frames[2:5], strange, *drive.frames[6:9]])[1]
+    assert [motion.health is Health.LOST for motion in motions] == [False, False, True, True, False, False]
+
+
+def test_few_features_degrade(drive, odometry: Any) -> None:
+    """Dirt over most of both lenses: still a motion, but it is not to be trusted as much, and it says how much."""
+    frames = []
+    for frame in drive.frames[15:19]:
+        left, right = np.full_like(frame.left, 90), np.full_like(frame.right, 90)
+        left[:, 500:800], right[:, 460:800] = frame.left[:, 500:800], frame.right[:, 460:800]
+        frames.append(replace(frame, left=left, right=right))
+    motions = drive.run(odometry, frames)[1]
+    clear = drive.run(odometry, drive.frames[15:19])[1]
+    for motion, reference in zip(motions, clear, strict=True):
+        assert motion.health is Health.DEGRADED
+        assert motion.matches < 250
+        assert np.all(np.diag(motion.covariance) > 1.5 * np.diag(reference.covariance))
+    assert np.abs(drive.normalised(motions)).max() < 5.0
+
+
+def test_step_is_pure_and_repeatable(drive, name: str, odometry: Any) -> None:
+    """The same memory and frame give the same motion, bit by bit, however often they are used."""
+    memory, _ = drive.run(odometry, drive.frames[:4])
+    results = [odometry.step(memory, drive.frames[4])[1] for _ in range(2)]
+    another = resolve("odometry", name, ODOMETRY)(drive.calibration)
+    results.append(drive.run(another, drive.frames[:5])[1][-1])
+    for result in results[1:]:
+        assert np.array_equal(result.X_PC, results[0].X_PC)
+        assert np.array_equal(result.covariance, results[0].covariance)
+        assert np.array_equal(result.tracks, results[0].tracks)
+
+
+def test_camera_must_be_above_the_ground(name: str, calibration: StereoCalibration) -> None:
+    """Its height is where the first guess of the disparities comes from."""
+    with pytest.raises(ValueError, match="must be positive"):
+        resolve("odometry", name, ODOMETRY)(replace(calibration, X_SC=np.eye(4)))
