@@ -90,7 +90,7 @@ class TraceCamera:
         """The image whose exposure has its middle at the truth's tick."""
         light = self._light(truth)
         self._newest = truth, light
-        level = self._level(light, _SAND @ _LUMINANCE, self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
+        level = self._level(light, np.float32(_SAND @ _LUMINANCE), self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
         level = self._blurred(level, self._smear(truth))
         gain = self._gain(truth.tick, float(level[::8, ::8].mean()))
         return self._sent(self._noise.sensed(level, gain, self._rng))
@@ -130,10 +130,10 @@ class TraceCamera:
                 yield rock.body()
         yield self._casters.wheel_body(truth, REAR_LEFT)
 
-    def _level(self, light: _Light, albedo: float | Floats, sun: float, sky: float) -> Floats:
+    def _level(self, light: _Light, albedo: np.float32 | Floats, sun: float, sky: float) -> Floats:
         """Grey levels at a gain of 1."""
         share = np.asarray(cv2.addWeighted(light.direct, _SUN * sun, light.ambient, _SKY * sky, 0.0), dtype=np.float32)
-        share *= albedo if isinstance(albedo, np.ndarray) else np.float32(albedo)
+        share *= albedo
         cv2.sqrt(share, share)
         share *= np.float32(255.0)
         return share
