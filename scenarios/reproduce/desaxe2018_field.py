@@ -235,7 +235,7 @@ def _histories(shown: Sequence[tuple[tuple[str, Facing], Drive]]) -> Figure:
         ax.set_visible(bool(ax.lines))  # what an interrupt has left out stays white
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
-    axes[0, 0].legend(fontsize=8.0)
+    _legend_below(figure, axes[0, 0])
     return figure
 
 
@@ -266,8 +266,14 @@ def _bars(shown: Sequence[tuple[tuple[Facing, float], Drive]]) -> Figure:
         ax.set_title(title)
         names = [f"{_SIDES[facing]}\n{baseline} m" for (facing, baseline), _ in shown]
         ax.set_xticks(range(len(shown)), names, fontsize=8.0)
-    panels[0].legend(fontsize=8.0)
+    _legend_below(figure, panels[0])
     return figure
+
+
+def _legend_below(figure: Figure, ax: Axes) -> None:
+    """One legend for all panels, where it hides none of their curves."""
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8.0)
 
 
 def _corrections(shown: Sequence[tuple[str, Drive]]) -> Figure:
