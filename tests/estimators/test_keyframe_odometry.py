@@ -129,6 +129,13 @@ def test_dropped_frames_are_bridged(drive) -> None:
     assert np.abs(drive.normalised(motions)).max() < 5.0
 
 
+def test_first_motion_is_measured_from_a_keyframe(drive) -> None:
+    """1.5 m with 6 deg to go from rest: frame-to-frame odometry says where to look, and no more."""
+    motion = drive.run(KeyframeOdometry(drive.calibration), drive.frames[30:34:3])[1][0]
+    assert motion.health is Health.OK
+    assert motion.anchor is not None
+
+
 def test_darkness_leaves_no_trace(drive) -> None:
     """Dark for one frame: the next is measured from the same keyframe as ever."""
     frames = list(drive.frames[20:28])

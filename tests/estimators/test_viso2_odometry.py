@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
@@ -135,13 +133,9 @@ def test_matches_are_whole_pixels_two_a_bucket_and_right(drive) -> None:
 
 def test_no_texture_gives_no_matches(drive) -> None:
     """Dark images have no features, and nothing of the matching minds."""
-    dark = pair_features(replace(drive.frames[0], left=dark_image(drive), right=dark_image(drive)))
+    dark = pair_features(drive.dark(drive.frames[0]))
     for pairs in ((dark, dark), (dark, pair_features(drive.frames[0])), (pair_features(drive.frames[0]), dark)):
         assert len(circular_matches(drive.calibration, *pairs, np.eye(4), 60.0).current) == 0
-
-
-def dark_image(drive):
-    return np.zeros_like(drive.frames[0].left)
 
 
 def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: list[Motion]) -> None:
