@@ -1,0 +1,234 @@
+"""Write a table of hashes of what offtrack computes, or compare with one: the safety net of a change of structure.
+
+    python tests/baselines/fingerprints.py write before.json
+    python tests/baselines/fingerprints.py compare before.json
+
+Every shipped scenario is run with exact off-tracking or slip, some again with cameras; one vehicle is assessed, and one
+environment of each kind steps for a while. Everything goes through the command and gymnasium's registry, so the table
+of one version can be compared with that of another, however the code inside has moved. Hashes depend on the machine
+(its processor, its OpenGL); compare tables of one machine only.
+
+A difference is printed as ``case: signal, changed|gone|new``. Exit code 1 if anything changed or is gone. New signals
+and new numbers are listed, and are no failure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+Fingerprint = dict[str, str]  # hash by name of signal or number
+
+_CAMERAS = {
+    "roundabout with cameras": ("roundabout", ["course.turn_deg=90"], ["--record"]),
+    "roundabout, side, self-calibrated": (
+        "roundabout-right",
+        ["rig.facing=left", "rig.calibration=boards", "rig.self_calibration=true", "course.turn_deg=45"],
+        [],
+    ),
+    "constant-slip, viso2": ("constant-slip", ["odometry=viso2", "course.length=30"], []),
+    "farm-track, ground watching": (
+        "farm-track",
+        ["off_tracking=ground_watching", "course.entry=20", 'course.turns=[{direction="left",radius=15,turn_deg=45}]'],
+        [],
+    ),
+    "figure-of-eight, B-double, faults, traffic": (
+        "roundabout",
+        ["vehicle=b_double_steered", "faults=dropout:0.1;freeze@8+0.3", "traffic=following", "course.turn_deg=45"],
+        [],
+    ),
+    "roundabout, surrogate": ("roundabout", ["off_tracking=surrogate"], []),
+    "roundabout, kinematic": ("roundabout", ["off_tracking=kinematic"], []),
+}
+_ROVERS = {
+    "rover-slope with a camera": ("rover-slope", ["course.length=5"], ["--record"]),
+    "rover-uphill, ftrace": ("rover-uphill", ["slip_estimator=ftrace", "course.length=2"], []),
+    "rover-craters with a camera": ("rover-craters", ["course.length=2"], []),
+}
+_ASSESSED = "eu_tractor_semitrailer"
+
+
+def cases() -> dict[str, Callable[[Path], Fingerprint]]:
+    """What is computed, by name; each writes into a folder of its own."""
+    table: dict[str, Callable[[Path], Fingerprint]] = {}
+    for name in _scenario_names():
+        key = "slip_estimator" if name.startswith("rover") else "off_tracking"
+        table[f"{name} with {key}=truth"] = _run_case(name, [f"{key}=truth"], [])
+    for title, (name, settings, options) in {**_CAMERAS, **_ROVERS}.items():
+        table[title] = _run_case(name, settings, options)
+    table[f"assess {_ASSESSED}"] = _assess_case
+    table["environments"] = _environments_case
+    return table
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("action", choices=["write", "compare"])
+    parser.add_argument("table", type=Path, help="JSON file of hashes")
+    parser.add_argument("--only", default="", help="only cases whose name contains this")
+    chosen = parser.parse_args()
+    found = _fingerprints(chosen.only)
+    if chosen.action == "write":
+        chosen.table.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        return 0
+    before = json.loads(chosen.table.read_text(encoding="utf-8"))
+    worse = 0
+    for case, name, kind in _differences(before, found, chosen.only):
+        worse += kind != "new"
+        print(f"{case}: {name}, {kind}")
+    print(f"{len(found)} cases, {sum(map(len, found.values()))} hashes, {worse} changed or gone")
+    return 1 if worse else 0
+
+
+def _differences(
+    before: dict[str, Fingerprint], now: dict[str, Fingerprint], only: str
+) -> Iterator[tuple[str, str, str]]:
+    for case in before:
+        if only not in case:
+            continue
+        if case not in now:
+            yield case, "all", "gone"
+            continue
+        for name in before[case].keys() | now[case].keys():
+            if name not in now[case]:
+                yield case, name, "gone"
+            elif name not in before[case]:
+                yield case, name, "new"
+            elif before[case][name] != now[case][name]:
+                yield case, name, "changed"
+
+
+def _fingerprints(only: str) -> dict[str, Fingerprint]:
+    table = {name: case for name, case in cases().items() if only in name}
+    with tempfile.TemporaryDirectory() as root, ThreadPoolExecutor(os.cpu_count()) as pool:
+        folders = {name: Path(root) / str(k) for k, name in enumerate(table)}
+        futures = {name: pool.submit(case, folders[name]) for name, case in table.items()}
+        return {name: future.result() for name, future in futures.items()}
+
+
+def _command(*arguments: str) -> str:
+    """What an offtrack command prints; a command that fails is shown and ends the program."""
+    # One thread each: several processes share the cores, and sums keep their order.
+    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", "from scenarios.cli import main; main()", *arguments],
+        capture_output=True,
+        text=True,
+        env=os.environ | alone | {"COLUMNS": "400"},
+    )
+    if done.returncode:
+        raise SystemExit(f"offtrack {' '.join(arguments)} ended with {done.returncode}\n{done.stderr}")
+    return done.stdout
+
+
+def _scenario_names() -> list[str]:
+    """Names of the shipped scenarios."""
+    return [line.split()[0] for line in _command("scenarios").splitlines() if line.strip()]
+
+
+def _run_case(name: str, settings: list[str], options: list[str]) -> Callable[[Path], Fingerprint]:
+    def case(folder: Path) -> Fingerprint:
+        out = folder / "run"
+        sets = [part for setting in settings for part in ("--set", setting)]
+        recorded = ["--record", str(folder / "recording")] if "--record" in options else []
+        _command("run", name, "--seed", "7", "--no-video", "--quiet", "--out", str(out), *sets, *recorded)
+        found = _signals(out / "signals.parquet") | _numbers(json.loads((out / "summary.json").read_text()))
+        found["images"] = json.loads((out / "manifest.json").read_text())["frames_sha256"]
+        if recorded:
+            found["recording"] = _folder_hash(folder / "recording")
+        return found
+
+    return case
+
+
+def _assess_case(folder: Path) -> Fingerprint:
+    return _numbers(json.loads(_command("assess", _ASSESSED, "--json", "--out", str(folder / "assessment"))))
+
+
+def _environments_case(folder: Path) -> Fingerprint:
+    del folder
+    return dict(json.loads(_run_python(_ROLLOUT)))
+
+
+def _run_python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ)
+    if done.returncode:
+        raise SystemExit(f"environments: {done.stderr}")
+    return done.stdout
+
+
+_ROLLOUT = """
+import hashlib, json
+import gymnasium, numpy as np
+import scenarios.gym_env
+def rollout(name, steps, **options):
+    env = gymnasium.make(name, **options)
+    digest = hashlib.sha256()
+    observation, info = env.reset(seed=3)
+    rng = np.random.default_rng(1)
+    for _ in range(steps):
+        parts = observation.values() if isinstance(observation, dict) else [observation]
+        for part in parts:
+            digest.update(np.ascontiguousarray(part).tobytes())
+        shape = env.action_space.shape
+        observation, reward, ended, cut, info = env.step(rng.uniform(-0.3, 0.3, shape).astype(np.float32))
+        digest.update(np.float64(reward).tobytes())
+        if ended or cut:
+            break
+    env.close()
+    return digest.hexdigest()
+table = {}
+for kind in ("surrogate", "truth", "estimate", "camera"):
+    table[f"trailer {kind}"] = rollout("offtrack/TrailerSteering-v0", 300 if kind in ("surrogate", "truth") else 60,
+                                       observation=kind)
+for kind in ("truth", "estimate", "camera"):
+    table[f"rover {kind}"] = rollout("offtrack/RoverSteering-v0", 60, observation=kind)
+print(json.dumps(table))
+"""
+
+
+def _signals(path: Path) -> Fingerprint:
+    """Hash of each column's values, by the signal's name."""
+    import numpy as np
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    return {
+        name: hashlib.sha256(
+            np.nan_to_num(table[name].to_numpy(zero_copy_only=False).astype(float), nan=1e300).tobytes()
+        ).hexdigest()[:16]
+        for name in table.column_names
+    }
+
+
+def _numbers(summary: Any, prefix: str = "summary") -> Fingerprint:
+    """Every number of a summary by its path, but for times, which are no two runs' alike."""
+    if isinstance(summary, dict):
+        return {
+            key: value
+            for name, inner in summary.items()
+            if name != "timing"
+            for key, value in _numbers(inner, f"{prefix}.{name}").items()
+        }
+    return {prefix: json.dumps(summary)}
+
+
+def _folder_hash(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        digest.update(file.relative_to(folder).as_posix().encode() + file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
