@@ -11,7 +11,7 @@ import math
 from typing import Final, Literal, NamedTuple, get_args
 
 from controllers.path import Path
-from estimators.rover_odometry import RoverGeometry, RoverPose
+from estimators.slip.rover_odometry import RoverGeometry, RoverPose
 from vehicle.clock import TICK
 from vehicle.frames import wrap
 from vehicle.rover.command import RoverCommand

@@ -7,7 +7,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sensors.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
 NEAREST = 0.5  # points are taken to be at least so far in front of the cameras; nothing the cameras see is nearer [m]

@@ -24,22 +24,22 @@ TRAILER_STEERING: Final = {
     "policy": "controllers.trailer_steering.policy:Policy",
 }
 ODOMETRY: Final = {
-    "circular": "estimators.stereo_odometry:CircularOdometry",
-    "keyframe": "estimators.keyframe_odometry:KeyframeOdometry",
-    "viso2": "estimators.viso2_odometry:Viso2Odometry",
+    "circular": "estimators.odometry.circular:CircularOdometry",
+    "keyframe": "estimators.odometry.keyframe:KeyframeOdometry",
+    "viso2": "estimators.odometry.viso2:Viso2Odometry",
 }
 OFF_TRACKING: Final = {
-    "truth": "estimators.reference:ReferenceOffTracking",
+    "truth": "estimators.off_tracking.reference:ReferenceOffTracking",
     "surrogate": "scenarios.environments.surrogate_estimator:SurrogateOffTracking",
-    "kinematic": "estimators.kinematic:KinematicOffTracking",
-    "viso_ot": "estimators.viso_ot:VisoOt",
-    "ground_watching": "estimators.ground_watching:GroundWatching",
-    "ground_watching_single": "estimators.ground_watching:SingleGroundWatching",
+    "kinematic": "estimators.off_tracking.kinematic:KinematicOffTracking",
+    "viso_ot": "estimators.off_tracking.viso_ot:VisoOt",
+    "ground_watching": "estimators.off_tracking.ground_watching:GroundWatching",
+    "ground_watching_single": "estimators.off_tracking.ground_watching:SingleGroundWatching",
 }
 SLIP_ESTIMATOR: Final = {
-    "truth": "estimators.reference_slip:ReferenceSlip",
-    "ftrace": "estimators.wheel_trace.ftrace:FTrace",
-    "ftrace_plus": "estimators.trace_tracker.tracker:FTracePlus",
+    "truth": "estimators.slip.reference:ReferenceSlip",
+    "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
+    "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
 }
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicle.description import Unit, Vehicle
+from vehicle.combination.description import Unit, Vehicle
 from vehicle.frames import FloatArray, Pose2
 
 

@@ -28,7 +28,7 @@ from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_limits, check_steered, reachable
 from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
 from estimators.estimates import OffTracking
-from estimators.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

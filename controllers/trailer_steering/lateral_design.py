@@ -24,8 +24,8 @@ from scipy.linalg import expm
 
 from controllers.driver import PERIOD
 from controllers.trailer import Combination, TrailerGeometry
+from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.frames import FloatArray
-from vehicle.linear import LateralModel, lateral_model
 
 KMH: Final = 1.0 / 3.6  # [m/s]
 SPEEDS: Final = tuple(KMH * kmh for kmh in range(20, 131, 10))  # gains are designed at, straight between [m/s]

@@ -25,7 +25,7 @@ from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_limits, check_steered, reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

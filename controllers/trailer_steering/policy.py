@@ -24,7 +24,7 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import chord_lengths, crossing
+from estimators.off_tracking.hitch_path import chord_lengths, crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

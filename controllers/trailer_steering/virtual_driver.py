@@ -29,7 +29,7 @@ from controllers.trailer import SteerCommand, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_limits, check_steered, reachable
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import chord_lengths, crossing
+from estimators.off_tracking.hitch_path import chord_lengths, crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray

@@ -39,12 +39,12 @@ def assess(
     The turn by 90 degrees, the European roundabout, the lane change of ISO 14791, tracking on a straight road, yaw
     damping and the static rollover threshold. A level that is missed is a finding, not an error.
     """
-    from scenarios.results import check_run_directory, next_run_directory
+    from scenarios.results.run import check_run_directory, next_run_directory
     from scenarios.standards.assessment import MANOEUVRES
     from scenarios.standards.assessment import assess as driven
     from scenarios.standards.files import write_assessment
     from scenarios.standards.pilots import TrailerPilot
-    from vehicle.description import load_vehicle
+    from vehicle.combination.description import load_vehicle
 
     with one_line_errors():
         chosen = load_vehicle(vehicle)

@@ -17,9 +17,9 @@ from rich.table import Table
 from scenarios.commands.console import one_line_errors, progress_display
 
 if TYPE_CHECKING:
-    from estimators.board_views import BoardView
-    from estimators.calibration import CameraCalibration
-    from estimators.stereo_calibration import StereoFit
+    from estimators.calibration.board_views import BoardView
+    from estimators.calibration.single_camera import CameraCalibration
+    from estimators.calibration.stereo import StereoFit
 
 EXAMPLES = (
     "Examples: offtrack calibrate photos/   "
@@ -55,10 +55,10 @@ def calibrate(
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
     """Calibrate a camera or a stereo pair. A pair's file is what `offtrack estimate off-tracking` takes."""
-    from estimators.calibration import calibrated
-    from estimators.stereo_calibration import calibrated_pair
-    from scenarios.calibration_files import board_of, camera_text, coverage_picture, photographs, views_of
-    from sensors.lens import RawStereoRig
+    from estimators.calibration.single_camera import calibrated
+    from estimators.calibration.stereo import calibrated_pair
+    from scenarios.recordings.calibration_files import board_of, camera_text, coverage_picture, photographs, views_of
+    from sensors.camera.lens import RawStereoRig
 
     with one_line_errors():
         left_paths, right_paths = photographs(images, right or [])
@@ -106,7 +106,7 @@ def _named(left: list[Path], right: list[Path]) -> dict[str, list[Path]]:
 
 def _mount(facing: Literal["rear", "left", "right", "down"], position: str | None) -> Any:
     """X_SC (4, 4) of cameras that look level."""
-    from sensors.rig import StereoRig
+    from sensors.camera.rig import StereoRig
 
     try:
         x, y, z = (float(part) for part in (position or "0,0,3").split(","))

@@ -92,7 +92,7 @@ def off_tracking(
     from scenarios.recordings.files import write_estimation
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.recording import open_recording
-    from scenarios.results import check_run_directory, next_run_directory
+    from scenarios.results.run import check_run_directory, next_run_directory
 
     with one_line_errors():
         results = out or next_run_directory(directory.resolve().name)
@@ -150,10 +150,10 @@ def slip(
     dropped and reported.
     """
     from scenarios.catalogue import SLIP_ESTIMATOR, resolve
-    from scenarios.results import check_run_directory, next_run_directory
-    from scenarios.rover.estimation import estimate_slip
-    from scenarios.rover.estimation_files import write_slip_estimation
-    from scenarios.rover.recording import open_rover_recording
+    from scenarios.recordings.rover_recording import open_rover_recording
+    from scenarios.recordings.slip_estimation import estimate_slip
+    from scenarios.recordings.slip_files import write_slip_estimation
+    from scenarios.results.run import check_run_directory, next_run_directory
 
     with one_line_errors():
         results = out or next_run_directory(directory.resolve().name)
@@ -209,9 +209,9 @@ def _bar(display: ProgressDisplay, title: str) -> Progress:
 
 def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, Any]:
     """The estimator with an odometry of this name, and the name."""
-    from estimators.self_calibration import SelfCalibratedOdometry
+    from estimators.calibration.self_calibration import SelfCalibratedOdometry
     from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
-    from scenarios.scenario import Scenario
+    from scenarios.options.scenario import Scenario
 
     name = odometry or str(Scenario.model_fields["odometry"].default)
     made = resolve("--odometry", name, ODOMETRY)(recording.calibration)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.scenario import load_any_scenario, scenario_names
+from scenarios.options.scenario import load_any_scenario, scenario_names
 
 
 def scenarios() -> None:

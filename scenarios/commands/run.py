@@ -14,11 +14,11 @@ from rich.progress import Progress
 from rich.table import Table
 
 from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
-from scenarios.rover.scenario import RoverScenario
-from scenarios.scenario import Scenario, load_any_scenario
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import Scenario, load_any_scenario
 
 if TYPE_CHECKING:
-    from scenarios.results import Summary
+    from scenarios.results.run import Summary
 
 EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -55,7 +55,7 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
-    from scenarios.results import check_run_directory, next_run_directory
+    from scenarios.results.run import check_run_directory, next_run_directory
 
     with one_line_errors():
         chosen = load_any_scenario(scenario, settings or [])
@@ -78,14 +78,14 @@ def _ran(
 ) -> Summary:
     """Runs the scenario, writes its directory, and gives its numbers."""
     if isinstance(chosen, RoverScenario):
-        from scenarios.rover.results import rover_summary, write_rover_run
-        from scenarios.rover.run import run_rover
+        from scenarios.loop.rover_run import run_rover
+        from scenarios.results.rover import rover_summary, write_rover_run
 
         driven = run_rover(chosen, seed, keep_frames=True, record=record, progress=bar.run)
         write_rover_run(driven, directory, video=video, progress=bar.video)
         return rover_summary(driven)
-    from scenarios.results import summary, write_run
-    from scenarios.run import run as run_scenario
+    from scenarios.loop.run import run as run_scenario
+    from scenarios.results.run import summary, write_run
 
     result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run, calibrating=bar.calibration)
     write_run(result, directory, video=video, progress=bar.video)

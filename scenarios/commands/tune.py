@@ -185,7 +185,7 @@ def _check_same(path: Path, told: str) -> None:
 
 
 def _write(tuning: Tuning, trials: list[Trial], best: Trial, directory: Path) -> None:
-    from scenarios.scenario import load_scenario
+    from scenarios.options.scenario import load_scenario
     from scenarios.studies.files import replaced
     from scenarios.studies.tuning import with_parameters
 

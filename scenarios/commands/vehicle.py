@@ -15,8 +15,8 @@ from rich.text import Text
 from scenarios.commands.console import one_line_errors
 
 if TYPE_CHECKING:
-    from vehicle.description import Vehicle
-    from vehicle.facts import AxleFacts, Facts, Handling, UnitFacts
+    from vehicle.combination.data_sheet import AxleFacts, Facts, Handling, UnitFacts
+    from vehicle.combination.description import Vehicle
 
 EXAMPLES = "Examples: offtrack vehicle uk_longer_semitrailer   offtrack vehicle my_truck.toml --out my_truck_sheet"
 
@@ -41,7 +41,7 @@ def vehicle(
 
 
 def _list_vehicles(*, as_json: bool) -> None:
-    from vehicle.description import load_vehicle, vehicle_names
+    from vehicle.combination.description import load_vehicle, vehicle_names
 
     known = {name: load_vehicle(name).summary for name in vehicle_names()}
     if as_json:
@@ -54,10 +54,10 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    from scenarios.results import appearing_at_once, check_run_directory, next_run_directory
-    from scenarios.vehicle_sheet import draw_sheet
-    from vehicle.description import load_vehicle, vehicle_sources
-    from vehicle.facts import facts
+    from scenarios.results.run import appearing_at_once, check_run_directory, next_run_directory
+    from scenarios.vehicle_sheet.sheet import draw_sheet
+    from vehicle.combination.data_sheet import facts
+    from vehicle.combination.description import load_vehicle, vehicle_sources
 
     chosen, sources = load_vehicle(name), vehicle_sources(name)
     directory = out or next_run_directory(f"vehicle-{Path(name).stem}")
@@ -79,7 +79,7 @@ def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
 
 def _handling(chosen: Vehicle, sheet: Facts) -> tuple[Handling | None, tuple[str, ...]]:
     """The handling at 80 km/h, or why there is none."""
-    from vehicle.facts import handling_at
+    from vehicle.combination.data_sheet import handling_at
 
     if not sheet.stands:
         return None, ("no handling figures: the combination does not stand on all its axles",)
@@ -90,7 +90,7 @@ def _handling(chosen: Vehicle, sheet: Facts) -> tuple[Handling | None, tuple[str
 
 
 def _print(sheet: Facts, handling: Handling | None, warnings: tuple[str, ...], note: str, directory: Path) -> None:
-    from scenarios.vehicle_sheet import axle_rows, handling_rows, steering_rows, unit_rows
+    from scenarios.vehicle_sheet.sheet import axle_rows, handling_rows, steering_rows, unit_rows
 
     console = Console()
     size = f"{sheet.mass / 1e3:.2f} t, {sheet.length:.2f} x {sheet.width:.2f} x {sheet.height:.2f} m"
@@ -129,7 +129,7 @@ def _as_json(sheet: Facts, handling: Handling | None, warnings: tuple[str, ...])
 
 
 def _unit(unit: UnitFacts) -> dict[str, Any]:
-    from vehicle.description import GRAVITY
+    from vehicle.combination.description import GRAVITY
 
     return {
         "name": unit.name,
@@ -143,7 +143,7 @@ def _unit(unit: UnitFacts) -> dict[str, Any]:
 
 
 def _axle(axle: AxleFacts) -> dict[str, Any]:
-    from vehicle.description import GRAVITY
+    from vehicle.combination.description import GRAVITY
 
     return {
         "x_m": axle.x,
@@ -158,7 +158,7 @@ def _axle(axle: AxleFacts) -> dict[str, Any]:
 
 
 def _handling_numbers(handling: Handling) -> dict[str, float | None]:
-    from vehicle.description import GRAVITY
+    from vehicle.combination.description import GRAVITY
 
     def kmh(speed: float | None) -> float | None:
         return None if speed is None else speed * 3.6

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from scenarios.canvas import Picture
+from scenarios.report.canvas import Picture
 from vehicle.frames import FloatArray
 
 Lanes = NDArray[np.intp]  # numbers of episodes, (k,)

@@ -39,15 +39,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from controllers.driver import PERIOD
-from scenarios.adapters import outlines
-from scenarios.canvas import Picture
-from scenarios.courses import straight
+from scenarios.assembly.adapters import outlines
+from scenarios.assembly.courses import straight
 from scenarios.environments.core import Feature, Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.movers import Slipping
 from scenarios.environments.picture import Onlooker, axle_angles
-from scenarios.outcomes import FOLDED, LIFTED
-from vehicle.description import Vehicle, load_vehicle
+from scenarios.loop.referee import FOLDED, LIFTED
+from scenarios.report.canvas import Picture
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 

@@ -1,4 +1,4 @@
-"""The combination's own sensors for many vehicles: what of ``sensors.combination`` lasts throughout an episode.
+"""Sensors of many combinations: those errors of ``sensors.instruments.combination`` that last a whole episode.
 
 Its noise from sample to sample is white and as large as the bias; a policy that lives on single samples of it would be
 noticed in the loop. Here it is left out.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.environments.moment import Moment
-from scenarios.outcomes import FOLDED, LIFTED
+from scenarios.loop.referee import FOLDED, LIFTED
 
 Ending = Callable[[Moment], NDArray[np.bool_]]  # (n,)
 _ROAD = 4.5  # half the width of a course's road [m]

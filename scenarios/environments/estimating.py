@@ -16,8 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from scenarios.canvas import Picture
-from scenarios.courses import Course
+from scenarios.assembly.courses import Course
 from scenarios.environments.core import Feature, Features, observation_space, within
 from scenarios.environments.fleet import Fleet, Seen
 from scenarios.environments.fleet_truth import FleetTruth
@@ -27,12 +26,13 @@ from scenarios.environments.knowledge import Start
 from scenarios.environments.sensed_trailer import SensedTrailer, Setting, camera_schedule
 from scenarios.environments.trailer_features import features, own_features
 from scenarios.environments.trailer_view import stereo_view
-from scenarios.scenario import Scenario
+from scenarios.options.scenario import Scenario
+from scenarios.report.canvas import Picture
 from vehicle.clock import TICK
-from vehicle.description import Vehicle
-from vehicle.footing import SurfaceUnder
+from vehicle.combination.description import Vehicle
+from vehicle.combination.ground_inputs import SurfaceUnder
+from vehicle.combination.truth import Truth
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 _SEEDS: Final = 2**31
 

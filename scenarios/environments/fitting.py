@@ -12,8 +12,8 @@ import numpy as np
 import tomli_w
 
 from scenarios.environments.surrogate import SurrogateParameters
-from scenarios.log import LOST
-from scenarios.metrics import estimate_error
+from scenarios.results.log import LOST
+from scenarios.results.metrics import estimate_error
 from vehicle.frames import FloatArray
 
 _REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators that look through cameras

@@ -13,16 +13,16 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle.compiled import place_function, start_function, step_function, wheel_function
-from vehicle.demands import Footing, demand_sizes, footing_sizes, spans
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import place_function, start_function, step_function, wheel_function
+from vehicle.combination.kinematics import Places, place_sizes
+from vehicle.combination.layout import state_sizes
+from vehicle.combination.plant_inputs import Footing, demand_sizes, footing_sizes, spans
+from vehicle.combination.symbolic import numbers
+from vehicle.combination.wheel_truth import WheelTruth, wheel_truth_sizes
 from vehicle.engine.kernels import Engine, Kernel, kernel_for_many, kernel_for_one
 from vehicle.frames import FloatArray
-from vehicle.layout import state_sizes
-from vehicle.places import Places, place_sizes
 from vehicle.sanity import are_sane
-from vehicle.symbolic import numbers
-from vehicle.wheel_truth import WheelTruth, wheel_truth_sizes
 
 Lanes = NDArray[np.intp]  # numbers of vehicles, (k,)
 _APEX = 3.0  # radius over which the tip of conical ground is rounded, as on a surface of its own [m]
@@ -116,7 +116,7 @@ class Fleet:
         return self.see()
 
     def alone(self, lane: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A vehicle's state, its demands and footing, and its numbers, as ``vehicle.compiled`` takes them."""
+        """State, inputs and numbers of one vehicle, as ``vehicle.combination.functions`` takes them."""
         return self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers]
 
     def see(self) -> Seen:

@@ -7,15 +7,15 @@ from typing import Any, Final
 import numpy as np
 
 from scenarios.environments.fleet import Fleet
-from vehicle.compiled import body_function, place_function, wheel_function
-from vehicle.demands import spans
-from vehicle.description import Vehicle
-from vehicle.footing import SurfaceUnder
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import body_function, place_function, wheel_function
+from vehicle.combination.ground_inputs import SurfaceUnder
+from vehicle.combination.kinematics import Places, place_sizes
+from vehicle.combination.layout import State, state_sizes
+from vehicle.combination.plant_inputs import spans
+from vehicle.combination.truth import Truth
+from vehicle.combination.wheel_truth import WheelTruth, wheel_truth_sizes
 from vehicle.frames import FloatArray
-from vehicle.layout import State, state_sizes
-from vehicle.places import Places, place_sizes
-from vehicle.truth import Truth
-from vehicle.wheel_truth import WheelTruth, wheel_truth_sizes
 
 _NOTHING: Final = np.empty(0)
 

@@ -10,7 +10,6 @@ from typing import Any, Literal, NamedTuple, Protocol, get_args
 import numpy as np
 from gymnasium import spaces
 
-from scenarios.canvas import Picture
 from scenarios.environments.core import Feature, Lanes, Observation, observation_space, within
 from scenarios.environments.domain import Circumstances
 from scenarios.environments.encoders import Encoders
@@ -18,8 +17,9 @@ from scenarios.environments.fleet import Seen
 from scenarios.environments.hitch_paths import Beside
 from scenarios.environments.surrogate import Estimate, Surrogate, SurrogateParameters
 from scenarios.environments.trailer_features import features
+from scenarios.report.canvas import Picture
 from vehicle.clock import to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 Knowledge = Literal["estimate", "surrogate", "truth", "camera"]

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.policy import feature_names
 from estimators.estimates import Health, OffTracking
-from estimators.hitch_path import chord_lengths, crossing, tangent
-from scenarios.adapters import trailer_geometry
+from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.trailer_law import trailer_law
 from scenarios.environments.hitch_paths import Mark
 from scenarios.environments.surrogate import SurrogateParameters
 from scenarios.environments.trailer_steering import TrailerSteering as TrailerSteeringCore
-from scenarios.trailer_law import trailer_law
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 _KEPT: Final = 60  # control steps back that an estimate may be from: its age and a loss of health or two

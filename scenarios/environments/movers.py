@@ -11,7 +11,7 @@ from scenarios.environments.domain import Circumstances
 from scenarios.environments.fleet import Fleet, Ground, Lanes, Seen
 from scenarios.environments.variation import Variation
 from vehicle.clock import to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.canvas import Picture
 from scenarios.environments.core import Core, Info, Lanes, Observation, Result
+from scenarios.report.canvas import Picture
 
 
 class Repeated:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from scenarios.adapters import course_of
-from scenarios.courses import Course, Turn, turns
+from scenarios.assembly.adapters import course_of
+from scenarios.assembly.courses import Course, Turn, turns
+from scenarios.options.scenario import load_scenario
 from scenarios.randomness import stream
-from scenarios.scenario import load_scenario
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 
 _RANDOM = "random-"
 _TURNS = 5  # 150 m on average: a minute at 10 km/h

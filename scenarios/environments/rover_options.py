@@ -8,8 +8,8 @@ from typing import Final
 from scenarios.environments.domain import Range, drawn_within
 from scenarios.environments.knowledge import Knowledge
 from scenarios.environments.sensed_slip import check_slip_sensing
-from scenarios.rover.scenario import RoverScenario
-from scenarios.scenario import load_any_scenario
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import load_any_scenario
 from vehicle.engine.kernels import Engine
 
 FIRM: Final = "none"  # the soil of hard ground

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from controllers.path import Path
-from scenarios.canvas import INK, SHIFT, SOFT, TRUE, Picture, blank, curve, fixed_point, write
+from scenarios.report.canvas import INK, SHIFT, SOFT, TRUE, Picture, blank, curve, fixed_point, write
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.description import Rover
 from vehicle.rover.truth import RoverTruth

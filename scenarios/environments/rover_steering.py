@@ -54,7 +54,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from controllers.path import Path, arc, line
-from scenarios.canvas import Picture
 from scenarios.environments.core import Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import narrowed
 from scenarios.environments.images import reduced, reduced_shape
@@ -64,16 +63,17 @@ from scenarios.environments.rover_features import BESIDE_A_PICTURE, FEATURES, SL
 from scenarios.environments.rover_options import FIRM, LIMITS, RoverDomain, RoverSteeringOptions
 from scenarios.environments.rover_picture import rover_picture
 from scenarios.environments.sensed_slip import SensedSlip
+from scenarios.report.canvas import Picture
 from sensors.sand.rig import nominal_rig
 from vehicle.clock import TICK
+from vehicle.combination.plant import DivergedError
 from vehicle.frames import FloatArray, Pose2, wrap
-from vehicle.plant import DivergedError
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover
 from vehicle.rover.plant import RoverPlant
+from vehicle.rover.soil import Soil, load_soil
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.soil import Soil, load_soil
-from vehicle.terrain import Terrain
 
 _STEP: Final = 100  # a control step [ticks]
 _PERIOD: Final = _STEP * TICK  # [s]

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from scenarios import gym_env
-from scenarios.canvas import Picture
 from scenarios.environments.core import Observation
 from scenarios.environments.vector import CoreVectorEnv
+from scenarios.report.canvas import Picture
 
 Indices = int | Iterable[int] | None
 

@@ -9,19 +9,19 @@ import numpy as np
 
 from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
-from scenarios.canvas import ESTIMATED, SOFT, Picture, blank, write
+from scenarios.assembly.rover import sand_world, trace_camera, trace_schedule
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.options.rover import RoverScenario
 from scenarios.randomness import stream
-from scenarios.rover.assembly import sand_world, trace_camera, trace_schedule
-from scenarios.rover.scenario import RoverScenario
-from scenarios.rover.trace_view import draw_trace
+from scenarios.report.canvas import ESTIMATED, SOFT, Picture, blank, write
+from scenarios.report.trace_view import draw_trace
+from sensors.instruments.rover_navigation import RoverInstruments
 from sensors.messages import GreyImage, RoverView
-from sensors.rover_navigation import RoverInstruments
 from sensors.sand.rig import nominal_rig
 from vehicle.clock import TICK, Pipe
 from vehicle.rover.description import Rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 _VIEW: Final = (800, 600)  # of the image for people: as high as the plan beside it [px]
 

@@ -14,22 +14,22 @@ import numpy as np
 from controllers.trailer_steering.policy import AHEAD, felt_features, seen_features
 from controllers.trailer_steering.unsteered import Unsteered
 from estimators.estimates import Health, OffTracking
-from scenarios.adapters import trailer_geometry
-from scenarios.assembly import WatchedTrailer
-from scenarios.cameras import Views, built_world
-from scenarios.courses import Course
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.courses import Course
+from scenarios.assembly.sensing import Sensing, opened_sensing
+from scenarios.assembly.stereo_cameras import Views, built_world
+from scenarios.assembly.trailer import WatchedTrailer
+from scenarios.loop.trailer_loop import TrailerLoop
+from scenarios.options.scenario import Scenario
 from scenarios.randomness import stream
-from scenarios.run_log import Estimate
-from scenarios.scenario import Scenario
-from scenarios.sensing import Sensing, opened_sensing
-from scenarios.trailer_loop import TrailerLoop
-from sensors.combination import CombinationSensors
+from scenarios.results.trailer_signals import Estimate
+from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK, Schedule
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 NEVER: Final = 60.0  # age of what has not come yet: the most that an observation can say [s]
 _N_SEEN: Final = 5 + len(AHEAD)  # features of an estimate

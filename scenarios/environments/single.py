@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.canvas import Picture
 from scenarios.environments.core import Core, of_lane
 from scenarios.environments.window import Window
+from scenarios.report.canvas import Picture
 
 RenderMode = Literal["rgb_array", "human"]
 _ONLY = np.zeros(1, dtype=np.intp)

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, OffTracking, Reads
-from estimators.reference import ReferenceMemory, ReferenceOffTracking
+from estimators.off_tracking.reference import ReferenceMemory, ReferenceOffTracking
 from scenarios.environments.surrogate import SurrogateParameters, drifted, load_surrogate
 from sensors.messages import BodyPose
 from vehicle.clock import TICK

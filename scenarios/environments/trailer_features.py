@@ -6,7 +6,7 @@ from typing import Final
 
 from controllers.trailer_steering.policy import feature_names
 from scenarios.environments.core import Feature
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 
 
 def features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:

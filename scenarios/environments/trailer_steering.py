@@ -65,9 +65,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from controllers.driver import PERIOD
-from scenarios.adapters import outlines, tractor_geometry
-from scenarios.canvas import Picture
-from scenarios.courses import Course
+from scenarios.assembly.adapters import outlines, tractor_geometry
+from scenarios.assembly.courses import Course
 from scenarios.environments import endings, rewards
 from scenarios.environments.core import Info, Lanes, Observation, Result
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
@@ -85,9 +84,10 @@ from scenarios.environments.running import RunningMetrics
 from scenarios.environments.surrogate import SurrogateParameters, load_surrogate
 from scenarios.environments.tracks import Tracks
 from scenarios.environments.variation import Variation
-from scenarios.scenario import Scenario, load_scenario
+from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.report.canvas import Picture
 from vehicle.clock import to_ticks
-from vehicle.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from estimators.estimates import Health
-from scenarios.canvas import ESTIMATED, INK, SOFT, Colour, Picture, blank, write
-from scenarios.run_log import Estimate
-from scenarios.video import draw_flow
+from scenarios.report.canvas import ESTIMATED, INK, SOFT, Colour, Picture, blank, write
+from scenarios.report.video import draw_flow
+from scenarios.results.trailer_signals import Estimate
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 

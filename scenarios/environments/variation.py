@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from scenarios.environments.domain import Circumstances
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.symbolic import symbolic_twin
 from vehicle.frames import FloatArray
-from vehicle.symbolic import symbolic_twin
 
 
 class Variation:

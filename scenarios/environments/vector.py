@@ -11,8 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from scenarios.canvas import Picture
 from scenarios.environments.core import Core, Info, Observation, Result, of_lane
+from scenarios.report.canvas import Picture
 
 Flags = NDArray[np.bool_]
 _Told = tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, Any]]

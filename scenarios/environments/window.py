@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from scenarios.canvas import Picture
+from scenarios.report.canvas import Picture
 
 
 class Window:

@@ -2,7 +2,7 @@
 
 Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
 ``dropout:0.1@5+2``; amounts of several numbers are separated by commas, several faults in one text by semicolons.
-``sensors.fault`` tells the kinds and their amounts.
+``sensors.faults.fault`` tells the kinds and their amounts.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from scenarios.options.base import Options, quantity
-from sensors.fault import KINDS, Fault, Kind
+from sensors.faults.fault import KINDS, Fault, Kind
 from vehicle.parameter_file import nearest
 
 _TEXT = re.compile(r"(?P<kind>[^:@]+)(:(?P<amount>[^@]*))?(@(?P<start>[^+]*)(\+(?P<duration>.*))?)?")

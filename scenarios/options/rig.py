@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from scenarios.options.base import Options, quantity
-from sensors.lens import UNDISTORTED, Distortion
+from sensors.camera.lens import UNDISTORTED, Distortion
 
 _Angle = Annotated[float, Field(ge=-5.0, le=5.0)]
 _Angles = tuple[_Angle, _Angle, _Angle]  # roll about the optical axis, yaw about the camera's y (down), pitch about x

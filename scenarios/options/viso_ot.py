@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from estimators.off_tracking import REVERSING
+from estimators.off_tracking.buffer import REVERSING
 from scenarios.options.base import Options, quantity
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health, Motion, OffTracking
-from estimators.reference import ReferenceOffTracking
+from estimators.off_tracking.reference import ReferenceOffTracking
+from scenarios.assembly.sensing import OffTrackingSource
 from scenarios.recordings.images import Dropped, stream
 from scenarios.recordings.recording import Recording
 from scenarios.recordings.sequence import FrameFiles
 from scenarios.recordings.trajectory import camera_poses
-from scenarios.sensing import OffTrackingSource
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, inverse
 

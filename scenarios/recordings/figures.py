@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 
-from scenarios.drawing import ESTIMATED, GREY, TRUE, WIDTH, drawn
-from scenarios.log import LOST, Log
 from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.summary import error_of_estimate
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE, WIDTH, drawn
+from scenarios.results.log import LOST, Log
 from vehicle.frames import FloatArray
 
 _TALLEST: Final = 7.5  # [in]

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
-from scenarios.log import write_log
 from scenarios.recordings.estimation import Estimation, Progress
 from scenarios.recordings.table import csv_text, estimate_log
 from scenarios.recordings.trajectory import kitti_text, tum_text
-from scenarios.results import appearing_at_once, versions
+from scenarios.results.log import write_log
+from scenarios.results.run import appearing_at_once, versions
 
 
 def write_estimation(

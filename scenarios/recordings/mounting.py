@@ -13,9 +13,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from estimators.estimates import Health
-from estimators.stereo_odometry import CircularOdometry
+from estimators.odometry.circular import CircularOdometry
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 from vehicle.parameter_file import checked, nearest, read_toml, without_sources
 

@@ -9,14 +9,14 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from scenarios.log import Log
-from scenarios.page import html_page, section_html
 from scenarios.recordings import figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 from scenarios.recordings.images import read_grey
-from scenarios.report import camera_svg
-from scenarios.report_numbers import Shown, cards_html, table_html
-from scenarios.results import CameraFrame, versions
+from scenarios.report.numbers import Shown, cards_html, table_html
+from scenarios.report.page import html_page, section_html
+from scenarios.report.run_page import camera_svg
+from scenarios.results.log import Log
+from scenarios.results.run import CameraFrame, versions
 from vehicle.clock import TICK
 
 _LISTED = 50  # dropped frames named on the page; the summary names all

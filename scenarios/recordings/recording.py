@@ -9,20 +9,20 @@ from typing import Protocol
 
 import numpy as np
 
-from estimators.rectification import Rectifier
+from estimators.calibration.rectification import Rectifier
 from scenarios.recordings.images import Dropped, image_size, stream
 from scenarios.recordings.mounting import MountingOptions, Rig, facing_by_motion, mounting, read_rig
 from scenarios.recordings.projections import read_projections
 from scenarios.recordings.sequence import Layout, StereoSequence, find_sequence
 from scenarios.recordings.trajectory import read_kitti_poses
-from sensors.lens import load_raw_rig
+from sensors.camera.lens import load_raw_rig
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse
 
 
 class Rectification(Protocol):
-    """Whatever makes a rectified pair of a raw one, such as ``estimators.rectification.Rectifier``."""
+    """Whatever makes a rectified pair of a raw one, such as ``estimators.calibration.rectification.Rectifier``."""
 
     @property
     def calibration(self) -> StereoCalibration:

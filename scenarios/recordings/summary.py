@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from scenarios import metrics
-from scenarios.log import LOST, Log
 from scenarios.recordings.drift import KITTI_EVERY, KITTI_LENGTHS, drift
 from scenarios.recordings.estimation import Estimation
+from scenarios.results import metrics
+from scenarios.results.log import LOST, Log
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 

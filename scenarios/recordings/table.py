@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
+from estimators.calibration.self_calibration import SelfCalibratedMotion
 from estimators.estimates import Health
-from estimators.self_calibration import SelfCalibratedMotion
-from scenarios.log import HEALTH, HEALTH_WORDS, Log, Signal
 from scenarios.recordings.estimation import Estimation, FrameEstimate
+from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
 
 _SIGNALS: Final = (
     Signal("frame", "-", "number of the frame, counted from 0"),

@@ -8,7 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.canvas import (
+from scenarios.recordings.estimation import Estimation, Progress
+from scenarios.recordings.figures import elapsed, paths
+from scenarios.recordings.page import camera_frame
+from scenarios.report.canvas import (
     ESTIMATED,
     INK,
     LINE,
@@ -23,12 +26,9 @@ from scenarios.canvas import (
     nice_step,
     write,
 )
-from scenarios.log import LOST, Log
-from scenarios.metrics import peak
-from scenarios.recordings.estimation import Estimation, Progress
-from scenarios.recordings.figures import elapsed, paths
-from scenarios.recordings.page import camera_frame
-from scenarios.video import Reel, camera_picture, write_reel
+from scenarios.report.video import Reel, camera_picture, write_reel
+from scenarios.results.log import LOST, Log
+from scenarios.results.metrics import peak
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from scenarios import metrics
-from scenarios.drawing import ESTIMATED, GREY, TRUE
-from scenarios.log import Log, Signal
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.results import metrics
+from scenarios.results.log import Log, Signal
 from vehicle.frames import FloatArray
 
 _POINT: Final = Point(facing="left", baseline=1.5, slip=5.0)

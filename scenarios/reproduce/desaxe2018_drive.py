@@ -17,23 +17,23 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.keyframe_odometry import KeyframeOdometry
-from estimators.right_rotation import RightRotation, straightened
-from estimators.self_calibration import SelfCalibratedOdometry
-from estimators.viso2_odometry import Viso2Odometry
-from estimators.viso_ot import VisoOt
-from scenarios import metrics
-from scenarios.assembly import Assembly, assemble
-from scenarios.cameras import Cameras, Rectified
-from scenarios.loop import Session
+from estimators.calibration.right_rotation import RightRotation, straightened
+from estimators.calibration.self_calibration import SelfCalibratedOdometry
+from estimators.odometry.keyframe import KeyframeOdometry
+from estimators.odometry.viso2 import Viso2Odometry
+from estimators.off_tracking.viso_ot import VisoOt
+from scenarios.assembly.stereo_cameras import Cameras, Rectified
+from scenarios.assembly.trailer import Assembly, assemble
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
 from scenarios.randomness import stream
-from scenarios.reference import reference_off_tracking
 from scenarios.reproduce.figure import Progress
-from scenarios.run_log import Estimate, run_log
-from scenarios.scenario import load_scenario
+from scenarios.results import metrics
+from scenarios.results.reference_unit import reference_off_tracking
+from scenarios.results.trailer_signals import Estimate, run_log
 from scenarios.studies.pool import as_finished, default_jobs
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse
 

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from scenarios import metrics
-from scenarios.drawing import GREY
-from scenarios.log import Log, Signal
+from scenarios.report.drawing import GREY
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven
 from scenarios.reproduce.figure import Progress
+from scenarios.results import metrics
+from scenarios.results.log import Log, Signal
 
 SOURCE: Final = "de Saxe & Cebon, Vehicle System Dynamics 2018"
 ENOUGH: Final = 250.0  # matches below which the paper's errors grow

@@ -14,20 +14,20 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimators.matching import Matches
-from estimators.viso2_matching import circular_matches, pair_features
-from estimators.viso2_odometry import NEAR, Viso2Odometry
-from scenarios.assembly import assemble
-from scenarios.drawing import ESTIMATED
-from scenarios.log import Log, Signal
-from scenarios.loop import Session
+from estimators.odometry.circular_matching import Matches
+from estimators.odometry.viso2 import NEAR, Viso2Odometry
+from estimators.odometry.viso2_matching import circular_matches, pair_features
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
+from scenarios.report.drawing import ESTIMATED
 from scenarios.reproduce.desaxe2018_drive import with_source
 from scenarios.reproduce.desaxe2018_field import Facing, field_case
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
-from scenarios.scenario import load_scenario
+from scenarios.results.log import Log, Signal
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.clock import TICK
 
 _WHEN: Final = 20.0  # in the roundabout [s]

@@ -12,9 +12,9 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
-from scenarios.drawing import STYLE
-from scenarios.log import Log, write_log
-from scenarios.results import appearing_at_once, versions
+from scenarios.report.drawing import STYLE
+from scenarios.results.log import Log, write_log
+from scenarios.results.run import appearing_at_once, versions
 
 Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
 _DPI: Final = 150

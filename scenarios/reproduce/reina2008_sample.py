@@ -13,10 +13,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from estimators.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
-from scenarios.drawing import ESTIMATED, GREY, TRUE
-from scenarios.log import Log, Signal
+from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.results.log import Log, Signal
 from sensors.sand.rig import nominal_rig
 from sensors.sand.sequence import labelled_sequence
 from vehicle.frames import FloatArray

@@ -16,24 +16,24 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimators.estimates import Health, SlipAngle
-from estimators.reference_slip import LaserSlip
-from estimators.wheel_trace.ftrace import FTrace
-from scenarios.drawing import ESTIMATED, GREY, TRUE
-from scenarios.log import Log, Signal
+from estimators.slip.reference import LaserSlip
+from estimators.slip.wheel_trace.ftrace import FTrace
 from scenarios.randomness import stream
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
-from sensors.rover_navigation import LaserTracker
+from scenarios.results.log import Log, Signal
+from sensors.instruments.rover_navigation import LaserTracker
 from sensors.sand.rig import nominal_rig
 from sensors.sand.sequence import recorded
 from vehicle.clock import TICK, Schedule
 from vehicle.frames import FloatArray, Pose2
-from vehicle.height_map import HeightMap
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover
+from vehicle.rover.height_map import HeightMap
 from vehicle.rover.plant import RoverPlant
+from vehicle.rover.soil import load_soil
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.soil import load_soil
-from vehicle.terrain import Terrain
 
 _SPEED: Final = 0.08  # (section III) [m/s]
 _LENGTH: Final = 7.0  # travel in all (section III) [m]

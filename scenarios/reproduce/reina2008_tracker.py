@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from scenarios.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics

@@ -14,16 +14,16 @@ from matplotlib.figure import Figure
 
 from estimators.estimates import SlipAngle
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
-from scenarios.log import Log, Signal
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
+from scenarios.results.log import Log, Signal
 from scenarios.studies.pool import as_finished, default_jobs
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import SlipProfile
 from sensors.sand.sequence import labelled_sequence
 from sensors.sand.trace import TraceTruth
 from vehicle.rover.description import load_rover
-from vehicle.terrain import Terrain
+from vehicle.rover.terrain import Terrain
 
 SOURCE: Final = "Reina et al., ICRA 2008"
 PLAIN: Final = ("uniform", "ripples", "pebbles")  # Fig. 2 a to c

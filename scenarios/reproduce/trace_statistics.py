@@ -25,7 +25,7 @@ import numpy as np
 
 from estimators.estimates import Health, SlipAngle
 from sensors.sand.trace import TraceTruth
-from sensors.trace_rig import TraceRig
+from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray, wrap
 
 WITH: Final = 0.8  # share of the visible length from which there is a trace to be seen

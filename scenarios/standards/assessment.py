@@ -19,7 +19,7 @@ from scenarios.standards.straight import straight
 from scenarios.standards.theory import linear_figures
 from scenarios.standards.tilt import tilt
 from scenarios.standards.turn import turn
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 
 Progress = Callable[[int, int, str], None]  # done, of how many, the one that was just finished
 

@@ -9,14 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 
-from scenarios.adapters import outlines
-from scenarios.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
+from scenarios.assembly.adapters import outlines
+from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
+from scenarios.results.swept_path import placed
 from scenarios.standards.lane_change import PEAK
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.motion import lateral_acceleration, point_path, poses
 from scenarios.standards.tilt import threshold
-from scenarios.swept_path import placed
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 _SWEPT: Final = "#cfe0f1"

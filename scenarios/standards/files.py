@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from scenarios.log import write_log
-from scenarios.results import appearing_at_once
+from scenarios.results.log import write_log
+from scenarios.results.run import appearing_at_once
 from scenarios.standards.assessment import Assessment
 from scenarios.standards.page import assessment_page
 

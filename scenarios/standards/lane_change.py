@@ -20,7 +20,7 @@ from scenarios.standards.motion import amplification, lateral_acceleration, over
 from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from vehicle.clock import TICK
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

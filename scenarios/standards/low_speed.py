@@ -7,14 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.courses import Course
+from scenarios.assembly.courses import Course
 from scenarios.standards.motion import point_path
 from scenarios.standards.pilots import PathPilot, TrailerPilot
 from scenarios.standards.proving_ground import Drive, drive
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 SPEED: Final = 5.0 / 3.6  # the highest the low-speed turn allows [m/s]
 STRAIGHTENING: Final = 10.0  # of exit beyond the combination's length, in which its last unit comes into line [m]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from scenarios.log import Log
+from scenarios.results.log import Log
 from vehicle.frames import FloatArray
 
 Figures = Mapping[str, float]  # name of a quantity to its value in SI units; NaN where it could not be measured

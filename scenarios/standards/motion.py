@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.log import Log
-from scenarios.swept_path import placed
+from scenarios.results.log import Log
+from scenarios.results.swept_path import placed
 from vehicle.frames import FloatArray
 
 _NOISE = 1e-3  # of the largest extreme: what is smaller is the end of the settling, not an oscillation

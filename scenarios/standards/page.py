@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from html import escape
 from typing import Final
 
-from scenarios.page import html_page, section_html
-from scenarios.results import versions
+from scenarios.report.page import html_page, section_html
+from scenarios.results.run import versions
 from scenarios.standards.assessment import Assessment
 from scenarios.standards.figures import pictures
 from scenarios.standards.levels import Judgement

@@ -10,18 +10,18 @@ import numpy as np
 from controllers.driver import DriverCommand, DriverMemory, PreviewDriver
 from controllers.trailer import Combination
 from estimators.estimates import OffTracking
-from estimators.reference import ReferenceOffTracking
-from scenarios.adapters import tractor_geometry, trailer_geometry
-from scenarios.courses import Course
+from estimators.off_tracking.reference import ReferenceOffTracking
+from scenarios.assembly.adapters import tractor_geometry, trailer_geometry
+from scenarios.assembly.courses import Course
+from scenarios.assembly.trailer_law import trailer_law
 from scenarios.standards.proving_ground import PERIOD
-from scenarios.trailer_law import trailer_law
-from sensors.combination import CombinationSensors
-from sensors.navigation import DriverPerception, ExactPose
+from sensors.instruments.combination import CombinationSensors
+from sensors.instruments.navigation import DriverPerception, ExactPose
 from vehicle.clock import TICK, to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.plant import VehicleCommand
-from vehicle.truth import Truth
 
 _ESTIMATES = to_ticks(0.1, "period of the estimates")  # a 10 Hz camera's
 _CRUISE_GAIN = 2.0  # acceleration demand per speed error [1/s]

@@ -9,14 +9,14 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
-from scenarios.log import Log, Signal
-from scenarios.outcomes import Referee
+from scenarios.loop.referee import Referee
+from scenarios.results.log import Log, Signal
 from vehicle.clock import TICK, to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import Pose2
-from vehicle.plant import DivergedError, Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 PERIOD: Final = to_ticks(DRIVER_PERIOD, "control period")  # of pilots and log alike [ticks]
 

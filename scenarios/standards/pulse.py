@@ -13,7 +13,7 @@ from scenarios.standards.motion import articulation, damping
 from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from vehicle.clock import TICK
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
 
 SPEED: Final = 80.0 / 3.6  # [m/s]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from controllers.path import Path
-from scenarios.swept_path import UnitOutline, placed
+from scenarios.results.swept_path import UnitOutline, placed
 from vehicle.frames import FloatArray
 
 _SPACING = 0.1  # of the stations along the path [m]

@@ -6,15 +6,15 @@ import math
 from itertools import pairwise
 from typing import Final
 
-from scenarios.adapters import outlines
-from scenarios.courses import Course
-from scenarios.courses import roundabout as roundabout_course
+from scenarios.assembly.adapters import outlines
+from scenarios.assembly.courses import Course
+from scenarios.assembly.courses import roundabout as roundabout_course
+from scenarios.results.swept_path import swept_path
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import articulation, poses
 from scenarios.standards.proving_ground import Drive
-from scenarios.swept_path import swept_path
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 
 NAMES: Final = (
     "roundabout_inner_radius_m",

@@ -6,16 +6,16 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.adapters import outlines
-from scenarios.courses import PREVIEW
-from scenarios.courses import straight as straight_course
-from scenarios.log import Log
+from scenarios.assembly.adapters import outlines
+from scenarios.assembly.courses import PREVIEW
+from scenarios.assembly.courses import straight as straight_course
+from scenarios.results.log import Log
+from scenarios.results.swept_path import placed
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import point_path, poses
 from scenarios.standards.pilots import PathPilot, TrailerPilot
 from scenarios.standards.proving_ground import drive
-from scenarios.swept_path import placed
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.surface import Roughness, RoughProfile, Surface
 
 SPEED: Final = 90.0 / 3.6  # [m/s]

@@ -8,11 +8,11 @@ import numpy as np
 
 from scenarios.standards import lane_change, pulse
 from scenarios.standards.manoeuvre import Figures
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.handling import static_rollover_threshold, yaw_damping
+from vehicle.combination.lateral_outputs import OutputKind
+from vehicle.combination.linear import ComplexArray, lateral_model
 from vehicle.frames import FloatArray
-from vehicle.handling import static_rollover_threshold, yaw_damping
-from vehicle.lateral_outputs import OutputKind
-from vehicle.linear import ComplexArray, lateral_model
 
 _LENGTH = 41.0  # of the periodic lane change [s]: 37 s for all motion to die out
 _STEP = 0.01  # [s]

@@ -13,15 +13,15 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.log import Log, Signal
+from scenarios.results.log import Log, Signal
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.proving_ground import PERIOD, drive_log
 from vehicle.clock import TICK
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant import DivergedError, Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 NAMES: Final = ("rollover_threshold_g", "rollover_acceleration_m_s2", "wheel_lift_g", "wheel_lift_roll_rad")
 

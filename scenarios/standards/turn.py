@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.adapters import outer_wall, outlines
-from scenarios.courses import Course, corner
+from scenarios.assembly.adapters import outer_wall, outlines
+from scenarios.assembly.courses import Course, corner
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import poses
 from scenarios.standards.proving_ground import Drive
 from scenarios.standards.room import front_reach, reach, tail_swing
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 
 NAMES: Final = (
     "swept_path_m",

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scenarios.scenario import load_scenario
+from scenarios.options.scenario import load_scenario
 
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 

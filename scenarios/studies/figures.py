@@ -9,13 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.drawing import GREY, INK, drawn
-from scenarios.log import read_log
-from scenarios.scenario import load_scenario
+from scenarios.options.scenario import load_scenario
+from scenarios.report.drawing import GREY, INK, drawn
+from scenarios.results.log import read_log
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.pool import kept_signals
 from scenarios.studies.table import Quantity, Row
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 # apart for colour-blind readers, after Okabe and Ito

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
-from scenarios.page import html_page, section_html
-from scenarios.results import versions
+from scenarios.report.page import html_page, section_html
+from scenarios.results.run import versions
 from scenarios.studies import figures
 from scenarios.studies.case import Outcome
 from scenarios.studies.study import Study

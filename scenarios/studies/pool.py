@@ -51,10 +51,10 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, told: Told | Non
 
 def run_case(case: Case, cells: Path, identity: str) -> None:
     """Makes one run and keeps its summary and signals; called in a worker."""
-    from scenarios.log import write_log
-    from scenarios.results import summary
-    from scenarios.run import run
-    from scenarios.scenario import load_scenario
+    from scenarios.loop.run import run
+    from scenarios.options.scenario import load_scenario
+    from scenarios.results.log import write_log
+    from scenarios.results.run import summary
 
     result = run(load_scenario(case.scenario, case.settings), case.seed)
     write_log(result.log, cells / f"{identity}.parquet")

@@ -143,9 +143,9 @@ def _number(outcome: Outcome, objective: str) -> float:
 
 def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """A trial: the runs of the tuning set with the parameters that it suggests."""
-    from scenarios.results import summary
-    from scenarios.run import run
-    from scenarios.scenario import load_scenario
+    from scenarios.loop.run import run
+    from scenarios.options.scenario import load_scenario
+    from scenarios.results.run import summary
 
     parameters = {
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from scenarios.drawing import ESTIMATED, GREY, INK, TRUE, drawn
-from scenarios.page import html_page, section_html
+from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, drawn
+from scenarios.report.page import html_page, section_html
 from scenarios.studies.tuning import Trial, Tuning, pareto
 
 

@@ -18,7 +18,7 @@ from scenarios.environments.law_pilot import LawPilot
 from scenarios.environments.surrogate import load_surrogate
 from scenarios.environments.trailer_steering import TrailerSteering
 from scenarios.training.plan import COURSES, DOMAIN, ENVIRONMENT, Plan
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 
 POLICY: Final = "policy"
 LAWS: Final = ("none", "command_steer", "path_preview")

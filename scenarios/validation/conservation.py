@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 
 from scenarios.validation.check import Check
-from vehicle.description import Vehicle
-from vehicle.multibody import Speeds, Vector, speed_rates
+from vehicle.combination.description import Vehicle
+from vehicle.combination.multibody import Speeds, Vector, speed_rates
 
 _STEP: Final = 2e-3  # of the classical Runge-Kutta method [s]: its error is about rounding's
 _FREE: Final = 20.0  # duration of the tumbling [s]

@@ -1,4 +1,4 @@
-"""The equations of motion of a chain of rigid units, derived twice more: what ``vehicle.multibody`` has to agree with.
+"""Two independent derivations of a chain's equations of motion, to check ``vehicle.combination.multibody`` against.
 
 Lagrange by hand, from kinetic energy; Newton and Euler, body by body, with the hitch forces as unknowns. Both are
 written along W and in numpy, and share nothing with the model but its data: masses, inertias and places.
@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.multibody import Speeds, Vector, speed_rates
 from vehicle.frames import FloatArray
-from vehicle.multibody import Speeds, Vector, speed_rates
 
 
 class Motion(NamedTuple):

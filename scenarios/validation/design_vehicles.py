@@ -8,13 +8,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from controllers.path import Path, arc, line
-from scenarios.adapters import outlines
-from scenarios.swept_path import placed
+from scenarios.assembly.adapters import outlines
+from scenarios.results.swept_path import placed
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
 from scenarios.validation.no_slip import poses_along, rolling_chain
 from scenarios.validation.vehicles import tractor_and_trailer
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
 _FOOT: Final = 0.3048  # [m]

@@ -10,14 +10,14 @@ import numpy as np
 
 from controllers.driver import PERIOD, PreviewDriver, TractorGeometry
 from controllers.path import Path
-from sensors.navigation import DriverPerception
+from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import TICK, to_ticks
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import State, parts, state_sizes, wheels
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import State, parts, state_sizes, wheels
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 GRIP: Final = Surface(friction=1.5)  # the highest there is: slip is to vanish
 CREEP: Final = 0.25  # [m/s]; on stiff tyres slip angles are some 1e-6 rad here, and grow with the square of speed

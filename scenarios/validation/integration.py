@@ -6,17 +6,17 @@ from typing import Final
 
 import numpy as np
 
-from scenarios import courses
-from scenarios.adapters import outlines
-from scenarios.metrics import rms, true_off_tracking
-from scenarios.swept_path import swept_path
+from scenarios.assembly import courses
+from scenarios.assembly.adapters import outlines
+from scenarios.results.metrics import rms, true_off_tracking
+from scenarios.results.swept_path import swept_path
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
 from scenarios.validation.model import OtherStepPlant
 from vehicle.clock import TICK
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 _STEPS: Final = (8e-3, 4e-3, 2e-3, 1e-3, 0.5e-3)  # [s]

@@ -9,10 +9,10 @@ import numpy as np
 
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.vehicles import on_single_axles
-from vehicle.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle
-from vehicle.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
-from vehicle.linear import LateralModel, lateral_model
-from vehicle.loads import static_axle_loads
+from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle
+from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
+from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.combination.loads import static_axle_loads
 from vehicle.tyres.data import LinearTyre
 
 _SPEED: Final = 24.0  # [m/s]

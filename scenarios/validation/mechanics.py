@@ -9,10 +9,10 @@ import numpy as np
 from scenarios.validation.check import Check, Section
 from scenarios.validation.conservation import conservation, gravity_work
 from scenarios.validation.derivations import Motion, lagrange, modelled, newton_euler
-from vehicle.compiled import compiled_output
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.functions import compiled_output
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.frames import FloatArray
-from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 
 _STATES: Final = 200  # random ones, of each chain
 _RANGES: Final = State(  # to draw random states from, to either side: wilder than any drive

@@ -8,15 +8,15 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from vehicle.chain import derivative, relaxation
 from vehicle.clock import TICK
-from vehicle.description import Vehicle
+from vehicle.combination.chain import derivative, relaxation
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 from vehicle.integrator import semi_implicit_step
-from vehicle.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 
 class OtherStepPlant:

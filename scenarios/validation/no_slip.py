@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.path import Path
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 _SPACING = 0.02  # of the steps along the path [m]: fourth order, far below a micrometre

@@ -11,7 +11,7 @@ from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import poses_of, round_circle, steered
 from scenarios.validation.published_model import PACKAGE, installed, kinematic_poses
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from html import escape
 
-from scenarios.page import html_page, section_html
+from scenarios.report.page import html_page, section_html
 from scenarios.validation.check import Check, Section, number, tally
 from scenarios.validation.plots import svg
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
-from scenarios.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
+from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
 from scenarios.validation.check import Plot
 
 _STYLES: Final[dict[str, dict[str, Any]]] = {

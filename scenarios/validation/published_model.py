@@ -14,9 +14,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from vehicle.clock import TICK
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.truth import Truth
 
 PACKAGE: Final = "commonroad-vehicle-models"
 _WIDE: Final = 1e3  # limits of steering, speed and acceleration that are never reached, whatever the unit

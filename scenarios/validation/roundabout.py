@@ -7,15 +7,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from scenarios import courses
-from scenarios.adapters import outlines
-from scenarios.courses import Course
-from scenarios.swept_path import placed, tail_swings
+from scenarios.assembly import courses
+from scenarios.assembly.adapters import outlines
+from scenarios.assembly.courses import Course
+from scenarios.results.swept_path import placed, tail_swings
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
 from scenarios.validation.no_slip import poses_along, rolling_chain
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
 _RADIUS, _WIDTH = 12.5, 2.55  # [m]

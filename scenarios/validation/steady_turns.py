@@ -7,14 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.metrics import true_off_tracking
+from scenarios.results.metrics import true_off_tracking
 from scenarios.validation import references
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import CREEP, poses_of, round_circle
 from scenarios.validation.vehicles import gripping, tractor_and_trailer, with_steered_trailer
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.truth import Truth
 
 _MILLIMETRE: Final = 1e-3
 _WHEELBASE, _KINGPIN, _LENGTH = 3.8, 0.7744762, 7.7  # of the audited European combination [m]

@@ -11,7 +11,7 @@ from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import CREEP, poses_of, round_circle
 from scenarios.validation.references import tractrix_articulation
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 _CASES: Final = (  # radius, hitch to axle [m], articulation after 90 and after 180 degrees [deg]

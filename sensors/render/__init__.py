@@ -11,10 +11,10 @@ import os
 from copy import copy
 from typing import TYPE_CHECKING
 
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, NearnessImage
-from sensors.rig import StereoCalibration
-from sensors.scenery import Stand
-from sensors.world import World
+from sensors.world.scenery import Stand
+from sensors.world.world import World
 from vehicle.frames import FloatArray
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors import sky
-from sensors.shapes import FaceArray, Mesh, grid_faces
+from sensors.world import sky
+from sensors.world.shapes import FaceArray, Mesh, grid_faces
 from vehicle.frames import FloatArray
 
 _BLOCK = 300  # faces at most; smaller blocks cost more calls than they save vertices

@@ -14,9 +14,9 @@ from OpenGL.raw.GL.VERSION.GL_1_5 import glBufferSubData
 from OpenGL.raw.GL.VERSION.GL_3_1 import glDrawElementsInstanced
 from pyrender import Primitive
 
-from sensors.scenery import Stand
-from sensors.shapes import Mesh
-from sensors.things import Part
+from sensors.world.scenery import Stand
+from sensors.world.shapes import Mesh
+from sensors.world.things import Part
 from vehicle.frames import FloatArray
 
 

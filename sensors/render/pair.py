@@ -16,9 +16,7 @@ from pyrender import Mesh as GlMesh
 from pyrender import Scene
 from pyrender.renderer import Renderer
 
-from sensors import sky
-from sensors.condition import Condition
-from sensors.ground import RoadMap
+from sensors.camera.rig import StereoCalibration
 from sensors.render.blocks import dome, in_blocks
 from sensors.render.context import (
     Context,
@@ -30,11 +28,13 @@ from sensors.render.context import (
     upload_texture,
 )
 from sensors.render.crowd import Crowd, Muster, draw, draw_run, in_view, primitive
-from sensors.rig import StereoCalibration
-from sensors.scenery import Stand
-from sensors.textures import to_bytes
-from sensors.traffic import MOST
-from sensors.world import World
+from sensors.world import sky
+from sensors.world.condition import Condition
+from sensors.world.ground import RoadMap
+from sensors.world.scenery import Stand
+from sensors.world.textures import to_bytes
+from sensors.world.traffic import MOST
+from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
 _NEAR, _FAR = 0.3, 2500.0  # [m]

@@ -16,7 +16,7 @@ from sensors.sand.light import Reach, around, sent_back, sunlit
 from sensors.sand.relief import Relief
 from sensors.sand.rocks import Rock
 from sensors.sand.tracks import Track, pressed_by
-from sensors.sunlight import Sunlight
+from sensors.world.sunlight import Sunlight
 
 TILE: Final = 512  # texels a side
 _BLOCK: Final = 32  # texels a side of what is lit anew together

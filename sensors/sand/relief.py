@@ -14,8 +14,8 @@ from sensors.sand.imprint import Crumbs
 from sensors.sand.kinds import SandKind
 from sensors.sand.noise_maps import COARSE, CoarseMap, FineMap
 from sensors.sand.stones import Pebbles
-from sensors.textures import sigmoid, to_bytes
-from vehicle.terrain import Terrain
+from sensors.world.textures import sigmoid, to_bytes
+from vehicle.rover.terrain import Terrain
 
 RIPPLE_LENGTH: Final = 0.085  # from crest to crest: wind ripples in medium sand [m]
 _CRACKS: Final = 0.41  # from crack to crack [m]

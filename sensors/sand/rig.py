@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from sensors.lens import CameraModel
-from sensors.trace_rig import TraceRig
+from sensors.camera.lens import CameraModel
+from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import transform
 from vehicle.rover.command import REAR_LEFT
 from vehicle.rover.description import Rover

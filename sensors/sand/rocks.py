@@ -11,7 +11,7 @@ import numpy as np
 from sensors.sand.grid import TEXEL, Floats, Window
 from sensors.sand.solids import Ellipsoid
 from vehicle.frames import FloatArray, rotation_zyx, transform
-from vehicle.terrain import Terrain
+from vehicle.rover.terrain import Terrain
 
 _NEAREST: Final = 0.45  # of a rock's edge to the middle of the way: half a rover's width and some [m]
 _FARTHEST: Final = 1.2  # beyond which neither a rock nor its shadow is seen [m]

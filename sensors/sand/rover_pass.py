@@ -15,8 +15,8 @@ import numpy as np
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.rover.description import Rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 SlipProfile = Literal["none", "slow", "fast"]
 

@@ -7,19 +7,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from sensors.instruments.rover_navigation import RoverInstruments
 from sensors.messages import RoverView
-from sensors.rover_navigation import RoverInstruments
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import FRAME_TICKS, SPEED, RoverPass, SlipProfile, bare_stretches
 from sensors.sand.trace import TraceTruth
+from sensors.sand.trace_camera import TraceCamera, Webcam
+from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
-from sensors.trace_camera import TraceCamera, Webcam
-from sensors.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 _LEAD: Final = 45  # moments before the first image, in which the trace grows as long as the view: 0.72 m
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.lens import CameraModel
+from sensors.camera.lens import CameraModel
 from sensors.sand.grid import TEXEL, Floats, Window, window_around
 from sensors.sand.light import came_back
 from sensors.sand.solids import Hits

@@ -20,12 +20,12 @@ from sensors.sand.rocks import Rock, scattered
 from sensors.sand.trace import Passed, TraceTruth
 from sensors.sand.tracks import foreign_tracks
 from sensors.sand.wheels import Wheel, stands
-from sensors.sunlight import Sunlight, daylight
+from sensors.world.sunlight import Sunlight, daylight
 from vehicle.frames import FloatArray
 from vehicle.rover.command import REAR_LEFT, WHEELS
 from vehicle.rover.description import Rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 LUGS: Final = 20  # around El Dorado's wheels; counted on no photograph good enough: assumed
 LUG_HEIGHT: Final = 0.005  # [m], assumed

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from vehicle.batch import PlantBatch
-from vehicle.description import load_vehicle
+from vehicle.combination.batch import PlantBatch
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import Pose2
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 VEHICLE = load_vehicle("eu_tractor_semitrailer")

@@ -16,9 +16,9 @@ from controllers.trailer import Combination
 from controllers.trailer_steering.mpc import stepping
 from controllers.trailer_steering.mpc.law import Mpc
 from estimators.estimates import Health, OffTracking
-from scenarios.adapters import trailer_geometry
+from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")

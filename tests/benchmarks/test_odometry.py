@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from scenarios.assembly import assemble
+from scenarios.assembly.trailer import assemble
 from scenarios.catalogue import ODOMETRY, resolve
-from scenarios.scenario import load_scenario
+from scenarios.options.scenario import load_scenario
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
-from vehicle.plant import VehicleCommand
+from vehicle.combination.plant import VehicleCommand
 
 PAIRS = 12  # 3.4 m: the keyframe odometry makes two or three keyframes
 

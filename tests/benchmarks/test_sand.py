@@ -15,18 +15,18 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from estimators.estimates import Health
-from estimators.trace_tracker.tracker import FTracePlus
-from estimators.wheel_trace.ftrace import FTrace
+from estimators.slip.trace_tracker.tracker import FTracePlus
+from estimators.slip.wheel_trace.ftrace import FTrace
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.kinds import KINDS
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import FRAME_TICKS, RoverPass
 from sensors.sand.sequence import labelled_sequence, route_of
+from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.world import SandWorld
-from sensors.trace_camera import TraceCamera, Webcam
 from vehicle.clock import TICK
 from vehicle.rover.description import load_rover
-from vehicle.terrain import Terrain
+from vehicle.rover.terrain import Terrain
 
 LEAD, FRAMES = 45, 150  # the trace is as long as the view; then 2.4 m, some tiles of which are new
 VIEWS = 140  # of either kind of sand: the way begins on a crust that takes no imprint, then there is a trace

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from scenarios.assembly import Assembly, assemble
-from scenarios.scenario import load_scenario
+from scenarios.assembly.trailer import Assembly, assemble
+from scenarios.options.scenario import load_scenario
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
-from vehicle.plant import VehicleCommand
+from vehicle.combination.plant import VehicleCommand
 
 CAMERA_PERIOD = 0.1  # [s]
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
+from scenarios.assembly.rover import assemble_rover
+from scenarios.assembly.trailer import assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, TRAILER_STEERING, resolve
-from scenarios.loop import Session
-from scenarios.rover.assembly import assemble_rover
-from scenarios.rover.loop import RoverSession
-from scenarios.scenario import Scenario, load_any_scenario, scenario_names
-from vehicle.description import load_vehicle, vehicle_names
+from scenarios.loop.rover_session import RoverSession
+from scenarios.loop.session import Session
+from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
+from vehicle.combination.description import load_vehicle, vehicle_names
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import Pose2
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 CATALOGUES = {

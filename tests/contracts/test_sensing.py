@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health
-from scenarios.assembly import Assembly, assemble
+from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
-from scenarios.scenario import load_scenario
+from scenarios.options.scenario import load_scenario
+from sensors.instruments.navigation import ExactPose
 from sensors.messages import BodyPose, StereoFrame
-from sensors.navigation import ExactPose
-from vehicle.plant import VehicleCommand
+from vehicle.combination.plant import VehicleCommand
 
 FRAMES = 8  # too few to fill the buffer at 0.5 m each, enough for a steady odometry
 STEP = 0.5  # 5 m/s at 10 Hz [m]

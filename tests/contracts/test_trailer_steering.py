@@ -10,10 +10,10 @@ import pytest
 
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from estimators.estimates import Health, OffTracking
+from scenarios.assembly.trailer_law import trailer_law
 from scenarios.catalogue import TRAILER_STEERING
-from scenarios.trailer_law import trailer_law
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 TRAILER = TrailerGeometry(

@@ -11,10 +11,10 @@ from controllers.trailer import Combination
 from controllers.trailer_steering.combined import Combined
 from controllers.trailer_steering.lqr import Lqr
 from controllers.trailer_steering.path_preview import PathPreview
-from scenarios.adapters import trailer_geometry
+from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")

@@ -13,9 +13,9 @@ from controllers.trailer import Combination, TrailerGeometry
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.path_preview import PathPreview
-from scenarios.courses import roundabout
+from scenarios.assembly.courses import roundabout
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 
 TRAILER = TrailerGeometry(
     follow_distance=14.0,

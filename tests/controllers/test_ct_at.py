@@ -11,8 +11,8 @@ import pytest
 
 from controllers.trailer import Combination, TrailerGeometry
 from controllers.trailer_steering.ct_at import CtAt
-from scenarios.courses import roundabout, straight
-from vehicle.description import load_vehicle
+from scenarios.assembly.courses import roundabout, straight
+from vehicle.combination.description import load_vehicle
 
 TRAILER = TrailerGeometry(
     follow_distance=14.0,

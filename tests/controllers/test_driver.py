@@ -16,7 +16,7 @@ from controllers.driver import DriverMemory, PreviewDriver, TractorGeometry
 from controllers.path import Path, Segment, arc, line
 from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.unsteered import Unsteered
-from scenarios.courses import figure_of_eight, roundabout, straight
+from scenarios.assembly.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
 from vehicle.frames import Pose2
 

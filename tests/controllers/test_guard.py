@@ -17,7 +17,7 @@ from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 TRAILER = TrailerGeometry(

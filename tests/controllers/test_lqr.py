@@ -12,11 +12,11 @@ from controllers.trailer import Combination
 from controllers.trailer_steering.lateral_design import KMH, Weights, closed_loop, path_nodes, plant
 from controllers.trailer_steering.lqr import Lqr
 from estimators.estimates import Health, OffTracking
-from scenarios.adapters import trailer_geometry
+from scenarios.assembly.adapters import trailer_geometry
 from scenarios.standards.lane_change import lane_change
 from scenarios.standards.pulse import pulse
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")

@@ -15,12 +15,12 @@ import pytest
 from controllers.trailer import Combination, Linkage, TrailerGeometry
 from controllers.trailer_steering.mpc.law import Mpc, MpcMemory
 from estimators.estimates import Health, OffTracking
-from scenarios.adapters import trailer_geometry
-from scenarios.metrics import peak, rms
-from scenarios.run import run
-from scenarios.scenario import load_scenario
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+from scenarios.results.metrics import peak, rms
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")

@@ -11,12 +11,12 @@ import pytest
 from controllers.trailer import Combination
 from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, Stepper, rolled_on
 from controllers.trailer_steering.mpc.trailer_model import Given, State, TrailerModel, rate, state_sizes
-from scenarios.adapters import trailer_geometry
+from scenarios.assembly.adapters import trailer_geometry
 from vehicle.clock import TICK
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.layout import parts
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import parts
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")

@@ -14,7 +14,7 @@ from controllers.trailer_steering.mpc.reference import denser, hitch_course, ref
 from controllers.trailer_steering.mpc.way import way_so_far, with_estimate
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
 FOLLOW, RADIUS, SPEED = 14.0, 12.0, 2.8

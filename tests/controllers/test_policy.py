@@ -20,13 +20,13 @@ from controllers.trailer_steering.policy import (
     save_network,
     shipped_networks,
 )
-from scenarios.adapters import trailer_geometry
-from scenarios.assembly import assemble
-from scenarios.loop import Session
-from scenarios.metrics import rms, true_off_tracking
-from scenarios.scenario import load_scenario
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
+from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.training.evaluation import NetworkPilot, driven
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 NAMES = feature_names(2, [unit.name for unit in VEHICLE.units])

@@ -10,7 +10,7 @@ import pytest
 from controllers.reversing.chain import RollingChain
 from controllers.reversing.law import ReversingLaw
 from controllers.reversing.reference import ReverseReference
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
 ONE = RollingChain(wheelbase=3.8, max_steer=0.7, hitches=(0.6,), lengths=(8.0,))

@@ -12,7 +12,7 @@ import pytest
 from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
-from scenarios.courses import roundabout, straight
+from scenarios.assembly.courses import roundabout, straight
 from sensors.messages import CombinationSignals
 
 TRAILER = TrailerGeometry(

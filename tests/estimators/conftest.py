@@ -12,8 +12,8 @@ import pytest
 
 from estimators.estimates import Motion
 from estimators.rigid_motion import rotation_vector
+from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import GreyImage, StereoFrame
-from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
 NOISE = 2.0  # [grey levels], as on the rendered frames

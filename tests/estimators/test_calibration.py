@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from estimators.board_views import BoardView, board_view, in_same_order
-from estimators.calibration import calibrated
+from estimators.calibration.board_views import BoardView, board_view, in_same_order
+from estimators.calibration.single_camera import calibrated
+from estimators.calibration.stereo import calibrated_pair
 from estimators.rigid_motion import rotation_vector
-from estimators.stereo_calibration import calibrated_pair
-from sensors.calibration_target import Checkerboard, held, photographed
-from sensors.lens import CameraModel
+from sensors.camera.calibration_target import Checkerboard, held, photographed
+from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
 WIDTH, HEIGHT = 1280, 720

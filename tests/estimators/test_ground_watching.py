@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from estimators.ground_motion import ground_motion
-from estimators.ground_watching import GroundWatching, SingleGroundWatching
-from estimators.path_closure import closed
-from estimators.planar_fit import Pairs, planar_motion
-from estimators.pose_chain import Sample, extended, first_sample, positions_now
+from estimators.off_tracking.ground_motion import ground_motion
+from estimators.off_tracking.ground_watching import GroundWatching, SingleGroundWatching
+from estimators.off_tracking.path_closure import closed
+from estimators.off_tracking.planar_fit import Pairs, planar_motion
+from estimators.off_tracking.pose_chain import Sample, extended, first_sample, positions_now
 from estimators.rigid_motion import UncertainMotion
-from sensors.ground_rig import GroundRig
+from sensors.camera.ground_rig import GroundRig
+from sensors.camera.rig import StereoRig
 from sensors.messages import GreyImage, StereoFrame
-from sensors.rig import StereoRig
 from vehicle.frames import FloatArray, inverse, planar, rotation_zyx, transform
 
 FOLLOW = 4.0  # a short trailer, so that drives are short [m]

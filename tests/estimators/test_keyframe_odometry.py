@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.keyframe_odometry import KeyframeOdometry
+from estimators.odometry.circular import CircularOdometry
+from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import rotation_vector, stretched
-from estimators.stereo_odometry import CircularOdometry
 from vehicle.frames import FloatArray, inverse
 
 STANDING = 43  # first frame of the drive that is where the one before was

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from estimators.kinematic import KinematicOffTracking
-from estimators.reference import ReferenceOffTracking
+from estimators.off_tracking.kinematic import KinematicOffTracking
+from estimators.off_tracking.reference import ReferenceOffTracking
 from sensors.messages import BodyPose, CombinationSignals
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import Pose2, rotation_zyx, transform
 
 VEHICLE = load_vehicle("b_double_steered")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.local_planes import local_planes, rays_through, warps
+from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.stereo_geometry import project
-from sensors.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx
 
 

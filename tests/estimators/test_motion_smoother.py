@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Anchor, Health, OffTracking
-from estimators.motion_smoother import Moments, started, updated
-from estimators.off_tracking import BodyMotion, OffTrackingBuffer
+from estimators.off_tracking.buffer import BodyMotion, OffTrackingBuffer
+from estimators.off_tracking.motion_smoother import Moments, started, updated
 from estimators.rigid_motion import UncertainMotion
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.estimates import Health, Motion
 from scenarios.catalogue import ODOMETRY, resolve
-from sensors.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration
 
 # Whole pixels are no better, and match fewer features than a view in good health has.
 OFF = {"viso2": 60e-3}  # that a single motion may be [m]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from estimators.estimates import Anchor, Health, OffTracking
-from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
 
 LENGTH = 14.0  # hitch to follow point [m]

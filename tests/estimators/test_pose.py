@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from estimators.matching import Matches
-from estimators.pose import _CORRELATION, Sightings, own_covariance, point_covariance, refined
-from estimators.ransac import consensus
-from estimators.reprojection import linearised
+from estimators.odometry.circular_matching import Matches
+from estimators.odometry.pose import _CORRELATION, Sightings, own_covariance, point_covariance, refined
+from estimators.odometry.ransac import consensus
+from estimators.odometry.reprojection import linearised
 from estimators.rigid_motion import rotation_vector
 from estimators.stereo_geometry import project, triangulate, triangulation_jacobian
-from sensors.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 
 STD = 0.1  # [px] of a coordinate

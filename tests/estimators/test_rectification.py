@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from estimators.rectification import Rectifier
+from estimators.calibration.rectification import Rectifier
 from estimators.stereo_geometry import triangulate
-from sensors.lens import UNDISTORTED, CameraModel, RawStereoRig
+from sensors.camera.lens import UNDISTORTED, CameraModel, RawStereoRig
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx, so3_exp, transform
 
 BARREL = (-0.12, 0.02, 0.0006, -0.0004, -0.001)  # of a 100 deg lens

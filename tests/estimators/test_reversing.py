@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Anchor, Health, OffTracking
-from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.reference import ReferenceOffTracking
-from scenarios.metrics import true_off_tracking
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.reference import ReferenceOffTracking
+from scenarios.results.metrics import true_off_tracking
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
 

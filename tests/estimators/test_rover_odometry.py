@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from estimators.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
+from estimators.slip.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
 from sensors.messages import LaserFix, RoverReadings
 
 STEERED = RoverGeometry(

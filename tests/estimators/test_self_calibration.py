@@ -11,15 +11,15 @@ import cv2
 import numpy as np
 import pytest
 
+from estimators.calibration.right_rotation import RightRotation, homography, moved, sensitivity
+from estimators.calibration.rotation_fit import Estimate, from_motion, from_rows
+from estimators.calibration.rotation_views import Images, View
+from estimators.calibration.self_calibration import SelfCalibratedMotion, SelfCalibratedOdometry
 from estimators.estimates import Health, Motion
-from estimators.right_rotation import RightRotation, homography, moved, sensitivity
+from estimators.odometry.circular import CircularOdometry
 from estimators.rigid_motion import rotation_vector
-from estimators.rotation_fit import Estimate, from_motion, from_rows
-from estimators.rotation_views import Images, View
-from estimators.self_calibration import SelfCalibratedMotion, SelfCalibratedOdometry
-from estimators.stereo_odometry import CircularOdometry
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
 TURNED = RightRotation(*np.radians([-0.15, 0.10, 0.05]).tolist())  # de Saxe 2018, section 4.4, and some pitch

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from vehicle.frames import FloatArray, rotation_zyx, so3_exp, transform
 
 LENGTH = 8.0  # hitch to follow point [m]

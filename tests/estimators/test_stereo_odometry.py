@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
+from estimators.odometry.circular import CircularOdometry
 from estimators.rigid_motion import rotation_vector
-from estimators.stereo_odometry import CircularOdometry
 
 STANDING = 43  # first frame of the drive that is where the one before was
 

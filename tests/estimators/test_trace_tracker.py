@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from estimators.trace_tracker.tracker import FTracePlus
-from sensors.lens import CameraModel
+from estimators.slip.trace_tracker.tracker import FTracePlus
+from sensors.camera.lens import CameraModel
 from sensors.messages import RoverView
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import RoverPass
 from sensors.sand.sequence import Labelled, labelled_sequence, recorded
-from sensors.trace_rig import TraceRig
+from sensors.sand.trace_rig import TraceRig
 from vehicle.rover.description import load_rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 ROVER = load_rover("el_dorado_ii")
 RIG = nominal_rig(ROVER)

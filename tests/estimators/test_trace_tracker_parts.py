@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.trace_tracker import histories, path_line, path_state, slip_estimate
-from estimators.trace_tracker.acquisition import Find
-from estimators.trace_tracker.channels import CHANNELS
-from estimators.trace_tracker.ground_patch import STEP, GroundPatch
-from estimators.trace_tracker.learning import Lesson, learned
-from estimators.trace_tracker.matching import SEARCH, correlation, likeness, peaks, unit, windows
-from estimators.trace_tracker.pace import QUICK
-from estimators.trace_tracker.path_state import OFFSET, PIECES, PathState
-from estimators.trace_tracker.pursuit import Pursuit, begun
-from estimators.trace_tracker.pursuit import judged as pursuit_after
-from estimators.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, shipped_templates
+from estimators.slip.trace_tracker import histories, path_line, path_state, slip_estimate
+from estimators.slip.trace_tracker.acquisition import Find
+from estimators.slip.trace_tracker.channels import CHANNELS
+from estimators.slip.trace_tracker.ground_patch import STEP, GroundPatch
+from estimators.slip.trace_tracker.learning import Lesson, learned
+from estimators.slip.trace_tracker.matching import SEARCH, correlation, likeness, peaks, unit, windows
+from estimators.slip.trace_tracker.pace import QUICK
+from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, PathState
+from estimators.slip.trace_tracker.pursuit import Pursuit, begun
+from estimators.slip.trace_tracker.pursuit import judged as pursuit_after
+from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, shipped_templates
 from sensors.sand.rig import nominal_rig
 from vehicle.frames import inverse
 from vehicle.rover.description import load_rover

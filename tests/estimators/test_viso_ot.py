@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, OffTracking
-from estimators.reference import ReferenceOffTracking
-from estimators.stereo_odometry import CircularOdometry
-from estimators.viso_ot import VisoOt, VisoOtEstimate
+from estimators.odometry.circular import CircularOdometry
+from estimators.off_tracking.reference import ReferenceOffTracking
+from estimators.off_tracking.viso_ot import VisoOt, VisoOtEstimate
 from sensors.messages import BodyPose
 
 FOLLOW_DISTANCE = 7.0  # shorter than a trailer, so that a short drive fills the buffer [m]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from estimators.warped_matching import find, templates, warped_patches
+from estimators.odometry.warped_matching import find, templates, warped_patches
 from vehicle.frames import FloatArray
 
 SHIFT = np.array([1.37, -0.62])  # [px]

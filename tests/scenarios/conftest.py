@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 import pytest
 
-import scenarios.cameras
-from scenarios.log import Log, Signal
-from scenarios.metrics import true_off_tracking
-from scenarios.results import CameraFrame, RunResult, Timing, UnitOutline
-from sensors.world import World, build_world
+import scenarios.assembly.stereo_cameras
+from scenarios.results.log import Log, Signal
+from scenarios.results.metrics import true_off_tracking
+from scenarios.results.run import CameraFrame, RunResult, Timing, UnitOutline
+from sensors.world.world import World, build_world
 from vehicle.frames import FloatArray
 
 STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle
@@ -195,5 +195,5 @@ def worlds() -> Iterator[Worlds]:
     """The worlds of all tests of a process."""
     kept = Worlds()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios.cameras, "build_world", kept.build)
+        patch.setattr(scenarios.assembly.stereo_cameras, "build_world", kept.build)
         yield kept

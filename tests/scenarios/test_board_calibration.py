@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from estimators.rigid_motion import rotation_vector
-from scenarios import board_calibration
-from scenarios.board_calibration import BoardCalibration, calibrated_with_boards
-from sensors.lens import RawStereoRig
-from sensors.rig import StereoRig
+from scenarios.assembly import board_calibration
+from scenarios.assembly.board_calibration import BoardCalibration, calibrated_with_boards
+from sensors.camera.lens import RawStereoRig
+from sensors.camera.rig import StereoRig
 from vehicle.frames import inverse
 
 BARREL = (-0.12, 0.01, 0.0005, -0.0005, 0.0)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
-from estimators.rectification import Rectifier
+from estimators.calibration.rectification import Rectifier
 from estimators.rigid_motion import rotation_vector
 from scenarios.cli import app
-from sensors.calibration_target import Checkerboard, held, photographed
-from sensors.lens import CameraModel, load_raw_rig
+from sensors.camera.calibration_target import Checkerboard, held, photographed
+from sensors.camera.lens import CameraModel, load_raw_rig
 from vehicle.frames import inverse, so3_exp, transform
 
 CAMERA = CameraModel(

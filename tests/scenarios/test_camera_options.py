@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
-from scenarios.board_calibration import BoardCalibration
-from scenarios.loop import Session
-from scenarios.recording import RecordingWriter
-from scenarios.scenario import Scenario, load_scenario
-from sensors.lens import RawStereoRig, load_raw_rig
-from sensors.raw_camera import RawStereoCamera
-from sensors.stereo_camera import StereoCamera
+from scenarios.assembly.board_calibration import BoardCalibration
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.session import Session
+from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.recordings.stereo_writer import RecordingWriter
+from sensors.camera.lens import RawStereoRig, load_raw_rig
+from sensors.camera.raw_camera import RawStereoCamera
+from sensors.camera.stereo_camera import StereoCamera
 
 SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
 BARREL = "rig.distortion=[-0.15, 0.02, 0, 0, 0]"
@@ -141,7 +141,7 @@ def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch:
         left = replace(true.left, fx=1.01 * true.left.fx, fy=1.01 * true.left.fy)
         return BoardCalibration(replace(true, left=left, right=left), 0.05, 1e-4)
 
-    monkeypatch.setattr("scenarios.cameras.calibrated_with_boards", said)
+    monkeypatch.setattr("scenarios.assembly.stereo_cameras.calibrated_with_boards", said)
     parts = assemble(scenario("rig.calibration=boards", "rig.misrotation_deg=[0, 0.1, 0]"), seed=1)
     assert parts.cameras is not None
     try:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
+from scenarios.assembly.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
 
 TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {

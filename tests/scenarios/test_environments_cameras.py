@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import scenarios.gym_env  # noqa: F401  # registers the environments
-from scenarios.courses import straight
+from scenarios.assembly.courses import straight
 from scenarios.environments import sensed_trailer
 from scenarios.environments.domain import Domain
 from scenarios.environments.estimating import Pictured
@@ -20,12 +20,12 @@ from scenarios.environments.fleet_truth import FleetTruth
 from scenarios.environments.images import reduced, reduced_shape
 from scenarios.environments.variation import Variation
 from scenarios.environments.vector import CoreVectorEnv
-from scenarios.scenario import Scenario, load_scenario
-from sensors.world import World
-from vehicle.description import load_vehicle
-from vehicle.footing import SurfaceUnder
+from scenarios.options.scenario import Scenario, load_scenario
+from sensors.world.world import World
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.ground_inputs import SurfaceUnder
+from vehicle.combination.plant import Plant
 from vehicle.frames import Pose2
-from vehicle.plant import Plant
 from vehicle.surface import Surface
 
 TRAILER, ROVER = "offtrack/TrailerSteering-v0", "offtrack/RoverSteering-v0"

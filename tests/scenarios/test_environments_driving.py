@@ -18,7 +18,7 @@ from scenarios.environments.domain import N_DRAWN, Circumstances, Domain
 from scenarios.environments.movers import Slipping
 from sensors.messages import EgoState
 from vehicle.clock import to_ticks
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, Pose2
 

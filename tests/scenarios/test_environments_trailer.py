@@ -11,7 +11,7 @@ import pytest
 
 import scenarios.gym_env
 from controllers.driver import PERIOD, PreviewDriver
-from scenarios.adapters import course_of, tractor_geometry
+from scenarios.assembly.adapters import course_of, tractor_geometry
 from scenarios.environments import endings, rewards
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.encoders import Encoders
@@ -20,15 +20,15 @@ from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.moment import Moment
 from scenarios.environments.road import named_course
 from scenarios.environments.variation import Variation
-from scenarios.metrics import true_off_tracking
-from scenarios.scenario import load_scenario
-from sensors.navigation import DriverPerception
+from scenarios.options.scenario import load_scenario
+from scenarios.results.metrics import true_off_tracking
+from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import to_ticks
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.symbolic import numbers
 from vehicle.frames import Pose2
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
-from vehicle.symbolic import numbers
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 STEP = to_ticks(PERIOD, "period")

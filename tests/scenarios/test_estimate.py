@@ -18,18 +18,18 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
+from estimators.calibration.right_rotation import RightRotation
+from estimators.calibration.self_calibration import SelfCalibratedMotion
 from estimators.estimates import Health, Motion
-from estimators.right_rotation import RightRotation
-from estimators.self_calibration import SelfCalibratedMotion
-from scenarios.canvas import Picture
 from scenarios.commands.estimate import app
-from scenarios.log import read_log
-from scenarios.metrics import true_off_tracking
-from scenarios.recording import RecordingWriter
 from scenarios.recordings import images
+from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.recordings.video import Composition
+from scenarios.report.canvas import Picture
+from scenarios.results.log import read_log
+from scenarios.results.metrics import true_off_tracking
+from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
 RIG = StereoRig(facing="rear", width=160, height=96, hfov=math.radians(100), x=-10.0, y=0.0, z=3.0, baseline=0.5)

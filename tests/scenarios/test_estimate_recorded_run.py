@@ -10,10 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from scenarios.commands.estimate import app
-from scenarios.log import read_log
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
 from scenarios.recordings.recording import open_recording
-from scenarios.run import run
-from scenarios.scenario import load_scenario
+from scenarios.results.log import read_log
 
 
 def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

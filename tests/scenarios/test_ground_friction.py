@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenarios.adapters import course_of, surface_of
+from scenarios.assembly.adapters import course_of, surface_of
+from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.randomness import stream
-from scenarios.scenario import Scenario, load_scenario
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 from vehicle.surface import Surface
 
 PATCHES = """

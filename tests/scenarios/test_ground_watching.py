@@ -7,14 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.ground_cameras import wheels_near
-from scenarios.reference import reference_off_tracking
-from scenarios.results import RunResult, error_of_estimate, summary
-from scenarios.run import run
-from scenarios.scenario import load_scenario
-from vehicle.description import load_vehicle
+from scenarios.assembly.ground_cameras import wheels_near
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+from scenarios.results.reference_unit import reference_off_tracking
+from scenarios.results.run import RunResult, error_of_estimate, summary
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform
-from vehicle.truth import Truth
 
 # A trailer dragged along at 2 deg of slip: its rear is 0.49 m beside the hitch's path, in sight of the rear camera.
 DRAGGED = ("course.slip_angle_deg=2", "course.length=30", "off_tracking=ground_watching", "world.scenery_density=0")

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
+from scenarios.assembly.trailer import assemble
 from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.law_pilot import LawPilot
 from scenarios.environments.surrogate import SurrogateParameters
 from scenarios.gym_env import vector
-from scenarios.loop import Session
-from scenarios.metrics import rms, true_off_tracking
-from scenarios.scenario import load_scenario
-from vehicle.description import load_vehicle
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
+from scenarios.results.metrics import rms, true_off_tracking
+from vehicle.combination.description import load_vehicle
 
 EXACT = SurrogateParameters(
     bias=0.0,

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from scenarios.log import Log, Signal, read_log, write_log
+from scenarios.results.log import Log, Signal, read_log, write_log
 
 SIGNALS = (Signal("time", "s", "time"), Signal("e", "m", "off-tracking, + left"), Signal("std", "m", "its deviation"))
 

@@ -11,11 +11,11 @@ import pytest
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.estimates import OffTracking
-from scenarios.assembly import assemble
-from scenarios.loop import Session
-from scenarios.results import RunResult, summary
-from scenarios.run import run
-from scenarios.scenario import load_scenario
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.run import run
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
+from scenarios.results.run import RunResult, summary
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios import metrics
-from scenarios.metrics import true_off_tracking
+from scenarios.results import metrics
+from scenarios.results.metrics import true_off_tracking
 from vehicle.frames import FloatArray
 
 STEP = 0.01  # [s]

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.outcomes import Outcome, Referee
+from scenarios.loop.referee import Outcome, Referee
 from vehicle.clock import TICK
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.truth import Truth
 
 VEHICLE = load_vehicle("eu_tractor_semitrailer")
 ROAD = np.column_stack([np.arange(-20.0, 20.0, 0.5), np.zeros(80)])

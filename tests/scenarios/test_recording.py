@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.recording import RecordingWriter
-from sensors.lens import CameraModel, RawStereoRig, load_raw_rig
+from scenarios.recordings.stereo_writer import RecordingWriter
+from sensors.camera.lens import CameraModel, RawStereoRig, load_raw_rig
+from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
 RIG = StereoRig(facing="rear", width=64, height=32, hfov=math.radians(100), x=-12.0, y=0.0, z=3.0, baseline=0.5)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from scenarios.recording import calibration_text, rig_text
 from scenarios.recordings.mounting import (
     Facing,
     MountingOptions,
@@ -24,9 +23,10 @@ from scenarios.recordings.mounting import (
 from scenarios.recordings.projections import read_projections
 from scenarios.recordings.recording import Recording, open_recording
 from scenarios.recordings.sequence import LAYOUTS
-from sensors.lens import CameraModel, RawStereoRig
+from scenarios.recordings.stereo_writer import calibration_text, rig_text
+from sensors.camera.lens import CameraModel, RawStereoRig
+from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
-from sensors.rig import StereoCalibration, StereoRig
 from vehicle.frames import inverse, rotation_zyx, transform
 
 # calib.txt as the KITTI odometry benchmark has it: a grey pair, and a colour pair that is off it in all three axes

@@ -9,9 +9,9 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from scenarios.log import Log
-from scenarios.report import report_html
-from scenarios.results import RunResult, summary
+from scenarios.report.run_page import report_html
+from scenarios.results.log import Log
+from scenarios.results.run import RunResult, summary
 
 VOID = {"meta", "link", "br", "img", "image", "path", "use", "circle", "rect"}
 

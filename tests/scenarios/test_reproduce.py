@@ -14,15 +14,15 @@ from typer.testing import CliRunner
 
 from estimators.estimates import SlipAngle, lost_slip
 from scenarios.commands.reproduce import reproduce
-from scenarios.log import Log, Signal, read_log
 from scenarios.reproduce import catalogue, trace_sets
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
 from scenarios.reproduce.figure import Comparison, Progress, Reproduction
 from scenarios.reproduce.reina2008_rates import SETS
 from scenarios.reproduce.reina2008_sample import PUBLISHED
 from scenarios.reproduce.trace_sets import Table, TraceSet
+from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
-from sensors.trace_rig import TraceRig
+from sensors.sand.trace_rig import TraceRig
 
 APP = typer.Typer(pretty_exceptions_enable=False)
 APP.command()(reproduce)

@@ -11,21 +11,21 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.adapters import course_of
-from scenarios.log import read_log
+from scenarios.assembly.adapters import course_of
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
 from scenarios.reproduce import desaxe2018_drift, desaxe2018_field, desaxe2018_outcomes, desaxe2018_views
 from scenarios.reproduce import desaxe2018_drive as drives
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, Track
 from scenarios.reproduce.desaxe2018_outcomes import Facing, Point
 from scenarios.reproduce.figure import Reproduction, write_reproduction
-from scenarios.run import run
-from scenarios.scenario import load_scenario
-from sensors.airfield import grain_fields, patched
-from sensors.ground import Centreline, Terrain, road_map
+from scenarios.results.log import read_log
+from sensors.camera.rig import StereoRig
 from sensors.messages import StereoFrame
-from sensors.rig import StereoRig
-from vehicle.description import load_vehicle
+from sensors.world.airfield import grain_fields, patched
+from sensors.world.ground import Centreline, Terrain, road_map
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.log import Log, read_log
-from scenarios.results import (
+from scenarios.results.log import Log, read_log
+from scenarios.results.run import (
     RunResult,
     Timing,
     appearing_at_once,

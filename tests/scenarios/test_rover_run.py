@@ -13,11 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 from scenarios.cli import app
-from scenarios.log import read_log
-from scenarios.rover.results import RoverResult, rover_summary
-from scenarios.rover.run import run_rover
-from scenarios.rover.scenario import RoverScenario
-from scenarios.scenario import load_any_scenario
+from scenarios.loop.rover_run import run_rover
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import load_any_scenario
+from scenarios.results.log import read_log
+from scenarios.results.rover import RoverResult, rover_summary
 
 SLOPE = ("surface.slope_from=0.5", "surface.slope_over=0.3", "course.length=3")
 SHORT = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=ftrace")  # 34 images

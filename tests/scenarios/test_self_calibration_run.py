@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scenarios.run import run
-from scenarios.scenario import load_scenario
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
 
 SMALL = ("rig.width=672", "rig.height=240", "course.length=20", "world.scenery_density=0.5")
 TURNED = (-0.15, 0.10, 0.05)  # roll, yaw, pitch [deg]

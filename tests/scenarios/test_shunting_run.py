@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from scenarios.assembly import assemble
-from scenarios.loop import Session
-from scenarios.run_log import Row
-from scenarios.scenario import load_scenario
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.session import Session
+from scenarios.options.scenario import load_scenario
+from scenarios.results.trailer_signals import Row
 from vehicle.frames import FloatArray
 
 WITHOUT_CAMERAS = ["off_tracking=truth", "reference_unit=false"]

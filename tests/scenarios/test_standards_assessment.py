@@ -19,7 +19,7 @@ from scenarios.standards.page import assessment_page
 from scenarios.standards.quantities import BY_NAME
 from scenarios.standards.roundabout import roundabout
 from scenarios.standards.turn import turn
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
 
 PAGE_LINK = re.compile(r'(?:src|href)="(?!data:|#)')
 

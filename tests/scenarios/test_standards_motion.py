@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.log import Log, Signal
+from scenarios.results.log import Log, Signal
 from scenarios.standards.motion import amplification, damping, lateral_acceleration, overshoot
 from vehicle.frames import FloatArray
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc, line
+from scenarios.results.swept_path import UnitOutline
 from scenarios.standards.room import front_reach, reach, tail_swing
-from scenarios.swept_path import UnitOutline
 from vehicle.frames import FloatArray, Pose2
 
 BODY = UnitOutline("truck", 6.0, -2.0, 2.5, (5.0, 0.0), (2.0, 2.0))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swings
+from scenarios.results.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swings
 from vehicle.frames import FloatArray
 
 RIGID = UnitOutline("rigid", 5.0, -2.0, 2.5, (3.8, 0.0), (2.0, 1.8))

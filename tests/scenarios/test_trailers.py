@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.driver_file import read_trace
-from scenarios.report import report_html
-from scenarios.results import RunResult, summary, trailer_summaries
-from scenarios.run import run
-from scenarios.scenario import load_scenario
+from scenarios.assembly.recorded_drive import read_trace
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+from scenarios.report.run_page import report_html
+from scenarios.results.run import RunResult, summary, trailer_summaries
 
 DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from scenarios.cli import app
-from scenarios.scenario import load_scenario
+from scenarios.options.scenario import load_scenario
 from scenarios.studies.tuning import Trial, chosen, pareto
 
 

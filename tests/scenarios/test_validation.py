@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from controllers.path import Path as Course
 from controllers.path import arc, line
 from scenarios.commands.validate import validate
-from scenarios.swept_path import placed
+from scenarios.results.swept_path import placed
 from scenarios.validation import no_slip_limit, references, suite
 from scenarios.validation.check import Check, Plot, Section, Series, Task, number, tally
 from scenarios.validation.linear_theory import linear_theory
@@ -27,10 +27,10 @@ from scenarios.validation.no_slip import RollingChain, poses_along
 from scenarios.validation.page import validation_page
 from scenarios.validation.vehicles import on_single_axles
 from vehicle.clock import TICK
-from vehicle.description import load_vehicle
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.frames import Pose2
-from vehicle.loads import static_axle_loads
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 FOOT = 0.3048

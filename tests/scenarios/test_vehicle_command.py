@@ -17,10 +17,10 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from scenarios.commands.vehicle import vehicle
-from scenarios.vehicle_sheet import draw_sheet
-from scenarios.vehicle_views import Sheet, plan_view, side_view
-from vehicle.description import load_vehicle, vehicle_names
-from vehicle.facts import facts, handling_at
+from scenarios.vehicle_sheet.sheet import draw_sheet
+from scenarios.vehicle_sheet.views import Sheet, plan_view, side_view
+from vehicle.combination.data_sheet import facts, handling_at
+from vehicle.combination.description import load_vehicle, vehicle_names
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
 app = typer.Typer()

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scenarios import video
-from scenarios.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
-from scenarios.log import Log
-from scenarios.results import CameraFrame, RunResult
+from scenarios.report import video
+from scenarios.report.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
+from scenarios.results.log import Log
+from scenarios.results.run import CameraFrame, RunResult
 
 
 def first_seconds(run: RunResult, seconds: float) -> RunResult:

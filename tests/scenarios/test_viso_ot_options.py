@@ -6,10 +6,10 @@ import inspect
 
 import pytest
 
-from estimators.viso_ot import VisoOt
-from scenarios.assembly import assemble
+from estimators.off_tracking.viso_ot import VisoOt
+from scenarios.assembly.trailer import assemble
+from scenarios.options.scenario import load_scenario
 from scenarios.options.viso_ot import VisoOtOptions
-from scenarios.scenario import load_scenario
 
 
 def test_options_are_the_keywords_of_the_estimator_with_the_same_defaults() -> None:

@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 import pytest
 
+from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration, StereoRig
-from sensors.world import World, build_world
+from sensors.world.world import World, build_world
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 ROAD_HALF_WIDTH, CLEARANCE, RADIUS = 4.0, 8.0, 10.0  # [m]
 SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, RADIUS))

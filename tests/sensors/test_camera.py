@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from sensors.camera import NoiseBank, grey
+from sensors.camera.image_formation import NoiseBank, grey
+from sensors.camera.rig import StereoCalibration
+from sensors.camera.stereo_camera import StereoCamera
 from sensors.messages import ColourImage
-from sensors.rig import StereoCalibration
-from sensors.stereo_camera import StereoCamera
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.truth import Truth
 
 SHAPE = (391, 1344)
 MID_GREY = np.full(SHAPE, 128, dtype=np.uint8)

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from sensors.combination import CombinationSensors
-from vehicle.description import load_vehicle
+from sensors.instruments.combination import CombinationSensors
+from vehicle.combination.description import load_vehicle
+from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform
-from vehicle.truth import Truth
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 WHEELBASE = VEHICLE.units[0].steered_axles[0].x

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.fault import KINDS, Fault, Kind
-from sensors.faults import Message, faulty
-from sensors.lens import mount_rotation
+from sensors.camera.lens import mount_rotation
+from sensors.camera.rig import StereoRig
+from sensors.faults.fault import KINDS, Fault, Kind
+from sensors.faults.wrappers import Message, faulty
+from sensors.instruments.navigation import ExactPose
 from sensors.messages import BodyPose, StereoFrame
-from sensors.navigation import ExactPose
-from sensors.rig import StereoRig
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.truth import Truth
 
 TruthOf = Callable[..., Truth]
 PERIOD = 100  # [ticks]

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from sensors.ground_rig import GroundRig
+from sensors.camera.ground_rig import GroundRig
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage
-from sensors.reformed_ground import ReformedGround
-from sensors.rig import StereoCalibration
+from sensors.world.reformed_ground import ReformedGround
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.condition import condition_of
-from sensors.ground import Centreline, Terrain, road_map
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage
 from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration
-from sensors.world import World
+from sensors.world.condition import condition_of
+from sensors.world.ground import Centreline, Terrain, road_map
+from sensors.world.world import World
 from vehicle.frames import FloatArray
 from vehicle.surface import (
     Friction,

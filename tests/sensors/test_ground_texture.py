@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.camera import NoiseBank, grey
+from sensors.camera.image_formation import NoiseBank, grey
+from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration
-from sensors.world import World
+from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.surface import Surface
 

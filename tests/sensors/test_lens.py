@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from sensors.lens import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
+from sensors.camera.lens import CameraModel, Distortion, RawStereoRig, load_raw_rig, mount_rotation
 from vehicle.frames import FloatArray, transform
 
 BARREL = (-0.2, 0.04, 0.001, -0.0008, -0.003)

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.camera import LightNoise, grey
-from sensors.exposure import AutoExposure
-from sensors.lens import UNDISTORTED, mount_rotation
-from sensors.lens_map import LensMap, covering
-from sensors.raw_camera import Imperfections, RawStereoCamera, pinholes_for
+from sensors.camera.exposure import AutoExposure
+from sensors.camera.image_formation import LightNoise, grey
+from sensors.camera.lens import UNDISTORTED, mount_rotation
+from sensors.camera.lens_map import LensMap, covering
+from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
+from sensors.camera.rig import StereoRig
+from sensors.camera.shutter import Twist, moved, twist_between
 from sensors.render import StereoRenderer
-from sensors.rig import StereoRig
-from sensors.shutter import Twist, moved, twist_between
-from sensors.world import World
+from sensors.world.world import World
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 TruthOf = Callable[..., Truth]
 SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # as in conftest.py

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from sensors.instruments.reference_unit import PERIOD, ReferenceUnit
 from sensors.messages import GnssIns
-from sensors.reference_unit import PERIOD, ReferenceUnit
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, rotation_zyx, transform
-from vehicle.truth import Truth
 
 P_BU = np.array([-7.0, 0.8, 1.2])
 UNITS = 1500

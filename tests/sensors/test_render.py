@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sensors.camera import grey
+from sensors.camera.image_formation import grey
+from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration
-from sensors.scenery import Stand
-from sensors.shapes import box
-from sensors.things import Part, Thing
-from sensors.world import World
+from sensors.world.scenery import Stand
+from sensors.world.shapes import box
+from sensors.world.things import Part, Thing
+from sensors.world.world import World
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
@@ -170,7 +170,7 @@ def refuse(self, name, *arguments, **options):
     load(self, name, *arguments, **options)
 
 ctypes.CDLL.__init__ = refuse
-from sensors.camera import grey
+from sensors.camera.image_formation import grey
 from sensors.render import RendererUnavailableError, StereoRenderer
 try:
     StereoRenderer(None, None)

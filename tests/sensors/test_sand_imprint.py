@@ -15,8 +15,8 @@ from sensors.sand.light import Reach, around, came_back, sent_back, sunlit
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.slump import slumped
 from sensors.sand.wheels import Stand, Wheel
-from sensors.sunlight import daylight
-from vehicle.terrain import Terrain
+from sensors.world.sunlight import daylight
+from vehicle.rover.terrain import Terrain
 
 TREAD = Tread(radius=0.102, width=0.100, lugs=20, lug_height=0.005)
 SUN = daylight(0.6, elevation=math.radians(35.0))

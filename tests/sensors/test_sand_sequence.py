@@ -17,14 +17,14 @@ from sensors.sand.rocks import scattered
 from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches
 from sensors.sand.sequence import labelled_sequence, route_of
 from sensors.sand.stones import Pebbles
+from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.tracks import foreign_tracks
 from sensors.sand.world import SandWorld
-from sensors.sunlight import daylight
-from sensors.trace_camera import TraceCamera, Webcam
+from sensors.world.sunlight import daylight
 from vehicle.clock import TICK
 from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.terrain import Mound, Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Mound, Terrain
 
 SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 

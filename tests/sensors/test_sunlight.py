@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sensors.sky import HIGHEST, LOWEST, panorama
-from sensors.sunlight import daylight
-from sensors.world import World
+from sensors.world.sky import HIGHEST, LOWEST, panorama
+from sensors.world.sunlight import daylight
+from sensors.world.world import World
 
 
 @pytest.mark.parametrize(

@@ -13,14 +13,14 @@ from sensors.sand.casters import Casters
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import RoverPass
 from sensors.sand.sequence import route_of
+from sensors.sand.trace_camera import TraceCamera, Webcam
+from sensors.sand.trace_rig import TraceRig
 from sensors.sand.view import GroundView, Seen
 from sensors.sand.world import SandWorld, Sun
-from sensors.trace_camera import TraceCamera, Webcam
-from sensors.trace_rig import TraceRig
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain
 
 SLOPE = Terrain(slope_x=0.03, slope_y=math.tan(math.radians(5.0)))
 LEFT = Sun(azimuth=math.radians(100.0), elevation=math.radians(40.0))  # the rover's own shadow falls out of view

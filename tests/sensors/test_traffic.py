@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
-from sensors.rig import StereoCalibration
-from sensors.road_vehicles import car, lorry, vehicle_textures
-from sensors.scenery import Stand
-from sensors.things import Thing
-from sensors.traffic import KINDS, MOST, InTraffic, Traffic, TrafficKind, Way, populated
-from sensors.world import World
+from sensors.world.road_vehicles import car, lorry, vehicle_textures
+from sensors.world.scenery import Stand
+from sensors.world.things import Thing
+from sensors.world.traffic import KINDS, MOST, InTraffic, Traffic, TrafficKind, Way, populated
+from sensors.world.world import World
 from vehicle.clock import TICK
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
-from vehicle.truth import Truth
 
 FOLLOW, HALF_WIDTH, SPEED = 14.0, 1.275, 4.0
 SURFACE = Surface(friction=0.8, cross_fall=0.025, centre=(0.0, 10.0))  # that of conftest.py

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sensors.ground import Centreline
-from sensors.scenery import Stand
-from sensors.world import World, build_world
+from sensors.world.ground import Centreline
+from sensors.world.scenery import Stand
+from sensors.world.world import World, build_world
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vehicle.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 
 
 def a_double(tractor_semitrailer: Vehicle) -> Vehicle:

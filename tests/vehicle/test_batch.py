@@ -9,12 +9,12 @@ import pickle
 import numpy as np
 import pytest
 
-from vehicle.batch import PlantBatch
-from vehicle.description import Vehicle
+from vehicle.combination.batch import PlantBatch
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import SplitFriction, Surface
 
 N = 13  # more than one vector of eight lanes, and not two

@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vehicle.chain import derivative, relaxation
-from vehicle.compiled import compiled_derivative, compiled_output
-from vehicle.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.chain import derivative, relaxation
+from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
+from vehicle.combination.loads import static_axle_loads
 from vehicle.integrator import exact_diagonal
-from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
-from vehicle.loads import static_axle_loads
 from vehicle.tyres import ROLLING_SPEED_FLOOR, stiffness
 
 seeds = st.integers(0, 2**32 - 1)

@@ -8,12 +8,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vehicle.chain import derivative, relaxation
 from vehicle.clock import TICK
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.chain import derivative, relaxation
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.frames import FloatArray
 from vehicle.integrator import semi_implicit_step
-from vehicle.layout import Input, State, input_sizes, parts, state_sizes, wheels
 
 
 @lru_cache(maxsize=8)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from vehicle.description import Actuator, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.description import Actuator, Vehicle, load_vehicle, vehicle_names, vehicle_sources
 from vehicle.tyres.data import TmeasyTyre
 
 FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"

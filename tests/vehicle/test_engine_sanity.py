@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from vehicle.clock import TICK
-from vehicle.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
 from vehicle.frames import Pose2
-from vehicle.plant import DivergedError, Plant, VehicleCommand
 from vehicle.surface import Roughness, RoughProfile, SplitFriction, Surface
 
 NUMBERS = (

@@ -9,14 +9,14 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from vehicle.compiled import step_function, wheel_function
-from vehicle.demands import demand_sizes, footing_sizes
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import step_function, wheel_function
+from vehicle.combination.layout import State, state_sizes
+from vehicle.combination.plant_inputs import demand_sizes, footing_sizes
+from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
 from vehicle.frames import FloatArray
-from vehicle.layout import State, state_sizes
-from vehicle.symbolic import numbers
 
 with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 N = 50

@@ -6,8 +6,16 @@ import math
 
 import pytest
 
-from vehicle.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
-from vehicle.facts import STANDARD_SPEED, coupling_loads, facts, handling_at, origins, tightest_following, tightest_turn
+from vehicle.combination.data_sheet import (
+    STANDARD_SPEED,
+    coupling_loads,
+    facts,
+    handling_at,
+    origins,
+    tightest_following,
+    tightest_turn,
+)
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 
 
 @pytest.mark.parametrize("name", vehicle_names())

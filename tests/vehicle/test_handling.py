@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.description import GRAVITY, Axle, Vehicle
-from vehicle.handling import (
+from vehicle.combination.description import GRAVITY, Axle, Vehicle
+from vehicle.combination.handling import (
     characteristic_speed,
     critical_speed,
     peak_rearward_amplification,
@@ -18,8 +18,8 @@ from vehicle.handling import (
     understeer_gradient,
     yaw_damping,
 )
-from vehicle.linear import lateral_model
-from vehicle.loads import static_axle_loads
+from vehicle.combination.linear import lateral_model
+from vehicle.combination.loads import static_axle_loads
 
 
 @pytest.fixture

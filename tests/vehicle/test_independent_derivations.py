@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.validation.derivations import Accelerations, Motion, lagrange, modelled, newton_euler
-from vehicle.compiled import compiled_derivative, compiled_output
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 
 seeds = st.integers(0, 2**32 - 1)
 many = settings(max_examples=100, deadline=None)  # the first example loads CasADi

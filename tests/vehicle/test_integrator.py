@@ -8,11 +8,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vehicle.compiled import compiled_derivative
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.functions import compiled_derivative
+from vehicle.combination.layout import Input, State, input_sizes, state_sizes, wheels
 from vehicle.frames import FloatArray
 from vehicle.integrator import semi_implicit_step
-from vehicle.layout import Input, State, input_sizes, state_sizes, wheels
 
 
 def integrate(f: ca.Function, x: FloatArray, h: float, end: float, blocks: list[tuple[int, int]]) -> FloatArray:

@@ -13,7 +13,7 @@ from scenarios.validation.driving import GRIP, along_path, poses_of, round_circl
 from scenarios.validation.no_slip import poses_along, rolling_chain
 from scenarios.validation.published_model import kinematic_poses
 from scenarios.validation.vehicles import gripping, on_single_axles, tractor_and_trailer
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 

@@ -8,13 +8,13 @@ import control
 import numpy as np
 import pytest
 
-from vehicle.description import Vehicle, load_vehicle
-from vehicle.layout import Input, input_sizes, parts
-from vehicle.linear import LateralModel, lateral_model
-from vehicle.loads import static_axle_loads
-from vehicle.plant import Plant, VehicleCommand
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.layout import Input, input_sizes, parts
+from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.trim import straight_running
 from vehicle.surface import Surface
-from vehicle.trim import straight_running
 from vehicle.tyres.data import LinearTyre
 
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different

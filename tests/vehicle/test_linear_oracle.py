@@ -13,16 +13,16 @@ import control
 import numpy as np
 import pytest
 
-from vehicle.description import GRAVITY, Axle, Vehicle, load_vehicle
-from vehicle.handling import (
+from vehicle.combination.description import GRAVITY, Axle, Vehicle, load_vehicle
+from vehicle.combination.handling import (
     peak_rearward_amplification,
     rearward_amplification,
     steady_off_tracking,
     understeer_gradient,
     yaw_damping,
 )
-from vehicle.linear import lateral_model
-from vehicle.loads import static_axle_loads
+from vehicle.combination.linear import lateral_model
+from vehicle.combination.loads import static_axle_loads
 from vehicle.tyres.data import LinearTyre
 
 SPEED = 24.0  # [m/s] of the audit

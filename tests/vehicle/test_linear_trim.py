@@ -6,11 +6,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from vehicle.chain import derivative
-from vehicle.description import GRAVITY, Vehicle
-from vehicle.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.mirror import flipped, kept
-from vehicle.trim import straight_running
+from vehicle.combination.chain import derivative
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.mirror import flipped, kept
+from vehicle.combination.trim import straight_running
 
 SPEED = 20.0  # [m/s]
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicle.description import GRAVITY, Vehicle
-from vehicle.layout import wheels
-from vehicle.loads import axle_loads, roll_moments, static_axle_loads, wheel_loads
-from vehicle.multibody import Vector
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import wheels
+from vehicle.combination.loads import axle_loads, roll_moments, static_axle_loads, wheel_loads
+from vehicle.combination.multibody import Vector
 
 accelerations = st.floats(-6.0, 6.0)
 

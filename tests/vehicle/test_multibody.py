@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vehicle.description import Vehicle
-from vehicle.multibody import Speeds, Vector, solve_ldl, speed_rates
+from vehicle.combination.description import Vehicle
+from vehicle.combination.multibody import Speeds, Vector, solve_ldl, speed_rates
 
 
 class Lagrange:

@@ -9,14 +9,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from vehicle.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import State, parts, state_sizes
+from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
-from vehicle.layout import State, parts, state_sizes
-from vehicle.plant import DivergedError, Plant, VehicleCommand
 from vehicle.surface import Roughness, RoughProfile, SplitFriction, Surface
-from vehicle.truth import Truth
 
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 DRY = Surface(friction=0.8)

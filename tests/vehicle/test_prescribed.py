@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import VehicleCommand
+from vehicle.combination.prescribed import ConstantSlipPlant
 from vehicle.frames import Pose2
-from vehicle.plant import VehicleCommand
-from vehicle.prescribed import ConstantSlipPlant
 from vehicle.surface import Surface
 
 ROAD = Surface(friction=0.8)

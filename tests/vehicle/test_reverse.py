@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
-from vehicle.batch import PlantBatch
-from vehicle.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.batch import PlantBatch
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
+from vehicle.combination.layout import State, parts, state_sizes, wheels
+from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import State, parts, state_sizes, wheels
-from vehicle.plant import Plant, VehicleCommand
 from vehicle.surface import Surface
 
 DRY = Surface(friction=0.8)

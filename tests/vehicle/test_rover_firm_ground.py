@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from vehicle.demands import spans
+from vehicle.combination.layout import parts
+from vehicle.combination.plant_inputs import spans
 from vehicle.frames import FloatArray, Pose2
-from vehicle.layout import parts
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.equations import balance
 from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
 from vehicle.rover.plant import RoverPlant
+from vehicle.rover.terrain import Terrain, slope_towards
 from vehicle.rover.truth import RoverTruth
-from vehicle.terrain import Terrain, slope_towards
 
 GRAVITY = 9.81
 STRAIGHT = (0.0, 0.0, 0.0, 0.0)

@@ -10,16 +10,16 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from vehicle.combination.plant import DivergedError
 from vehicle.engine.compiler import compiler
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant import DivergedError
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover
 from vehicle.rover.plant import RoverPlant
+from vehicle.rover.soil import load_soil, soil_names
+from vehicle.rover.terrain import FirmPatch, Mound, Terrain, slope_towards
+from vehicle.rover.terramechanics import Rolling, soil_force
 from vehicle.rover.truth import RoverTruth
-from vehicle.soil import load_soil, soil_names
-from vehicle.terrain import FirmPatch, Mound, Terrain, slope_towards
-from vehicle.terramechanics import Rolling, soil_force
 
 ROVER, SKID = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
 STRAIGHT = (0.0, 0.0, 0.0, 0.0)

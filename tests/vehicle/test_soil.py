@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.soil import Soil, load_soil, soil_names, soil_sources
+from vehicle.rover.soil import Soil, load_soil, soil_names, soil_sources
 
 
 @pytest.mark.parametrize("name", soil_names())

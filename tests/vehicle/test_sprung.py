@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from vehicle.compiled import compiled_derivative, compiled_output
-from vehicle.description import GRAVITY, Vehicle
-from vehicle.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
-from vehicle.sprung import Ride, rides, settled, spring_rates
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.functions import compiled_derivative, compiled_output
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
+from vehicle.combination.sprung import Ride, rides, settled, spring_rates
 
 
 def at_rest(vehicle: Vehicle, **road: np.ndarray) -> tuple[State[np.ndarray], Input[np.ndarray]]:

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize_scalar
 
-import vehicle.terramechanics
+import vehicle.rover.terramechanics
 from vehicle.frames import FloatArray
-from vehicle.soil import Soil, load_soil, soil_names
-from vehicle.terramechanics import Rolling, slip_ratio, soil_force
+from vehicle.rover.soil import Soil, load_soil, soil_names
+from vehicle.rover.terramechanics import Rolling, slip_ratio, soil_force
 
 
 class Disc(NamedTuple):

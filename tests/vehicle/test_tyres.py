@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vehicle.description import Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.tyres import (
     Contact,
     Grip,

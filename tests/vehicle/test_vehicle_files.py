@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle, vehicle_names, vehicle_sources
-from vehicle.facts import Facts, coupling_loads, facts
-from vehicle.handling import (
+from vehicle.combination.data_sheet import Facts, coupling_loads, facts
+from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.handling import (
     peak_rearward_amplification,
     static_rollover_threshold,
     understeer_gradient,
     yaw_damping,
 )
-from vehicle.loads import static_axle_loads
+from vehicle.combination.loads import static_axle_loads
 
 FOOT = 0.3048  # [m]
 ISO_14791_SPEED = 88.0 / 3.6  # [m/s]

@@ -10,8 +10,8 @@ from pydantic import model_validator
 
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import checked, read_toml, sources, without_sources
+from vehicle.parameter_library import Shipped
 from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Position, quantity
-from vehicle.shipped import Shipped
 
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a rover may be symbols
 

@@ -17,9 +17,9 @@ from vehicle.actuators import steer_rate
 from vehicle.rover.description import Rover
 from vehicle.rover.ground_plane import Plane, plane_under
 from vehicle.rover.layout import RoverInput, RoverState
+from vehicle.rover.soil import Soil
+from vehicle.rover.terramechanics import GRAVITY
 from vehicle.rover.wheel import Under, WheelForce, WheelState, ground_force, sinking, slip_rate, spin_up
-from vehicle.soil import Soil
-from vehicle.terramechanics import GRAVITY
 from vehicle.tyres import Num
 
 _AHEAD = (1.0, 1.0, -1.0, -1.0)  # which wheels a moment about y loads, which about x

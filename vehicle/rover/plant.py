@@ -8,20 +8,20 @@ from typing import Final
 import numpy as np
 
 from vehicle.clock import TICK
-from vehicle.demands import spans
+from vehicle.combination.plant import DivergedError
+from vehicle.combination.plant_inputs import spans
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.frames import FloatArray, Pose2
-from vehicle.plant import DivergedError
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.compiled import load_function, numbers, step_function
 from vehicle.rover.description import Rover
+from vehicle.rover.functions import load_function, numbers, step_function
 from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
 from vehicle.rover.posture import posture, slip_angles, slip_ratios
 from vehicle.rover.settled import settled_sinkage
+from vehicle.rover.soil import Soil
+from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 from vehicle.sanity import is_sane
-from vehicle.soil import Soil
-from vehicle.terrain import Terrain
 
 _LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
 _LOOK_EVERY: Final = 0.01  # way between two looks at changing ground [m]: a tenth of a wheel's radius

@@ -10,7 +10,7 @@ import numpy as np
 from vehicle.frames import FloatArray, Pose2, cross, transform
 from vehicle.rover.description import Rover
 from vehicle.rover.layout import RoverState
-from vehicle.terrain import Terrain
+from vehicle.rover.terrain import Terrain
 
 _AT_REST: Final = 1e-6  # below it a velocity has no direction: a standing rover trembles by rounding [m/s]
 

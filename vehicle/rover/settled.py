@@ -9,8 +9,8 @@ import casadi as ca
 from scipy.optimize import brentq
 
 from vehicle.rover.description import Rover
-from vehicle.soil import Soil
-from vehicle.terramechanics import Rolling, soil_force
+from vehicle.rover.soil import Soil
+from vehicle.rover.terramechanics import Rolling, soil_force
 
 
 def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:

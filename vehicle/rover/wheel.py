@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import casadi as ca
 
 from vehicle.rover.description import Rover
-from vehicle.soil import Soil
-from vehicle.terramechanics import GRAVITY, Rolling, soil_force
+from vehicle.rover.soil import Soil
+from vehicle.rover.terramechanics import GRAVITY, Rolling, soil_force
 from vehicle.tyres import Num
 
 _LEAST_ROLLING: Final = 1e-3  # of the way of a contact that slides: a slip of 1000 stands for no rolling at all [-]

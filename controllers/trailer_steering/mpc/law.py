@@ -26,7 +26,7 @@ from controllers.trailer_steering.mpc.way import Way, way_so_far, with_estimate
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.description import GRAVITY
+from vehicle.combination.description import GRAVITY
 from vehicle.frames import FloatArray
 
 _CREEP: Final = 0.5  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]

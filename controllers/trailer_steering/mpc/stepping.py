@@ -20,10 +20,10 @@ from controllers.trailer_steering.mpc.trailer_model import (
     slip_angle,
     state_sizes,
 )
+from vehicle.combination.layout import parts
 from vehicle.engine.kernels import Kernel, kernel_for_one
 from vehicle.frames import FloatArray
 from vehicle.integrator import exact_diagonal, semi_implicit_step
-from vehicle.layout import parts
 
 STEP: Final = 0.05  # of the prediction [s]; yaw on the carcasses of the tyres swings with some 0.7 s at any speed
 TYRE_STEP: Final = 0.02  # of the tyres followed beside it [s]: between two steps of a controller

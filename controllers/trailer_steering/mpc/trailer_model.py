@@ -21,8 +21,8 @@ from typing import Generic, NamedTuple, TypeVar
 import casadi as ca
 
 from controllers.trailer import Combination, TrailerGeometry
-from vehicle.description import Unit
-from vehicle.loads import static_axle_loads
+from vehicle.combination.description import Unit
+from vehicle.combination.loads import static_axle_loads
 from vehicle.tyres import Planar, contact, deflection_rate, grip, push, rolling_speed, stiffness
 from vehicle.tyres.data import Tyre
 

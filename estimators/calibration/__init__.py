@@ -1,0 +1,1 @@
+"""Calibration of cameras: from photographs of boards, and online."""

@@ -1,0 +1,186 @@
+"""Calibration of a camera from photographs of a checkerboard, through OpenCV.
+
+Zhang 2000: Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI, 2000, with the lens of
+``sensors.camera.lens``. Sets of photographs that can not give a good calibration are refused, with the reason.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from estimators.calibration.board_views import BoardView, Corners
+from sensors.camera.calibration_target import Checkerboard
+from sensors.camera.lens import CameraModel
+from vehicle.frames import FloatArray, so3_exp
+
+FEWEST = 8  # photographs: with fewer the distortion follows the noise
+_OUTLIER, _OUTLIER_LEAST = 2.5, 0.3  # an image is dropped beyond so many median errors, and beyond so many px
+ROUNDS = 3  # of dropping
+HIGHEST_ERROR = 1.0  # RMS reprojection error; a flat board and a still camera give a tenth of it [px]
+_CELLS = (8, 4)  # columns and rows of the grid that coverage is counted on
+_LEAST_COVERAGE = 0.5
+_TILTED, _LEAST_TILTED = math.radians(15.0), 3  # boards held so far from frontal, of which some are needed
+_WORST_FOCAL_LENGTH = 0.01  # relative standard deviation of fx and fy
+
+
+class CameraCalibration(NamedTuple):
+    """A camera, how well it is known, and the photographs it rests on."""
+
+    camera: CameraModel
+    std: FloatArray  # (9,) of fx, fy, cx, cy [px], k1, k2, p1, p2, k3
+    errors: dict[str, float]  # RMS reprojection error of each image that was used [px]
+    dropped: dict[str, str]  # the other images, with the reason
+    corners: FloatArray  # (n, 2) all corners used [px]
+    coverage: float  # share of the picture's cells with a corner in them
+
+    @property
+    def rms(self) -> float:
+        """Root mean square reprojection error [px]."""
+        return math.sqrt(sum(error**2 for error in self.errors.values()) / len(self.errors))
+
+
+def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibration:
+    """The camera that took the photographs.
+
+    Raises:
+        ValueError: one line with what is wrong with the set, and what would help.
+    """
+    size = _common_size(views)
+    missing = f"no board of {board.columns}x{board.rows} corners found"
+    dropped = {view.name: missing for view in views if view.corners is None}
+    used = [view for view in views if view.corners is not None]
+    _check_count(len(used), len(views), board)
+    fit = _fitted(used, size, board)
+    for _ in range(ROUNDS):
+        limit, usual = error_limit(fit.errors), float(np.median(fit.errors))
+        bad = [(view.name, error) for view, error in zip(used, fit.errors, strict=True) if error > limit]
+        if not bad:
+            break
+        dropped |= {name: f"error of {error:.2f} px, where others have {usual:.2f} px" for name, error in bad}
+        used = [view for view in used if view.name not in dropped]
+        _check_count(len(used), len(views), board)
+        fit = _fitted(used, size, board)
+    corners = np.concatenate([corners_of(view) for view in used]).astype(np.float64)
+    coverage = _coverage(corners, size)
+    _check_quality(fit, coverage)
+    return CameraCalibration(
+        camera=camera_model(size, fit.matrix, fit.distortion),
+        std=fit.std,
+        errors=dict(zip([view.name for view in used], fit.errors.tolist(), strict=True)),
+        dropped=dropped,
+        corners=corners,
+        coverage=coverage,
+    )
+
+
+def error_limit(errors: FloatArray) -> float:
+    """The error beyond which an image is no use [px]."""
+    return max(_OUTLIER * float(np.median(errors)), _OUTLIER_LEAST)
+
+
+class _Fit(NamedTuple):
+    """What OpenCV makes of the photographs."""
+
+    matrix: FloatArray  # (3, 3)
+    distortion: FloatArray  # (5,)
+    std: FloatArray  # (9,)
+    errors: FloatArray  # (n,) RMS of each image [px]
+    tilts: FloatArray  # (n,) of the board from frontal [rad]
+
+
+def _fitted(used: Sequence[BoardView], size: tuple[int, int], board: Checkerboard) -> _Fit:
+    _, K, distortion, turns, _, std, _, errors = cv2.calibrateCameraExtended(
+        [board.corners.astype(np.float32)] * len(used),
+        [corners_of(view) for view in used],
+        size,
+        np.eye(3),
+        np.zeros(5),
+    )
+    normals = np.array([so3_exp(np.asarray(turn, dtype=np.float64).ravel())[:, 2] for turn in turns])
+    return _Fit(
+        matrix=np.asarray(K, dtype=np.float64),
+        distortion=np.asarray(distortion, dtype=np.float64).ravel()[:5],
+        std=np.asarray(std, dtype=np.float64).ravel()[:9],
+        errors=np.asarray(errors, dtype=np.float64).ravel(),
+        tilts=np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)),
+    )
+
+
+def camera_model(size: tuple[int, int], K: FloatArray, distortion: FloatArray) -> CameraModel:
+    """The camera of OpenCV's K (3, 3) and distortion coefficients."""
+    k1, k2, p1, p2, k3 = distortion.ravel()[:5].tolist()
+    fx, fy, cx, cy = (float(K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return CameraModel(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
+
+
+def corners_of(view: BoardView) -> Corners:
+    """The corners (n, 2) of a photograph that shows the board.
+
+    Raises:
+        ValueError: if it does not.
+    """
+    if view.corners is None:
+        raise ValueError(f"{view.name}: no board found")
+    return view.corners
+
+
+def _common_size(views: Sequence[BoardView]) -> tuple[int, int]:
+    if not views:
+        raise ValueError("no images")
+    first = views[0]
+    for view in views:
+        if view.size != first.size:
+            raise ValueError(
+                f"{view.name} has {view.size[0]}x{view.size[1]} px, {first.name} {first.size[0]}x{first.size[1]} px; "
+                "all images must come from one camera at one resolution"
+            )
+    return first.size
+
+
+def _check_count(usable: int, given: int, board: Checkerboard) -> None:
+    if usable == 0:
+        raise ValueError(
+            f"no image of {given} shows a board of {board.columns}x{board.rows} inner corners; count them (not the "
+            "squares) and give --board COLUMNSxROWS"
+        )
+    if usable < FEWEST:
+        raise ValueError(
+            f"only {usable} of {given} images can be used; at least {FEWEST} are needed, 20 are good: move the board "
+            "all over the picture, nearer and farther, tilted by 30 to 45 deg"
+        )
+
+
+def _coverage(corners: FloatArray, size: tuple[int, int]) -> float:
+    cell = np.floor(corners / size * _CELLS).astype(int)
+    return len(np.unique(np.clip(cell, 0, np.array(_CELLS) - 1), axis=0)) / (_CELLS[0] * _CELLS[1])
+
+
+def _check_quality(fit: _Fit, coverage: float) -> None:
+    """Refuses a set that fits well and still says too little, or does not fit."""
+    rms = float(np.sqrt(np.mean(fit.errors**2)))
+    if np.count_nonzero(fit.tilts > _TILTED) < _LEAST_TILTED:
+        raise ValueError(
+            "the board is held frontally in all images (within 15 deg), from which no focal length can be told; "
+            "tilt it by 30 to 45 deg in different directions"
+        )
+    if rms > HIGHEST_ERROR:
+        raise ValueError(
+            f"the corners are {rms:.2f} px RMS off the best camera (limit {HIGHEST_ERROR:g} px): is the board flat, "
+            "are the images sharp and all of one lens setting?"
+        )
+    if coverage < _LEAST_COVERAGE:
+        raise ValueError(
+            f"the boards cover {100 * coverage:.0f} % of the picture (limit {100 * _LEAST_COVERAGE:.0f} %); "
+            "hold the board into the corners and along the edges, too"
+        )
+    worst = float((fit.std[:2] / fit.matrix[[0, 1], [0, 1]]).max())
+    if worst > _WORST_FOCAL_LENGTH:
+        raise ValueError(
+            f"the focal length is uncertain by {100 * worst:.1f} % (limit {100 * _WORST_FOCAL_LENGTH:g} %); "
+            "take more images, tilted and nearer"
+        )

@@ -1,0 +1,1 @@
+"""Stereo odometries: the motion of a camera pair from its images."""

@@ -1,0 +1,67 @@
+"""Reprojection of points known in the previous camera P into the current camera C, linearised in the motion X_PC.
+
+The motion is perturbed as ``estimates.Motion`` has its covariance: R = exp(skew(d_theta)) R_PC, p = p_PC + d_p, both
+along the axes of P. Leading axes are many motions at once: R (..., 3, 3) and p (..., 3) with points (..., 3, n).
+Components come before points here, as NumPy goes through a few long rows much faster than through many short ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimators.stereo_geometry import NEAREST, project
+from sensors.camera.rig import StereoCalibration
+from vehicle.frames import FloatArray
+
+
+def seen_after(R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (..., 3, n), given in P, from the camera C at R, p in P."""
+    points_C: FloatArray = np.swapaxes(R, -1, -2) @ (points - p[..., None])
+    points_C[..., 2, :] = np.maximum(points_C[..., 2, :], NEAREST)
+    return points_C
+
+
+def residuals(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray, z: FloatArray
+) -> FloatArray:
+    """Measured minus predicted images (..., 3, n) [px] of the points after the motion."""
+    return z - _images(calibration, seen_after(R, p, points))
+
+
+def motion_jacobian(calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray) -> FloatArray:
+    """Derivative (..., 6, 3, n) of the predicted images with respect to (d_theta, d_p)."""
+    return _jacobian(calibration, R, seen_after(R, p, points))
+
+
+def linearised(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray, z: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """``residuals`` and ``motion_jacobian``."""
+    points_C = seen_after(R, p, points)
+    return z - _images(calibration, points_C), _jacobian(calibration, R, points_C)
+
+
+def _images(calibration: StereoCalibration, points_C: FloatArray) -> FloatArray:
+    return np.swapaxes(project(calibration, np.swapaxes(points_C, -1, -2)), -1, -2)
+
+
+def _jacobian(calibration: StereoCalibration, R: FloatArray, points_C: FloatArray) -> FloatArray:
+    """Derivative (..., 6, 3, n) of the images of points in C with respect to the motion.
+
+    p_C = R' exp(-skew(d_theta)) (p_P - p - d_p), so d p_C = p_C x R' d_theta - R' d_p.
+    """
+    x, y, depth = points_C[..., 0, :], points_C[..., 1, :], points_C[..., 2, :]
+    f, scale = calibration.focal_length, calibration.focal_length / depth
+    fall = np.stack([x, y, x - calibration.baseline], axis=-2) * (scale / depth)[..., None, :]  # of images with depth
+    J = np.zeros((*points_C.shape[:-2], 2, 3, 3, points_C.shape[-1]))  # rotation, translation; axis of C; image; point
+    turned, shifted = J[..., 0, :, :, :], J[..., 1, :, :, :]
+    shifted[..., 0, ::2, :] = shifted[..., 1, 1:2, :] = -scale[..., None, :]
+    shifted[..., 2, :, :] = fall
+    turned[..., 0, :, :] = fall * y[..., None, :]  # rows of -shifted x p_C
+    turned[..., 0, 1, :] += f
+    turned[..., 1, :, :] = -fall * x[..., None, :]
+    turned[..., 1, ::2, :] -= f
+    turned[..., 2, ::2, :] = (scale * y)[..., None, :]
+    turned[..., 2, 1, :] = -scale * x
+    along_P: FloatArray = R[..., None, :, :] @ J.reshape(*J.shape[:-2], -1)
+    return along_P.reshape(*J.shape[:-4], 6, *J.shape[-2:])

@@ -1,0 +1,1 @@
+"""Off-tracking estimators, and the buffer that keeps the path of the hitch."""

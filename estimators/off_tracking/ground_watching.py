@@ -1,0 +1,238 @@
+"""Ground-watching off-tracking: where the front camera saw the ground that the rear camera now sees.
+
+Miao's system as de Saxe 2018, section 1.2, describes it (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking
+using visual odometry", Vehicle System Dynamics, 2018). Two downward cameras under the trailer, one near the fifth
+wheel and one near the follow point: the motion between frames is that of the ground in both images, and fills the
+buffer; once the rear camera comes over ground that the front camera has seen, matching the two images gives the pose
+of the trailer then in the trailer now, and with it the hitch's path beside the follow point, free of the motion's
+drift. With one camera, or where the rear camera sees other ground, the motion alone has to do.
+
+Assumed, as in the original: a plane, rigid ground, and cameras that keep their height and attitude over it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, Motion, OffTracking, Reads
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.ground_motion import ground_motion
+from estimators.off_tracking.ground_view import GroundView, ground_cameras, viewed
+from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.path_closure import closed
+from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
+from estimators.off_tracking.pose_chain import Sample, positions_now
+from estimators.off_tracking.viso_ot import VisoOtEstimate
+from estimators.rigid_motion import UncertainMotion, rotation_vector, seen_from
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
+from vehicle.frames import FloatArray, inverse
+
+_STILL = 5e-4  # a motion of less is a standstill: views are kept, so that their noise does not add up [m]
+_LONGEST_SPAN = 500  # between two frames; a truck has then gone on beyond what it saw [ticks]
+_OVERLAP = 0.75  # of an image's length; places farther apart leave too little in common
+_MISTAKEN = (0.5, math.radians(10.0))  # a closure this far from where the motion leads is one [m, rad]
+_TILT = 0.003  # 1 sigma of where a camera 1 m up looks, as the body rolls by 0.2 deg from one view to the other [m]
+_DISAGREEING = 0.015  # rigid cameras over level ground agree to a fraction of a millimetre, over a bad road to 8 mm [m]
+_SUBSIDES = 0.9  # share of the unrest that is left from one frame to the next: a body sways for about a second
+_LONGER = 2.0  # views seconds apart differ more in attitude than those of two frames: on a road of class C about so
+_LASTS = 2.0  # way on which a closure keeps the path good enough [m]
+
+
+class Views(NamedTuple):
+    """What both cameras saw at one time; the rear one is not used with a single camera."""
+
+    front: GroundView
+    rear: GroundView | None
+
+
+class Closure(NamedTuple):
+    """The pose of a past trailer in the present one, from its front and the present rear view."""
+
+    sample: int  # index of the past trailer's
+    motion: UncertainMotion  # X_CK
+
+
+class GroundMemory(NamedTuple):
+    """What the next frame is compared with."""
+
+    buffer: BufferMemory
+    tick: int = 0  # of the newest frame that was not lost
+    views: Views | None = None  # of that frame, or of the one in which the trailer came to a standstill
+    passed: tuple[tuple[int, GroundView], ...] = ()  # front views along the path, newest first
+    heading: float = 0.0  # how far the trailer has turned since the first frame [rad]
+    yaw: float = 0.0  # of that in the last motion, the guess for the next one [rad]
+    since: float = math.inf  # way since the last closure [m]
+    unrest: float = 0.0  # how far the cameras disagree as the body moves on its springs, of late [m]
+
+
+class GroundWatching:
+    """Off-tracking from two cameras that watch the ground under the trailer."""
+
+    reads: ClassVar[Reads] = "ground"
+    _single = False
+
+    def __init__(self, calibration: StereoCalibration, follow_distance: float) -> None:
+        """For the cameras of ``calibration`` (left: front, right: rear) and a follow point behind the hitch [m].
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive, or the cameras do not look down at the ground.
+        """
+        self._cameras = ground_cameras(calibration)
+        self._middles = tuple(camera.X_SC[:2, 3] for camera in self._cameras)
+        self._X_SC = calibration.X_SC
+        self._reach = _OVERLAP * calibration.width / calibration.focal_length * float(calibration.X_SC[2, 3])
+        self._follow_distance = follow_distance
+        self._buffer = OffTrackingBuffer(follow_distance)
+
+    def init(self) -> GroundMemory:
+        """Memory before the first frame."""
+        return GroundMemory(self._buffer.init())
+
+    def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, VisoOtEstimate | None]:
+        """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
+        views = self._viewed(frame, memory.heading + memory.yaw)
+        if memory.views is None:
+            return memory._replace(tick=frame.tick, views=views, passed=((frame.tick, views.front),)), None
+        seen = [paired(before, now) for before, now in zip(memory.views, views, strict=True) if before and now]
+        usable = [(pairs, middle) for pairs, middle in zip(seen, self._middles, strict=False) if pairs.enough]
+        if not usable:
+            return self._lost(memory, frame.tick, views, seen)
+        moved = ground_motion(usable)
+        still = float(np.linalg.norm(moved.motion.X[:2, 3])) < _STILL
+        agreed = len(usable) == len(seen) and moved.disagreement < _DISAGREEING
+        body = BodyMotion(
+            tick=frame.tick,
+            previous_tick=memory.tick,
+            X_PC=np.eye(4) if still else moved.motion.X,
+            covariance=moved.motion.covariance,
+            health=Health.OK if agreed else Health.DEGRADED,
+        )
+        buffer, off_tracking = self._buffer.step(memory.buffer, body)
+        unrest = max(moved.disagreement, _SUBSIDES * memory.unrest)
+        memory = _moved_on(memory, frame.tick, views, body.X_PC)._replace(buffer=buffer, unrest=unrest)
+        memory, off_tracking = self._closed(memory, views, off_tracking)
+        return memory, VisoOtEstimate(off_tracking=off_tracking, motion=self._message(body, seen))
+
+    def _viewed(self, frame: StereoFrame, heading: float) -> Views:
+        front, rear = self._cameras
+        return Views(viewed(front, frame.left, heading), None if self._single else viewed(rear, frame.right, heading))
+
+    def _lost(
+        self, memory: GroundMemory, tick: int, views: Views, seen: list[Pairs]
+    ) -> tuple[GroundMemory, VisoOtEstimate]:
+        """The frame shows nothing of the one before; it is passed over, or if that is too long ago begins anew."""
+        lost = BodyMotion(
+            tick=tick,
+            previous_tick=memory.tick,
+            X_PC=np.eye(4),
+            covariance=np.diag(np.full(6, np.inf)),
+            health=Health.LOST,
+        )
+        buffer, off_tracking = self._buffer.step(memory.buffer, lost)
+        memory = memory._replace(buffer=buffer)
+        if tick - memory.tick >= _LONGEST_SPAN:
+            memory = memory._replace(tick=tick, views=views, yaw=0.0, since=math.inf)
+        return memory, VisoOtEstimate(off_tracking=off_tracking, motion=self._message(lost, seen))
+
+    def _closed(
+        self, memory: GroundMemory, views: Views, off_tracking: OffTracking
+    ) -> tuple[GroundMemory, OffTracking]:
+        """The buffer and the off-tracking put right by what front and rear camera both saw, if they did."""
+        samples = memory.buffer.samples
+        closure = self._closure(samples, memory.passed, views.rear) if views.rear else None
+        if closure is None:
+            since = memory.since
+            doubtful = not self._single and since > _LASTS and off_tracking.health is Health.OK
+            return memory, replace(off_tracking, health=Health.DEGRADED) if doubtful else off_tracking
+        samples = closed(samples, closure.sample, closure.motion.X)
+        memory = memory._replace(buffer=memory.buffer._replace(samples=samples), since=0.0)
+        return memory, _remeasured(samples, closure, self._follow_distance, off_tracking, memory.unrest)
+
+    def _closure(
+        self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
+    ) -> Closure | None:
+        """The match of the rear view with the front view that was taken nearest to it; None if there is none."""
+        index_of = {sample.tick: index for index, sample in enumerate(samples)}
+        X_CW = inverse(samples[0].X_OS)
+        front, rear_camera = (camera.X_SC[:3, 3] for camera in self._cameras)
+        distances = [
+            (float(np.linalg.norm((X @ [*front, 1.0])[:2] - rear_camera[:2])), index_of[tick], view, X)
+            for tick, view in passed
+            if tick in index_of and (X := X_CW @ samples[index_of[tick]].X_OS) is not None
+        ]
+        if not distances:
+            return None
+        distance, index, view, X_CK = min(distances, key=lambda candidate: candidate[0])
+        if distance > self._reach or index == 0:
+            return None
+        pairs = paired(rear, view)
+        if not pairs.enough:
+            return None
+        measured = planar_motion(pairs)
+        correction = measured.X @ inverse(X_CK)
+        turn = abs(float(rotation_vector(correction[:3, :3])[2]))
+        shift = float(np.linalg.norm(measured.X[:2, 3] - X_CK[:2, 3]))
+        return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else Closure(index, measured)
+
+    def _message(self, body: BodyMotion, seen: list[Pairs]) -> Motion:
+        """The body's motion as that of the front camera, for the log."""
+        motion = UncertainMotion(body.X_PC, body.covariance)
+        if body.health is not Health.LOST:
+            motion = seen_from(inverse(self._X_SC), motion)
+        return Motion(
+            tick=body.tick,
+            previous_tick=body.previous_tick,
+            X_PC=motion.X,
+            covariance=motion.covariance,
+            matches=sum(pairs.matches for pairs in seen),
+            inliers=sum(len(pairs.first) for pairs in seen),
+            health=body.health,
+            tracks=np.column_stack([self._cameras[0].in_image(places) for places in seen[0][:2]]).astype(np.float32),
+        )
+
+
+class SingleGroundWatching(GroundWatching):
+    """The variant with the front camera alone, for off-tracking that two cameras can not span."""
+
+    _single = True
+
+
+def _moved_on(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -> GroundMemory:
+    """The memory at the new frame; views of a standstill are kept as they are."""
+    way = float(np.linalg.norm(X_PC[:2, 3]))
+    if way == 0.0:
+        return memory._replace(tick=tick, yaw=0.0)
+    yaw = math.atan2(X_PC[1, 0], X_PC[0, 0])
+    oldest = memory.buffer.samples[-1].tick if memory.buffer.samples else tick
+    passed = tuple(item for item in memory.passed if item[0] >= oldest)
+    return memory._replace(
+        tick=tick,
+        views=views,
+        passed=((tick, views.front), *passed),
+        heading=memory.heading + yaw,
+        yaw=yaw,
+        since=memory.since + way,
+    )
+
+
+def _remeasured(
+    samples: tuple[Sample, ...], closure: Closure, follow_distance: float, off_tracking: OffTracking, unrest: float
+) -> OffTracking:
+    """The off-tracking on the corrected path, with the uncertainty of the closure and of where the cameras looked."""
+    path = positions_now(samples)[:, :2]
+    s = chord_lengths(path)
+    passed = crossing(path, s, -follow_distance)
+    if passed is None or off_tracking.health is Health.LOST:
+        return off_tracking
+    direction = tangent(path, s, passed.s, 0.75).direction
+    n = np.array([-math.tan(direction), 1.0])
+    lever = np.array([-follow_distance, passed.y]) - closure.motion.X[:2, 3]
+    gradient = np.array([lever[0] * n[1] - lever[1] * n[0], *n])  # of y at the crossing by (d_theta, d_x, d_y)
+    covariance = closure.motion.covariance[np.ix_((2, 3, 4), (2, 3, 4))]
+    variance = float(gradient @ covariance @ gradient) + (_TILT**2 + (_LONGER * unrest) ** 2) * float(n @ n)
+    return replace(off_tracking, value=passed.y, std=math.sqrt(variance), path=path, path_tangent=direction)

@@ -1,0 +1,77 @@
+"""Off-tracking from the poses of a reference unit, exact or not: the same buffer, without any odometry before it."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Health, OffTracking, Reads
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from sensors.messages import BodyPose, GnssIns
+from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+
+
+class ReferenceMemory(NamedTuple):
+    """The last pose and the buffer."""
+
+    previous: BodyPose | None
+    buffer: BufferMemory
+
+
+class ReferenceOffTracking:
+    """The off-tracking that the poses of a reference unit show; its own errors are not modelled in ``std``."""
+
+    reads: ClassVar[Reads] = "poses"
+
+    def __init__(self, follow_distance: float) -> None:
+        """For a follow point ``follow_distance`` [m] behind the hitch.
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive.
+        """
+        self._buffer = OffTrackingBuffer(follow_distance)
+
+    def init(self) -> ReferenceMemory:
+        """Memory before the first pose."""
+        return ReferenceMemory(None, self._buffer.init())
+
+    def step(self, memory: ReferenceMemory, pose: BodyPose) -> tuple[ReferenceMemory, OffTracking | None]:
+        """Memory with the pose in it, and the off-tracking at its tick; None for the first pose."""
+        if memory.previous is None:
+            return ReferenceMemory(pose, memory.buffer), None
+        motion = BodyMotion(
+            tick=pose.tick,
+            previous_tick=memory.previous.tick,
+            X_PC=inverse(memory.previous.X_WB) @ pose.X_WB,
+            covariance=np.zeros((6, 6)),
+            health=Health.OK,
+        )
+        buffer, off_tracking = self._buffer.step(memory.buffer, motion)
+        return ReferenceMemory(pose, buffer), off_tracking
+
+
+class ReferenceUnitOffTracking:
+    """The off-tracking as the field tests of de Saxe 2018, section 4.1, had it: from a GNSS-aided inertial unit.
+
+    de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
+    Dynamics, 2018.
+    """
+
+    def __init__(self, p_SU: FloatArray, follow_distance: float) -> None:
+        """For a unit at p_SU (3,) [m] in the trailer, aligned with it, and a follow point behind the hitch [m].
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive.
+        """
+        self._X_US = inverse(transform(np.eye(3), p_SU))
+        self._poses = ReferenceOffTracking(follow_distance)
+
+    def init(self) -> ReferenceMemory:
+        """Memory before the first message."""
+        return self._poses.init()
+
+    def step(self, memory: ReferenceMemory, message: GnssIns) -> tuple[ReferenceMemory, OffTracking | None]:
+        """Memory with the message in it, and the off-tracking at its tick; None for the first message."""
+        X_WU = transform(rotation_zyx(message.heading, message.pitch, message.roll), message.p_WU)
+        return self._poses.step(memory, BodyPose(tick=message.tick, X_WB=X_WU @ self._X_US))

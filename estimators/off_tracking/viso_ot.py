@@ -1,0 +1,95 @@
+"""VISO-OT: off-tracking from a stereo pair on the trailer alone (de Saxe 2018, section 2).
+
+de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
+Dynamics, 2018.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Generic, NamedTuple
+
+from estimators.estimates import Anchor, Health, Motion, OffTracking, Reads
+from estimators.odometry.protocol import Memory, Odometry
+from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.rigid_motion import UncertainMotion, seen_from
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VisoOtEstimate:
+    """Off-tracking and the camera motion it was updated with."""
+
+    off_tracking: OffTracking
+    motion: Motion
+
+
+class VisoOtMemory(NamedTuple, Generic[Memory]):
+    """Memories of the odometry and of the buffer."""
+
+    odometry: Memory
+    buffer: BufferMemory
+
+
+class VisoOt(Generic[Memory]):
+    """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
+
+    reads: ClassVar[Reads] = "stereo"
+    buffer_options: ClassVar[bool] = True  # it is constructed with those of the buffer
+
+    def __init__(
+        self,
+        calibration: StereoCalibration,
+        follow_distance: float,
+        odometry: Odometry[Memory],
+        *,
+        reversing_distance: float = REVERSING,
+        smoothing: bool = False,
+    ) -> None:
+        """For the rig behind ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
+
+        Path and smoothing are as `OffTrackingBuffer` has them.
+
+        Raises:
+            ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` [m] negative.
+        """
+        self._X_SC = calibration.X_SC
+        self._odometry = odometry
+        self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
+
+    def init(self) -> VisoOtMemory[Memory]:
+        """Memory before the first frame."""
+        return VisoOtMemory(self._odometry.init(), self._buffer.init())
+
+    def step(
+        self, memory: VisoOtMemory[Memory], frame: StereoFrame
+    ) -> tuple[VisoOtMemory[Memory], VisoOtEstimate | None]:
+        """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
+        odometry, motion = self._odometry.step(memory.odometry, frame)
+        if motion is None:
+            return VisoOtMemory(odometry, memory.buffer), None
+        buffer, off_tracking = self._buffer.step(memory.buffer, body_motion(self._X_SC, motion))
+        return VisoOtMemory(odometry, buffer), VisoOtEstimate(off_tracking=off_tracking, motion=motion)
+
+
+def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
+    """Motion of the trailer body S from that of the camera at ``X_SC``: de Saxe 2018, eqs 1 and 2, in three dimensions.
+
+    A lost motion stays one, with its infinite covariance.
+    """
+    seen, anchor = UncertainMotion(motion.X_PC, motion.covariance), None
+    if motion.health is not Health.LOST:
+        seen = seen_from(X_SC, seen)
+    if motion.anchor is not None:
+        measured = seen_from(X_SC, UncertainMotion(motion.anchor.X_AC, motion.anchor.covariance))
+        anchor = Anchor(tick=motion.anchor.tick, X_AC=measured.X, covariance=measured.covariance)
+    return BodyMotion(
+        tick=motion.tick,
+        previous_tick=motion.previous_tick,
+        X_PC=seen.X,
+        covariance=seen.covariance,
+        health=motion.health,
+        anchor=anchor,
+    )

@@ -1,0 +1,1 @@
+"""Slip angle estimators of rovers, and the odometry that uses them."""

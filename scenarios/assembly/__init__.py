@@ -1,0 +1,1 @@
+"""From the options of a scenario to the parts of its run."""

@@ -1,0 +1,230 @@
+"""From the words of scenario and vehicle files to those of the parts: geometry, outlines, course, surface, rig."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from controllers.driver import TractorGeometry
+from controllers.trailer import Linkage, TrailerGeometry
+from scenarios.assembly import courses
+from scenarios.assembly.courses import Course
+from scenarios.assembly.ground_friction import ground_friction
+from scenarios.options.course import (
+    ConstantSlipOptions,
+    LaneChangeOptions,
+    RoundaboutOptions,
+    SegmentsOptions,
+    StraightOptions,
+    TurnOptions,
+)
+from scenarios.options.rig import RigOptions
+from scenarios.options.scenario import Scenario
+from scenarios.results.swept_path import UnitOutline
+from sensors.camera.rig import StereoRig
+from vehicle.combination.description import Unit, Vehicle, load_vehicle
+from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
+
+_TYRE_WIDTH = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
+
+
+def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
+    """The data sheet of one towed unit for its steering controller.
+
+    Raises:
+        ValueError: if the unit has no follow point.
+    """
+    trailer = vehicle.units[unit]
+    if trailer.follow_x is None:
+        raise ValueError(
+            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow"
+        )
+    steering = trailer.steering
+    return TrailerGeometry(
+        follow_distance=-trailer.follow_x,
+        axle_distances=tuple(-axle.x for axle in trailer.axles),
+        steered=tuple(axle.steered for axle in trailer.axles),
+        max_steer=steering.limit if steering else 0.0,
+        max_steer_rate=steering.rate_limit if steering else 0.0,
+        actuator_lag=steering.lag if steering else 0.0,
+        linkages=_linkages(trailer),
+    )
+
+
+def _linkages(trailer: Unit) -> tuple[Linkage, ...]:
+    """The actuators that do more than turn one axle by their own angle."""
+    place = {axle: n for n, axle in enumerate(k for k, axle in enumerate(trailer.axles) if axle.steered)}
+    plain = (1.0,)
+    return tuple(
+        Linkage(tuple(place[axle] for axle in actuator.axles), actuator.ratios)
+        for actuator in trailer.actuators
+        if actuator.ratios != plain
+    )
+
+
+def vehicle_of(scenario: Scenario) -> Vehicle:
+    """The scenario's vehicle, the steered axles of its trailers grouped as asked.
+
+    Raises:
+        ValueError: one line, if there is no such vehicle.
+    """
+    vehicle = load_vehicle(scenario.vehicle)
+    if scenario.steer_groups == "vehicle":
+        return vehicle
+    group = {"single": "all", "common_centre": None}[scenario.steer_groups]
+    towed = (_grouped(unit, group) for unit in vehicle.units[1:])
+    return vehicle.model_copy(update={"units": (vehicle.units[0], *towed)})
+
+
+def _grouped(unit: Unit, group: str | None) -> Unit:
+    """The unit with all its steered axles in one steer group, or each with an actuator of its own."""
+    change = {"steer_group": group, "steer_ratio": 1.0}
+    axles = tuple(axle.model_copy(update=change) if axle.steered else axle for axle in unit.axles)
+    return unit.model_copy(update={"axles": axles})
+
+
+def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
+    """Which units are watched, and steered if they can be: those with a follow point and steered axles, and the last.
+
+    Raises:
+        ValueError: if the vehicle tows nothing.
+    """
+    if len(vehicle.units) < 2:
+        raise ValueError(f"vehicle {vehicle.name} tows nothing: scenario {scenario.name} needs a trailer")
+    last = len(vehicle.units) - 1
+    towed = ((i, vehicle.units[i]) for i in range(1, last))
+    return (*(i for i, unit in towed if unit.steered_axles and unit.follow_x is not None), last)
+
+
+def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
+    """The course as this vehicle's tractor has to drive it."""
+    options, tractor = scenario.course, vehicle.units[0]
+    axle_x = tractor.steered_axles[0].x
+    if isinstance(options, ConstantSlipOptions):
+        return courses.straight(front_x=tractor.front_x, length=options.length)
+    if isinstance(options, StraightOptions):
+        guided = max(tractor.front_x, axle_x + courses.PREVIEW * scenario.speed)
+        return courses.straight(front_x=guided, length=options.length)
+    if isinstance(options, SegmentsOptions):
+        table = [courses.Turn(t.direction, t.radius, math.radians(t.turn_deg), t.straight) for t in options.turns]
+        return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=options.entry)
+    if isinstance(options, TurnOptions):
+        return courses.corner(
+            wheel_x=axle_x,
+            wheel_y=outer_wall(tractor),
+            direction=options.direction,
+            radius=options.radius,
+            turn=math.radians(options.turn_deg),
+            entry=options.entry,
+            exit=options.exit,
+        )
+    if isinstance(options, LaneChangeOptions):
+        return courses.lane_change(
+            axle_x=axle_x,
+            speed=scenario.speed,
+            direction=options.direction,
+            frequency=options.frequency_hz,
+            peak_acceleration=options.peak_acceleration,
+            entry=options.entry,
+            exit=options.exit,
+        )
+    if isinstance(options, RoundaboutOptions):
+        return courses.roundabout(
+            front_x=tractor.front_x,
+            width=tractor.width,
+            direction=options.direction,
+            radius=options.radius,
+            turn=math.radians(options.turn_deg),
+            entry=options.entry,
+            exit=options.exit,
+        )
+    return courses.figure_of_eight(
+        front_x=tractor.front_x, width=tractor.width, radius=options.radius, entry=options.entry, exit=options.exit
+    )
+
+
+def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
+    """The bodies of a combination, tractor first."""
+    return tuple(
+        UnitOutline(
+            name=unit.name,
+            front_x=unit.front_x,
+            rear_x=unit.rear_x,
+            width=unit.width,
+            axles=tuple(axle.x for axle in unit.axles),
+            tracks=tuple(axle.track for axle in unit.axles),
+        )
+        for unit in vehicle.units
+    )
+
+
+def outer_wall(tractor: Unit) -> float:
+    """How far out from the middle the outer walls of the tractor's first steered tyres stand [m]."""
+    return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
+
+
+def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
+    """What the driver knows of the tractor.
+
+    Raises:
+        ValueError: if the tractor can not be steered.
+    """
+    tractor = vehicle.units[0]
+    if tractor.steering is None:
+        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
+    return TractorGeometry(
+        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
+        x_ref=course.reference[0],
+        y_ref=course.reference[1],
+        max_steer=tractor.steering.limit,
+        max_steer_rate=tractor.steering.rate_limit,
+        actuator_lag=tractor.steering.lag,
+    )
+
+
+def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:
+    """The ground of the course; the generator decides its roughness and potholes.
+
+    Raises:
+        ValueError: one line, if the friction image is none.
+    """
+    options, roughness = scenario.surface, None
+    if options.roughness != "none" or options.potholes > 0.0:
+        profile_rng, holes_rng = rng.spawn(2)  # the one of them does not depend on whether there is the other
+        line, half_width = course.centreline, course.road_half_width
+        roughness = Roughness(
+            profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
+            potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
+        )
+    return Surface(
+        friction=ground_friction(options, course.centreline),
+        cross_fall=options.cross_fall,
+        grade=options.grade,
+        centre=course.surface_centre,
+        roughness=roughness,
+    )
+
+
+def rig_on(trailer: Unit, geometry: TrailerGeometry, options: RigOptions) -> StereoRig:
+    """The scenario's cameras on this trailer.
+
+    Those that look to the rear or down sit over the follow point; side-facing ones on their edge of the roof, half
+    way along.
+    """
+    x, y = {
+        "rear": (-geometry.follow_distance, 0.0),
+        "down": (-geometry.follow_distance, 0.0),
+        "left": (-0.5 * geometry.follow_distance, 0.5 * trailer.width),
+        "right": (-0.5 * geometry.follow_distance, -0.5 * trailer.width),
+    }[options.facing]
+    return StereoRig(
+        facing=options.facing,
+        width=options.width,
+        height=options.height,
+        hfov=math.radians(options.hfov_deg),
+        x=x,
+        y=y,
+        z=options.camera_height,
+        baseline=options.baseline,
+    )

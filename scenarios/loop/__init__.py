@@ -1,0 +1,1 @@
+"""The closed loop, step by step, of trailers and rovers."""

@@ -1,0 +1,195 @@
+"""A scenario: everything that decides a run besides its seed, frozen and validated, from TOML and ``--set`` keys."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, get_args
+
+import tomli_w
+from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic_core import ErrorDetails
+
+from controllers.trailer_steering.policy import shipped_networks
+from scenarios.options.base import Options, quantity
+from scenarios.options.course import COURSES, Course, TurnTable
+from scenarios.options.degradation import DegradationOptions
+from scenarios.options.driver import DriverOptions, StopTable
+from scenarios.options.faults import FaultOptions, Faults
+from scenarios.options.ground_rig import GroundRigOptions
+from scenarios.options.rig import RigOptions, WorldOptions
+from scenarios.options.rover import ROVER_COURSES, MoundOptions, RoverScenario
+from scenarios.options.signals import SignalOptions, SteerGroups
+from scenarios.options.surface import PATCHES, SurfaceOptions
+from scenarios.options.traffic import TrafficOptions, TrafficTable
+from scenarios.options.viso_ot import VisoOtOptions
+from vehicle.parameter_file import nearest, read_toml
+
+Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
+Parameter = bool | int | float | str
+
+
+class PolicyOptions(Options):
+    """The trained network of ``trailer_steering=policy``."""
+
+    path: str | None = None  # its file, see controllers.trailer_steering.policy, or the name of a shipped one
+
+    @field_validator("path")
+    @classmethod
+    def _full_path(cls, path: str | None) -> str | None:
+        if path is None or path in shipped_networks():
+            return path
+        return str(Path(path).resolve())  # the resolved scenario runs from any folder
+
+
+class Scenario(Options):
+    """One closed-loop run."""
+
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$")
+    description: str = ""
+    course: Course
+    vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
+    speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
+    driver: DriverOptions = DriverOptions()
+    trailer_steering: str = "path_preview"  # a known controller or package.module:Name
+    steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
+    policy: PolicyOptions = PolicyOptions()
+    off_tracking: str = "viso_ot"  # a known estimator (offtrack run --help lists them) or package.module:Name
+    viso_ot: VisoOtOptions = VisoOtOptions()
+    odometry: str = "keyframe"  # a known odometry or package.module:Name
+    steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle
+    signals: SignalOptions = SignalOptions()
+    surface: SurfaceOptions = SurfaceOptions()
+    rig: RigOptions = RigOptions()
+    ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
+    world: WorldOptions = WorldOptions()
+    traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
+    faults: Faults = ()
+    degradation: DegradationOptions = DegradationOptions()  # what bad estimates are answered by
+    reference_unit: bool = True  # carry one, to judge estimates by as field tests do
+
+    @property
+    def speed(self) -> float:
+        """Set speed [m/s]."""
+        return self.speed_kmh / 3.6
+
+    def to_toml(self) -> str:
+        """The resolved scenario as TOML: it runs again identically."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names of the shipped scenarios."""
+    return tuple(sorted(file.name.removesuffix(".toml") for file in _data().iterdir() if file.name.endswith(".toml")))
+
+
+def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
+    """The trailer's scenario of that name or file, with ``KEY=VALUE`` settings applied.
+
+    Raises:
+        ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
+    """
+    scenario = load_any_scenario(name_or_path, settings)
+    if isinstance(scenario, Scenario):
+        return scenario
+    raise ValueError(f"scenario {name_or_path} is a rover's: this is for trailers")
+
+
+def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RoverScenario:
+    """The scenario of that name or file, a trailer's or a rover's, with ``KEY=VALUE`` settings applied.
+
+    Raises:
+        ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
+    """
+    table = _read(name_or_path)
+    for setting in settings:
+        _apply(table, setting)
+    vehicle = table.get("vehicle")
+    if isinstance(vehicle, str) and vehicle.endswith(".toml"):
+        table["vehicle"] = str(Path(vehicle).resolve())  # the resolved scenario runs again from any folder
+    return _validated(RoverScenario if table.get("kind") == "rover" else Scenario, table, name_or_path)
+
+
+def _data() -> resources.abc.Traversable:
+    return resources.files("scenarios") / "data"
+
+
+def _read(name_or_path: str) -> Table:
+    if name_or_path in scenario_names():
+        return tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
+    path = Path(name_or_path)
+    if path.suffix != ".toml" and not path.is_file():
+        raise ValueError(f"unknown scenario '{name_or_path}'{nearest(name_or_path, scenario_names())}")
+    return read_toml(path)
+
+
+def _apply(table: Table, setting: str) -> None:
+    key, equals, text = setting.partition("=")
+    if not equals or not key.strip():
+        raise ValueError(f"--set {setting}: expected KEY=VALUE, for example --set surface.friction=0.3")
+    *parents, last = key.strip().split(".")
+    for parent in parents:
+        table = table.setdefault(parent, {})
+        if not isinstance(table, dict):
+            raise ValueError(f"--set {setting}: '{parent}' is a value, not a table")
+    table[last] = _value(text.strip())
+
+
+def _value(text: str) -> Parameter | list[Any]:
+    """A TOML value, or the text itself where it is none: names need no quotes on a command line."""
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+    return value if isinstance(value, bool | int | float | str | list) else text
+
+
+def _validated(model: type[Scenario] | type[RoverScenario], table: Table, source: str) -> Scenario | RoverScenario:
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise ValueError(f"scenario {source}: {_complaint(model, error.errors(include_url=False)[0])}") from None
+
+
+def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> str:
+    """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
+    courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
+    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in (*courses, *PATCHES)]
+    parts = [str(part) for part in first["loc"] if part not in kinds]
+    key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
+    units = dict(_known_keys(model))
+    if first["type"] == "union_tag_invalid":
+        return f"{key}.kind = '{first['ctx']['tag']}'{nearest(first['ctx']['tag'], kinds)}"
+    if first["type"] == "union_tag_not_found":
+        return f"{key}.kind is missing"
+    if first["type"] == "extra_forbidden":
+        return f"unknown key '{key}'{nearest(known, units)}"
+    if first["type"] == "missing":
+        return f"{key} is missing"
+    if first["type"] == "value_error":
+        return f"{key}: {first['ctx']['error']}"
+    limit = first["msg"].replace("Input should be", "must be")
+    unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
+    return f"{key} = {first['input']!r} {limit}{unit}"
+
+
+def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Dotted name and unit of every key a scenario may have."""
+    for name, info in model.model_fields.items():
+        courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
+        lists: dict[str, tuple[type[Options], ...]] = {"course": courses, "patches": PATCHES}
+        lists |= (
+            {"turns": (TurnTable,)}
+            | {"faults": (FaultOptions,)}
+            | {"stops": (StopTable,)}
+            | {"mounds": (MoundOptions,)}
+        )
+        tables = lists.get(name, (info.annotation,))
+        for table in tables:
+            if isinstance(table, type) and issubclass(table, BaseModel):
+                yield from _known_keys(table, f"{prefix}{name}.")
+            else:
+                extra = info.json_schema_extra
+                yield prefix + name, str(extra["unit"]) if isinstance(extra, dict) else "-"

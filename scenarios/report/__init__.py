@@ -1,0 +1,1 @@
+"""Pages, figures and videos of runs."""

@@ -1,0 +1,1 @@
+"""Results of runs: signals, metrics, summaries, and run directories."""

@@ -1,0 +1,41 @@
+"""What a reference unit on the trailer says of a run: the off-tracking as the field tests of the paper had it.
+
+C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimators.estimates import Health
+from estimators.off_tracking.reference import ReferenceUnitOffTracking
+from sensors.instruments.reference_unit import PERIOD, ReferenceUnit
+from vehicle.combination.truth import Truth
+from vehicle.frames import FloatArray
+
+_BESIDE, _FLOOR = 0.8, 1.2  # the unit stood beside the middle on the floor of the trailer; how far is assumed [m]
+_EVERY = 100  # every tenth message: as often as the cameras that it is compared with [ticks]
+
+
+def reference_off_tracking(
+    truths: Sequence[Truth], *, unit: int, follow_distance: float, rng: np.random.Generator
+) -> FloatArray:
+    """The reference unit's off-tracking [m] at every truth of a run (n,), NaN where it has none.
+
+    The truths come at the unit's 100 Hz; the buffer takes every tenth message.
+    """
+    p_SU = np.array([-0.5 * follow_distance, _BESIDE, _FLOOR])
+    sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
+    source = ReferenceUnitOffTracking(p_SU, follow_distance)
+    memory, values = source.init(), np.full(len(truths), np.nan)
+    for row, truth in enumerate(truths):
+        if truth.tick % PERIOD:
+            continue
+        message = sensor.sample(truth)
+        if truth.tick % _EVERY == 0:
+            memory, estimate = source.step(memory, message)
+            if estimate is not None and estimate.health is not Health.LOST:
+                values[row] = estimate.value
+    return values

@@ -1,0 +1,154 @@
+"""What a rover's run leaves behind: its result in memory, its summary, and the run directory on disk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimators.slip.reference import LaserSlip
+from scenarios.results import metrics
+from scenarios.results.log import LOST, Log
+from scenarios.results.run import Summary, Timing, number, versions, write_files
+from sensors.sand.trace_rig import TraceRig
+from vehicle.frames import FloatArray
+from vehicle.rover.command import WHEELS
+
+Progress = Callable[[int, int], None]  # done so far, of how many
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TraceFrame:
+    """What the camera saw, kept for people."""
+
+    tick: int
+    jpeg: bytes  # colour
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoverResult:
+    """Everything a rover's finished run has to tell."""
+
+    scenario: str  # name
+    scenario_toml: str  # resolved: runs again identically
+    seed: int
+    outcome: str  # "completed", "entrapped", …
+    log: Log
+    rover: str
+    path: FloatArray  # (n, 2) that was to be driven [m]
+    rig: TraceRig
+    timing: Timing
+    frames: tuple[TraceFrame, ...]
+    manifest: Mapping[str, str]
+
+    @property
+    def slip_error(self) -> FloatArray:
+        """Estimated less true slip angle at the estimate's own time [rad] (n_rows,); NaN where there is none."""
+        return self.log["slip_angle_estimate"] - self.log["slip_angle_true"]
+
+
+def rover_summary(result: RoverResult) -> Summary:
+    """The run in numbers, ready for JSON: null stands for what does not apply or could not be measured."""
+    return {
+        "outcome": result.outcome,
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "slip": _slip(result),
+        "position": _position(result.log),
+        "wheels": _wheels(result.log),
+        "timing": {
+            name: number(getattr(result.timing, name))
+            for name in ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
+        },
+    }
+
+
+def write_rover_run(
+    result: RoverResult, directory: Path, *, video: bool = True, progress: Progress | None = None
+) -> Path:
+    """Writes the run directory and returns it; ``progress`` is told the frames of the video.
+
+    Raises:
+        ValueError: if the directory can not take a run.
+    """
+    from scenarios.report.rover_page import rover_report_html
+    from scenarios.report.rover_video import write_rover_video
+
+    numbers = rover_summary(result)
+    moves = video and len(result.log) > 1
+    return write_files(
+        directory,
+        scenario_toml=result.scenario_toml,
+        log=result.log,
+        manifest=rover_manifest(result),
+        report=rover_report_html(result, numbers),
+        numbers=numbers,
+        video=(lambda path: write_rover_video(result, path, progress=progress)) if moves else None,
+    )
+
+
+def rover_manifest(result: RoverResult) -> dict[str, object]:
+    """What identifies the run."""
+    return {
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "versions": versions(),
+        "signals_sha256": result.log.sha256(),
+        **result.manifest,
+    }
+
+
+def _slip(result: RoverResult) -> dict[str, float | int | None]:
+    log, error = result.log, np.degrees(result.slip_error)
+    lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_true"])
+    health = log["health"]
+    captures = np.isfinite(health)
+    known = np.isfinite(error)
+    within = np.abs(result.slip_error[known]) <= 2.5 * log["slip_angle_std"][known]
+    return {
+        "error_rms_deg": number(metrics.rms(error)),
+        "error_max_deg": number(metrics.peak(error)),
+        "valid_fraction": number(float(np.mean(health[captures] < LOST))) if captures.any() else None,
+        "cross_track_rms_m": number(metrics.rms(log["cross_track_true"])),
+        "cross_track_max_m": number(metrics.peak(log["cross_track_true"])),
+        "lagged_error_rms_deg": number(metrics.rms(lagged)),
+        "within_2_5_sigma": number(float(np.mean(within))) if known.any() else None,
+        "true_mean_deg": number(math.degrees(metrics.mean(log["slip_angle_true"]))),
+        "reference_error_rms_deg": number(metrics.rms(np.degrees(_reference_error(log)))),
+    }
+
+
+def _reference_error(log: Log) -> FloatArray:
+    """Slip angle by laser tracker and compass less the true one at its moment [rad]."""
+    time, late = log["time"], LaserSlip().delay()
+    true_then = np.interp(time - late, time, log["slip_angle_true"])
+    error: FloatArray = np.where(time >= late, log["slip_angle_laser"] - true_then, np.nan)
+    return error
+
+
+def _position(log: Log) -> dict[str, float | int | None]:
+    """How far the two dead reckonings have ended from where the rover is, and over what way."""
+    if not len(log):
+        return {}
+    way = float(np.sum(np.hypot(np.diff(log["x"]), np.diff(log["y"]))))
+    return {
+        "distance_m": number(way),
+        **{
+            f"{name}_error_m": number(
+                math.hypot(log[f"x_{name}"][-1] - log["x"][-1], log[f"y_{name}"][-1] - log["y"][-1])
+            )
+            for name in ("wheels", "corrected")
+        },
+    }
+
+
+def _wheels(log: Log) -> dict[str, float | int | None]:
+    ratios = np.array([log[f"slip_ratio_{wheel}"] for wheel in WHEELS])
+    sinkages = np.array([log[f"sinkage_{wheel}"] for wheel in WHEELS])
+    return {
+        "slip_ratio_mean": number(metrics.mean(ratios.ravel())),
+        "sinkage_max_m": number(metrics.peak(sinkages.ravel())),
+    }

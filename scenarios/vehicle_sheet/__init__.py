@@ -1,0 +1,1 @@
+"""A vehicle on one sheet: drawn to scale, with its loads, reach and handling."""

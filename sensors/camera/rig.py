@@ -1,0 +1,94 @@
+"""Where the stereo cameras sit, and what a calibration of them says.
+
+The calibration is all that an estimator gets to know of the rig: the same object comes from a rendered rig or from
+a file beside recorded images.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from sensors.camera.lens import UNDISTORTED, CameraModel, Distortion, RawStereoRig
+from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
+
+Facing = Literal["rear", "left", "right", "down"]
+# Yaw and pitch of the way the cameras look; the top of what those see that look down lies ahead.
+_ATTITUDE: Final[dict[Facing, tuple[float, float]]] = {
+    "rear": (math.pi, 0.0),
+    "left": (math.pi / 2, 0.0),
+    "right": (-math.pi / 2, 0.0),
+    "down": (0.0, math.pi / 2),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StereoCalibration:
+    """A rectified stereo pair: both cameras are the same pinhole, the right one ``baseline`` along the left one's x."""
+
+    width: int  # [px]
+    height: int  # [px]
+    focal_length: float  # [px]
+    cx: float  # principal point, column; the first pixel's centre is 0 [px]
+    cy: float  # principal point, row [px]
+    baseline: float  # [m]
+    X_SC: FloatArray  # (4, 4) pose of the left camera in the trailer body (origin: hitch on the ground)
+
+    def __post_init__(self) -> None:
+        if self.width <= 0 or self.height <= 0 or self.focal_length <= 0.0:
+            raise ValueError(
+                f"camera of {self.width}x{self.height} px, focal length {self.focal_length} px: all must be positive"
+            )
+        if self.baseline <= 0.0:
+            raise ValueError(f"baseline = {self.baseline} m must be positive")
+
+    @property
+    def X_ClCr(self) -> FloatArray:
+        """Pose of the right camera in the left one."""
+        return transform(np.eye(3), np.array([self.baseline, 0.0, 0.0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoRig:
+    """A stereo pair on the trailer, looking level to the rear or to a side, or straight down at the ground."""
+
+    facing: Facing
+    width: int  # [px]
+    height: int  # [px]
+    hfov: float  # horizontal field of view [rad]
+    x: float  # middle of the pair, from the hitch [m], negative behind it
+    y: float  # [m], + left
+    z: float  # above the ground [m]
+    baseline: float  # [m]
+
+    def calibration(self) -> StereoCalibration:
+        """The exact calibration of this rig; the pair is centred on (x, y, z)."""
+        R_SC = rotation_zyx(*_ATTITUDE[self.facing], 0.0) @ R_BODY_CAMERA
+        p_SC = np.array([self.x, self.y, self.z]) - R_SC @ np.array([0.5 * self.baseline, 0.0, 0.0])
+        return StereoCalibration(
+            width=self.width,
+            height=self.height,
+            focal_length=0.5 * self.width / math.tan(0.5 * self.hfov),
+            cx=0.5 * (self.width - 1),
+            cy=0.5 * (self.height - 1),
+            baseline=self.baseline,
+            X_SC=transform(R_SC, p_SC),
+        )
+
+    def raw(self, distortion: Distortion = UNDISTORTED, R_ClCr: FloatArray | None = None) -> RawStereoRig:
+        """This rig as it may really be: behind lenses that distort, the right camera turned where it stands."""
+        ideal = self.calibration()
+        camera = CameraModel(
+            width=ideal.width,
+            height=ideal.height,
+            fx=ideal.focal_length,
+            fy=ideal.focal_length,
+            cx=ideal.cx,
+            cy=ideal.cy,
+            distortion=distortion,
+        )
+        R = np.eye(3) if R_ClCr is None else R_ClCr
+        return RawStereoRig(left=camera, right=camera, X_ClCr=transform(R, ideal.X_ClCr[:3, 3]), X_SC=ideal.X_SC)

@@ -1,0 +1,1 @@
+"""Instruments that are no cameras: encoders, gyros, compass, reference units."""

@@ -1,0 +1,195 @@
+"""The ground: its mesh, the map of the road on it, and the relief beyond the course."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, cKDTree
+
+from sensors.world.shapes import FaceArray, Mesh
+from sensors.world.textures import NoiseArray, fractal_noise
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
+_HORIZON = 900.0  # from there on hills go over into the haze [m]
+_FINE = 12.0  # cells may be finest this far from the centreline: cameras are nearer to it [m]
+_CELL = 2.5  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 10 m [m]
+_COARSEST = 20.0  # cell near the course, however flat: half a wavelength of what bends the texture [m]
+_WIDEST = 32  # cell anywhere [finest cells]
+_GRADING = 0.4  # of a cell's width over its distance from the centreline
+_SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # the ground's curve may leave its triangles by this [m], and so much more afar [rad]
+_BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of what bends the texture [m]
+_CORNERS = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
+_CELLS = 300  # fine cells along the longer side at most, so that long courses stay drawable
+_MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
+_MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
+_MAP_REACH = 16.0  # distances from the road's edge are kept up to this [m]
+_SPACING = 0.05  # of the points that stand for the centreline: distance error below 0.1 mm at the road's edge [m]
+
+
+class Waves:
+    """A smooth aperiodic field: a sum of plane waves of random direction, wavelength and phase."""
+
+    def __init__(self, rng: np.random.Generator, *, wavelengths: tuple[float, float], count: int) -> None:
+        length = np.exp(rng.uniform(math.log(wavelengths[0]), math.log(wavelengths[1]), size=count))  # [m]
+        heading = rng.uniform(0.0, 2.0 * np.pi, size=count)
+        self._k = 2.0 * np.pi / length * np.stack([np.cos(heading), np.sin(heading)])  # (2, count) [rad/m]
+        self._phase = rng.uniform(0.0, 2.0 * np.pi, size=count)
+
+    def __call__(self, xy: FloatArray) -> FloatArray:
+        """Value at xy (..., 2) [m]: zero mean, unit standard deviation."""
+        waves: FloatArray = np.sin(xy @ self._k + self._phase).sum(axis=-1) * np.sqrt(2.0 / len(self._phase))
+        return waves
+
+
+class Terrain:
+    """Height of the drawn ground: the surface of the course, and beyond its margin level ground with hills."""
+
+    def __init__(self, rng: np.random.Generator, surface: Surface, low: FloatArray, high: FloatArray) -> None:
+        self._surface, self._low, self._high = surface, low - MARGIN, high + MARGIN
+        self._hills = Waves(rng, wavelengths=(150.0, 450.0), count=9)
+
+    def height(self, xy: FloatArray) -> FloatArray:
+        """Height [m] at xy (..., 2) [m]."""
+        inside = np.clip(xy, self._low, self._high)
+        beyond = np.linalg.norm(xy - inside, axis=-1)
+        rise = np.clip(beyond / 350.0, 0.0, 1.0)
+        hills = 24.0 * rise**1.5 * (0.75 + 0.35 * self._hills(xy))
+        height: FloatArray = ground_height(self._surface, inside) + hills
+        return height
+
+    def slope(self, xy: FloatArray) -> FloatArray:
+        """Rise over both axes [-] at xy (..., 2) [m], over the width of a cell."""
+        steps = _CELL * np.eye(2)
+        rise = [self.height(xy + step) - self.height(xy - step) for step in steps]
+        return np.stack(rise, axis=-1) / (2.0 * _CELL)
+
+
+def ground_height(surface: Surface, xy: FloatArray) -> FloatArray:
+    """Height [m] of the drawn ground around the course at xy (..., 2) [m]."""
+    height: FloatArray = surface.height(xy[..., 0], xy[..., 1])
+    if surface.roughness is not None:  # potholes are narrower than a cell: they are drawn by their shade
+        height = height + surface.roughness.waves(xy[..., 0], xy[..., 1])
+    return height
+
+
+class Centreline:
+    """The road's centreline as points dense enough to measure distances to."""
+
+    def __init__(self, polyline: FloatArray) -> None:
+        step = np.diff(polyline, axis=0)
+        along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
+        stations = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SPACING) + 1))
+        self.points: FloatArray = np.stack([np.interp(stations, along, polyline[:, i]) for i in range(2)], axis=1)
+        self.spacing = stations[1]  # [m]
+        self._tree = cKDTree(self.points)
+
+    def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
+        """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to``."""
+        return np.asarray(self._tree.query(xy, distance_upper_bound=up_to)[0], dtype=np.float64)
+
+    def offset(self, by: float) -> FloatArray:
+        """Points (n, 2) ``by`` metres to the left of the centreline's points."""
+        tangent = np.gradient(self.points, axis=0)
+        tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
+        return self.points + by * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoadMap:
+    """What the ground is like around the road, on a lattice of nodes ``cell`` apart from ``origin`` on."""
+
+    origin: FloatArray  # (2,) W of node [0, 0] [m]
+    cell: float  # [m]
+    edge_distance: NoiseArray  # (ny, nx) distance from the road's edge, negative on the road [m]
+    light: NoiseArray  # (ny, nx) 1 in the sun, 0 in full shadow
+    gravel: NoiseArray  # (ny, nx) beside the road: how much gravel shows, 0..1; on it: how worn it is, 0..1
+    lushness: NoiseArray  # (ny, nx) of the grass, 0..1
+
+
+def road_map(
+    rng: np.random.Generator, centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray
+) -> RoadMap:
+    """The map of a road along a centreline, all in the sun, over the box from ``low`` to ``high`` [m] at least."""
+    cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
+    nx, ny = (scipy.fft.next_fast_len(int(side / cell) + 2, real=True) for side in high - low)
+    nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
+    reach = road_half_width + _MAP_REACH
+    edge_distance = np.minimum(centreline.distance(nodes, up_to=reach), reach) - road_half_width
+    blotches = fractal_noise(rng, (ny, nx), 1.0, (cell / 12.0, 0.4))
+    lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (cell / 60.0, cell / 1.5))
+    beside = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
+    wheels = np.clip(1.0 - np.abs(np.abs(edge_distance + road_half_width) - 1.0) / 0.6, 0.0, 1.0)
+    worn = 0.5 + 0.15 * blotches + 0.15 * wheels
+    return RoadMap(
+        origin=low,
+        cell=cell,
+        edge_distance=edge_distance.astype(np.float32),
+        light=np.ones((ny, nx), dtype=np.float32),
+        gravel=np.where(edge_distance < 0.0, worn, beside).astype(np.float32),
+        lushness=lushness,
+    )
+
+
+def ground_mesh(
+    rng: np.random.Generator, terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+) -> Mesh:
+    """Triangles between nodes that stand close where the ground bends near the course, and ever wider elsewhere.
+
+    A pixel that several triangles share is worked on for each of them: flat ground in small cells would cost half as
+    much again. ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it
+    meets itself nowhere again at the same shift.
+    """
+    bends = [Waves(rng, wavelengths=_BENDS, count=7) for _ in range(2)]
+    xy, faces = _triangulated(terrain, line, low, high)
+    normals = np.concatenate([-terrain.slope(xy), np.ones((len(xy), 1))], axis=1)
+    return Mesh(
+        vertices=np.column_stack([xy, terrain.height(xy)]),
+        normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
+        uv=xy + _BEND * np.stack([bend(xy) for bend in bends], axis=-1),
+        shade=np.ones(len(xy)),
+        faces=faces,
+    )
+
+
+def _triangulated(
+    terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FaceArray]:
+    """Nodes (n, 2) [m] as far as the horizon, and the triangles between them."""
+    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
+    start = low - _HORIZON
+    side = _WIDEST  # of square cells, in the finest one's; all nodes are whole multiples of that
+    nx, ny = np.ceil((high - low + 2 * _HORIZON) / (side * cell)).astype(int)
+    cells = side * np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2)
+    corners = []
+    while len(cells):
+        split = _too_wide(terrain, line, start + cell * cells, side * cell, cell)
+        corners.append((cells[~split, None] + side * _CORNERS).reshape(-1, 2))
+        side //= 2
+        cells = (cells[split, None] + side * _CORNERS).reshape(-1, 2)
+    nodes = np.unique(np.concatenate(corners), axis=0)
+    faces = Delaunay(nodes).simplices
+    a, b, c = (nodes[faces[:, i]] for i in range(3))
+    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    faces = np.where(area[:, None] > 0, faces, faces[:, ::-1])[area != 0]
+    return start + cell * nodes, np.asarray(faces, dtype=np.int32)
+
+
+def _too_wide(terrain: Terrain, line: Centreline, cells: FloatArray, side: float, finest: float) -> NDArray[np.bool_]:
+    """Which square cells (n, 2), given by their lowest corners, have to be quartered."""
+    distance = np.maximum(line.distance(cells + 0.5 * side) - 0.71 * side, 0.0)
+    share = np.linspace(0.0, 1.0, 5)
+    inside = np.stack(np.meshgrid(share, share, indexing="ij"), axis=-1)
+    z = terrain.height(cells[:, None, None] + side * inside)  # (n, 5, 5)
+    across = z[:, :1] + share[:, None] * (z[:, -1:] - z[:, :1])
+    level = across[:, :, :1] + share * (across[:, :, -1:] - across[:, :, :1])
+    bent = np.abs(z - level).max(axis=(1, 2)) > _SAG + _SAG_ANGLE * distance
+    coarsest = np.maximum(_COARSEST, _GRADING * distance)
+    divisible = side > np.maximum(finest, _GRADING * (distance - _FINE))
+    too_wide: NDArray[np.bool_] = divisible & (bent | (side > coarsest))
+    return too_wide

@@ -1,0 +1,140 @@
+"""The world that the cameras see, as plain data: ground, things, sky and light, procedural from one generator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.world import sky, textures
+from sensors.world.airfield import grain_fields, patched
+from sensors.world.condition import Condition, condition_of
+from sensors.world.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
+from sensors.world.scenery import Plot, Stand, kerbs, planted
+from sensors.world.shapes import Mesh
+from sensors.world.sunlight import Sunlight, daylight
+from sensors.world.textures import TextureArray
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+_DETAIL_SIZE = 2048  # [px]
+_DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
+_MAP_MARGIN = 60.0  # shadows are seen, and the lie of the land does not repeat, this far around the course [m]
+_MAX_DENSITY = 2.0
+_TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
+    "foliage": textures.foliage,
+    "twigs": textures.twigs,
+    "bark": textures.bark,
+    "stone": textures.stone,
+    "brick": textures.brick,
+    "tiles": textures.tiles,
+    "planks": textures.planks,
+    "window": textures.window,
+    "banded": textures.banded,
+    "chevrons": textures.chevrons,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class World:
+    """Everything a renderer needs; nothing in it depends on how it is drawn."""
+
+    ground: Mesh
+    detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
+    detail_period: float  # [m]
+    road: RoadMap
+    condition: Condition  # of the ground
+    stands: tuple[Stand, ...]
+    textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
+    panorama: TextureArray  # see sensors.sky
+    light: Sunlight
+    moving: tuple[Stand, ...] = ()  # things that a renderer puts elsewhere between images; they throw soft shadows
+
+
+def build_world(
+    *,
+    rng: np.random.Generator,
+    centreline: FloatArray,
+    road_half_width: float,
+    surface: Surface,
+    scenery_density: float,
+    clearance: float,
+    sun_azimuth: float | None = None,
+    sun_elevation: float | None = None,
+    overcast: bool = False,
+    grain: bool = False,
+    tarmac_patches: float = 0.0,
+) -> World:
+    """The world around a road.
+
+    Args:
+        rng: decides everything that is left to chance.
+        centreline: polyline (n, 2) of the road's middle [m]; it may meet and cross itself.
+        road_half_width: [m].
+        surface: what the ground follows up to 100 m beyond the centreline's bounding box.
+        scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
+        clearance: distance from the centreline within which nothing but kerb stones stands [m].
+        sun_azimuth: from north by east [rad]; None: left to chance.
+        sun_elevation: above the horizon [rad]; None: 43 deg.
+        overcast: clouds hide the sun.
+        grain: fields of it lie beyond the road.
+        tarmac_patches: number of mended places on 100 m2 of the road.
+
+    Raises:
+        ValueError: naming the argument that is out of its range.
+    """
+    _check(centreline, road_half_width, scenery_density, clearance)
+    low, high = centreline.min(axis=0), centreline.max(axis=0)
+    terrain = Terrain(rng, surface, low, high)
+    line = Centreline(centreline)
+    chance = rng.uniform(0.0, 2.0 * np.pi)
+    light = daylight(chance, azimuth=sun_azimuth, elevation=sun_elevation, overcast=overcast)
+    stands: list[Stand] = []
+    if scenery_density > 0.0:
+        plot = Plot(rng, line, terrain, clearance, scenery_density)
+        stands = [kerbs(plot, road_half_width), *planted(plot)]
+    if grain:
+        stands.append(grain_fields(rng, line, terrain, road_half_width))
+    road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
+    if tarmac_patches > 0.0:
+        road = patched(rng, road, tarmac_patches)
+    return World(
+        ground=ground_mesh(rng, terrain, line, low, high),
+        detail=textures.ground_detail(rng, _DETAIL_SIZE),
+        detail_period=_DETAIL_PERIOD,
+        road=replace(road, light=_shadows(road, stands, light.direction)),
+        condition=condition_of(surface, road),
+        stands=tuple(stand for stand in stands if len(stand.poses)),
+        textures={name: make(rng) for name, make in _TEXTURES.items()},
+        panorama=sky.panorama(rng, light),
+        light=light,
+    )
+
+
+def _check(centreline: FloatArray, road_half_width: float, scenery_density: float, clearance: float) -> None:
+    if centreline.ndim != 2 or centreline.shape[1] != 2 or len(centreline) < 2:
+        raise ValueError(f"centreline of shape {centreline.shape} must be (n, 2) with n >= 2 points [m]")
+    if road_half_width <= 0.0:
+        raise ValueError(f"road_half_width = {road_half_width} m must be positive")
+    if not 0.0 <= scenery_density <= _MAX_DENSITY:
+        raise ValueError(f"scenery_density = {scenery_density} must be between 0 and {_MAX_DENSITY:g}")
+    if clearance < road_half_width:
+        raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {road_half_width} m")
+
+
+def _shadows(road: RoadMap, stands: list[Stand], sun: FloatArray) -> NDArray[np.float32]:
+    """Sunlight on the map's nodes: the outline of each part of a thing, thrown along the sun's rays, is dark."""
+    light = np.ones(road.light.shape, dtype=np.float32)
+    for stand in stands:
+        for part in stand.thing.nearest_parts:
+            for pose in stand.poses:
+                points = part.mesh.vertices @ pose[:3, :3].T  # from the foot
+                thrown = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]
+                outline = cv2.convexHull(((thrown + pose[:2, 3] - road.origin) / road.cell).astype(np.float32))
+                cv2.fillConvexPoly(light, np.round(outline * 16.0).astype(np.int32), 0.0, shift=4)
+    soft = cv2.GaussianBlur(light, (0, 0), 0.35 / road.cell)
+    soft[[0, -1]], soft[:, [0, -1]] = 1.0, 1.0
+    return np.asarray(soft, dtype=np.float32)

@@ -1,0 +1,68 @@
+"""Poses of the sprung bodies in space, from the state and the ground they stand on, as CasADi expressions."""
+
+from __future__ import annotations
+
+from typing import Generic, NamedTuple, TypeVar
+
+import casadi as ca
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.kinematics import places
+from vehicle.combination.layout import State
+from vehicle.tyres import Num
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class Ground(NamedTuple, Generic[V]):
+    """The smooth ground at the points that carry the units, front and rear, unit by unit."""
+
+    height: V  # (2 N,) [m]
+    slope_x: V  # (2 N,) along W's x [-]
+    slope_y: V  # (2 N,) along W's y [-]
+
+
+def ground_sizes(vehicle: Vehicle) -> Ground[int]:
+    """Length of every part of the vector."""
+    n = 2 * len(vehicle.units)
+    return Ground(n, n, n)
+
+
+def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: Ground[ca.SX]) -> ca.SX:
+    """X_WB of every sprung body, row by row and unit by unit, (16 N,).
+
+    A body stands on the ground as ``Surface.pose_on`` has it, heaved, pitched and rolled about the point of its roll
+    axis under its centre of gravity.
+    """
+    flat = places(vehicle, s).poses
+    found = []
+    for i, unit in enumerate(vehicle.units):
+        x, y, psi = (flat[3 * i + k] for k in range(3))
+        front, rear = vehicle.supports(i)
+        rise = (ground.height[2 * i] - ground.height[2 * i + 1]) / (front - rear)
+        across = _mean(ground.slope_y, i) * ca.cos(psi) - _mean(ground.slope_x, i) * ca.sin(psi)
+        nose_down = -ca.atan(rise)
+        road = _rotation(psi, nose_down, ca.atan(across * ca.cos(nose_down)))
+        body = _rotation(0.0, s.pitch[i], s.roll[i])
+        pivot = ca.vertcat(unit.cg_x, 0.0, unit.roll_axis_height)
+        risen = pivot + ca.vertcat(0.0, 0.0, s.heave[i])
+        origin = ca.vertcat(x, y, ground.height[2 * i + 1] - rise * rear) + road @ (risen - body @ pivot)
+        found.append(ca.vertcat(ca.horzcat(road @ body, origin), ca.horzcat(0.0, 0.0, 0.0, 1.0)))
+    return ca.densify(ca.vertcat(*(ca.vec(X.T) for X in found)))
+
+
+def _mean(of_supports: ca.SX, unit: int) -> Num:
+    return 0.5 * (of_supports[2 * unit] + of_supports[2 * unit + 1])
+
+
+def _rotation(yaw: Num, pitch: Num, roll: Num) -> ca.SX:
+    """As ``frames.rotation_zyx``."""
+    return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+
+
+def _about(axis: int, angle: Num) -> ca.SX:
+    c, s = ca.cos(angle), ca.sin(angle)
+    R = ca.SX.eye(3)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R[j, j], R[j, k], R[k, j], R[k, k] = c, -s, s, c
+    return R

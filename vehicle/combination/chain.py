@@ -1,0 +1,280 @@
+"""Equations of motion of a chain of N hitched units on slipping tyres, from data, as CasADi expressions.
+
+Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; each unit's sprung body in
+heave, pitch and roll, whose springs and dampers load the wheels; slope as gravity along the ground under each unit;
+steering and drive actuators inside, so that one step integrates everything. Not modelled: aerodynamic drag, friction
+and play of the hitch, what roll and pitch do to the yaw plane other than through the loads, contact between the units'
+bodies, and going over once a side has lifted off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import casadi as ca
+
+from vehicle.actuators import demand_rate, steer_rate
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
+from vehicle.combination.loads import axle_loads, roll_moments, wheel_loads
+from vehicle.combination.multibody import (
+    Speeds,
+    Vector,
+    acceleration,
+    along,
+    axes,
+    from_unit,
+    levers_to,
+    speed_rates,
+    velocity,
+)
+from vehicle.combination.sprung import Ride, rides, spring_rates
+from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
+from vehicle.tyres import Num, Planar
+
+
+class _Ground(NamedTuple):
+    """What the ground does to a unit."""
+
+    force: Vector  # of its tyres, along the tractor's axes [N]
+    moment: Num  # of its tyres, about its centre of gravity [N m]
+    gravity: Vector  # along the ground, along the tractor's axes [m/s2]
+
+
+class _Moment(NamedTuple):
+    """A state with what follows from it at once."""
+
+    layout: tuple[Wheel, ...]
+    e: list[Vector]  # directions of the units' x axes
+    speeds: Speeds
+    bodies: list[Ride]
+    loads: list[Num]  # of every wheel [N]
+    rolling: list[WheelMotion]
+    ground: list[_Ground]
+
+
+def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
+    """Time derivative of the state."""
+    now = _moment(vehicle, s, u)
+    e, rolling, bodies = now.e, now.rolling, now.bodies
+    forces = [
+        Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
+        for unit, on in zip(vehicle.units, now.ground, strict=True)
+    ]
+    rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, [on.moment for on in now.ground])
+    specific = _specific_forces(vehicle, e, now.speeds, rates, now.ground)
+    felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
+    springs = [spring_rates(unit, body, a.x, a.y) for unit, body, a in zip(vehicle.units, bodies, felt, strict=True)]
+    hitches = _hitch_forces(vehicle, e, specific, now.ground)
+    course = _course(s)
+    travel = from_unit(course, Vector(s.v_x, s.v_y))
+    follow = _column(1.0 / unit.hitch_lag for unit in vehicle.units[1:])
+    return State(
+        x=_column([travel.x]),
+        y=_column([travel.y]),
+        psi=s.yaw_rate,
+        v_x=_column([rates.v_x]),
+        v_y=_column([rates.v_y]),
+        yaw_rate=_column(rates.yaw_rate),
+        heave=_column(body.rate.heave for body in bodies),
+        pitch=_column(body.rate.pitch for body in bodies),
+        roll=_column(body.rate.roll for body in bodies),
+        heave_spring=_column(rate.heave for rate in springs),
+        pitch_spring=_column(rate.pitch for rate in springs),
+        roll_spring=_column(rate.roll for rate in springs),
+        hitch_x=(_column(F.x for F in hitches) - s.hitch_x) * follow,
+        hitch_y=(_column(F.y for F in hitches) - s.hitch_y) * follow,
+        omega=_column(wheel.omega for wheel in rolling),
+        deflection_x=_column(wheel.deflection.x for wheel in rolling),
+        deflection_y=_column(wheel.deflection.y for wheel in rolling),
+        brake_windup=_column(wheel.brake_windup for wheel in rolling),
+        steer=_steer_rates(vehicle, s, u),
+        acceleration=_demand_rate(vehicle, s, u),
+    )
+
+
+def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
+    """How fast every state relaxes when the others hold [1/s], for the integrator: 0 where that is not stiff."""
+    wheel_by_wheel = [motion.relaxation for motion in _moment(vehicle, s, u).rolling]
+    deflection = _column(of_one.deflection for of_one in wheel_by_wheel)
+    none = State(*(ca.SX(size, 1) for size in state_sizes(vehicle)))
+    return none._replace(
+        omega=_column(of_one.omega for of_one in wheel_by_wheel),
+        deflection_x=deflection,
+        deflection_y=deflection,
+        brake_windup=_column(of_one.brake_windup for of_one in wheel_by_wheel),
+    )
+
+
+def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
+    """What can be told of the wheels, and the forces of the ground on the units."""
+    now = _moment(vehicle, s, u)
+    return Output(
+        load=_column(now.loads),
+        slip_angle=_column(wheel.slip_angle for wheel in now.rolling),
+        friction_used=_column(wheel.friction_used for wheel in now.rolling),
+        force_x=_column(on.force.x for on in now.ground),
+        force_y=_column(on.force.y for on in now.ground),
+        moment=_column(on.moment for on in now.ground),
+        lateral_load_transfer=_column(_load_transfers(vehicle, now)),
+    )
+
+
+def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
+    """The state with what follows from it at once."""
+    layout = wheels(vehicle)
+    psi = ca.vertsplit(s.psi)
+    e, speeds = axes(psi), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
+    bodies = rides(vehicle, layout, s, u)
+    loads = _wheel_loads(vehicle, layout, e, bodies, s, u)
+    rolling = _wheel_motions(vehicle, layout, e, speeds, loads, s, u)
+    ground = _ground(vehicle, layout, e, rolling, s, u)
+    return _Moment(layout, e, speeds, bodies, loads, rolling, ground)
+
+
+def _column(entries: Iterable[Num]) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *entries)  # the empty start makes no entry at all a column too
+
+
+def _course(s: State[ca.SX]) -> Vector:
+    """Direction of the tractor's x axis in W."""
+    return Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0]))
+
+
+def _steer_rates(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
+    """Rate of every steering actuator's angle [rad/s]."""
+    return _column(
+        steer_rate(s.steer[k], u.steer[k], lag=a.lag, limit=a.limit, rate_limit=a.rate_limit)
+        for k, a in enumerate(steering_actuators(vehicle))
+    )
+
+
+def _demand_rate(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
+    drive = vehicle.drive
+    rate = demand_rate(
+        s.acceleration,
+        u.acceleration,
+        lag=drive.lag,
+        braking=drive.max_deceleration,
+        driving=drive.max_acceleration,
+    )
+    return _column([rate])
+
+
+def _wheel_loads(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    bodies: list[Ride],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[Num]:
+    """Vertical load [N] of every wheel."""
+    n = len(vehicle.units)
+    normal = [ca.sqrt(GRAVITY**2 - u.gravity_x[i] ** 2 - u.gravity_y[i] ** 2) for i in range(n)]
+    gravity = [g + body.felt.heave for g, body in zip(normal, bodies, strict=True)]
+    hitches = [Vector(0.0, 0.0), *(Vector(s.hitch_x[i], s.hitch_y[i]) for i in range(n - 1))]
+    on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e)
+    moments = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
+    found: list[Num] = []
+    for wheel in layout[::2]:  # the left ones; their partners follow
+        found += wheel_loads(on_axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * moments[wheel.unit])
+    return found
+
+
+def _load_transfers(vehicle: Vehicle, now: _Moment) -> list[Num]:
+    """Right less left wheel loads of each unit over their sum."""
+    found = []
+    for i in range(len(vehicle.units)):
+        left, right = (
+            sum(load for w, load in zip(now.layout, now.loads, strict=True) if (w.unit, w.side) == (i, side))
+            for side in (+1, -1)
+        )
+        found.append((right - left) / (right + left))
+    return found
+
+
+def _wheel_motions(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    speeds: Speeds,
+    loads: list[Num],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[WheelMotion]:
+    """The motion of every wheel, front to rear, left before right."""
+    origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(vehicle.units))]
+    found = []
+    for k, wheel in enumerate(layout):
+        r = speeds.yaw_rate[wheel.unit]
+        state = WheelState(
+            omega=s.omega[k],
+            deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
+            brake_windup=s.brake_windup[k],
+            plane=_plane(wheel, s),
+            hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
+            load=loads[k],
+            friction=u.friction[k],
+            acceleration=s.acceleration,
+            gear=u.gear,
+        )
+        found.append(wheel_motion(vehicle, wheel, state))
+    return found
+
+
+def _plane(wheel: Wheel, s: State[ca.SX]) -> Vector:
+    if wheel.steer is None:
+        return Vector(1.0, 0.0)
+    return wheel_plane(wheel.axle, wheel.y, wheel.steer_ratio * s.steer[wheel.steer])
+
+
+def _ground(
+    vehicle: Vehicle,
+    layout: tuple[Wheel, ...],
+    e: list[Vector],
+    rolling: list[WheelMotion],
+    s: State[ca.SX],
+    u: Input[ca.SX],
+) -> list[_Ground]:
+    """What the ground does to each unit."""
+    course = _course(s)
+    axles = list(zip(layout[::2], rolling[::2], rolling[1::2], strict=True))
+    found = []
+    for i, unit in enumerate(vehicle.units):
+        force = Vector(0.0, 0.0)
+        moment: Num = 0.0
+        for axle, left, right in (one for one in axles if one[0].unit == i):
+            across = left.force.y + right.force.y
+            turning = (axle.axle.x - unit.cg_x) * across + axle.y * (right.force.x - left.force.x)
+            moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
+            force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
+        gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
+        found.append(_Ground(from_unit(e[i], force), moment, gravity))
+    return found
+
+
+def _specific_forces(
+    vehicle: Vehicle, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[_Ground]
+) -> list[Vector]:
+    """Acceleration less gravity at each centre of gravity, along the tractor's axes [m/s2]."""
+    found = []
+    for i, unit in enumerate(vehicle.units):
+        a = acceleration(levers_to(vehicle, i, unit.cg_x), e, speeds, rates)
+        found.append(Vector(a.x - ground[i].gravity.x, a.y - ground[i].gravity.y))
+    return found
+
+
+def _hitch_forces(vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_Ground]) -> list[Vector]:
+    """Force at the front hitch of each towed unit, along that unit's axes [N]: what its tyres leave to the hitch."""
+    found: list[Vector] = []
+    behind = Vector(0.0, 0.0)
+    for i in reversed(range(1, len(vehicle.units))):
+        mass, tyres = vehicle.units[i].mass, ground[i].force
+        behind = Vector(
+            mass * specific[i].x - tyres.x + behind.x,
+            mass * specific[i].y - tyres.y + behind.y,
+        )
+        found.insert(0, along(e[i], behind))
+    return found

@@ -1,0 +1,293 @@
+"""A combination of vehicles as data: what its file says, checked, and where each number comes from.
+
+A number in a vehicle file is either plain or ``{ value = ..., source = "..." }``. Positions run along a unit's own
+x axis (forward): from the rear-axle centre for the tractor, from the front hitch for every towed unit, so that
+axles and follow points of towed units have negative x.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import Field, model_validator
+
+from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
+from vehicle.parameter_library import Shipped
+from vehicle.quantities import (
+    Flag,
+    Fraction,
+    Frequency,
+    Frozen,
+    Gradient,
+    Inertia,
+    Lag,
+    Length,
+    Mass,
+    Position,
+    quantity,
+)
+from vehicle.tyres.data import TYRES, Tyre
+
+GRAVITY: Final = 9.81  # [m/s2]
+_DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
+
+_VEHICLES: Final = Shipped("vehicle", "parameters")
+
+
+class Axle(Frozen):
+    """An axle with two equal wheels."""
+
+    x: Position
+    track: Length
+    steered: Flag
+    driven: Flag = False
+    wheel_radius: Annotated[float, quantity("m", gt=0.0, le=3.0)]
+    wheel_inertia: Annotated[float, quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
+    ackermann_x: Position | None = None  # where the axes of the axle's steered wheels meet; None: they stay parallel
+    steer_group: str | None = None  # axles of a unit with the same name are turned by one actuator
+    steer_ratio: Annotated[float, quantity("-", ge=-2.0, le=2.0)] = 1.0  # angle of the axle over its actuator's
+    lifted: Flag = False  # raised off the ground: it carries nothing
+    bogie: str | None = None  # axles of a unit with the same name are a compensated group
+    load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
+    tyre: Tyre
+
+
+class Steering(Frozen):
+    """The steering actuators of a unit; files speak degrees, the rest of the program radians."""
+
+    lag: Lag  # first-order time constant
+    limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0)]
+    rate_limit_deg: Annotated[float, quantity("deg/s", gt=0.0, le=500.0)]
+
+    @property
+    def limit(self) -> float:
+        """Largest road-wheel angle to either side [rad]."""
+        return _DEGREE * self.limit_deg
+
+    @property
+    def rate_limit(self) -> float:
+        """Largest rate of the road-wheel angle [rad/s]."""
+        return _DEGREE * self.rate_limit_deg
+
+
+class Drive(Frozen):
+    """What the driveline and the brakes together can do with a demanded acceleration."""
+
+    lag: Lag  # first-order time constant of torque build-up
+    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
+    max_power: Annotated[float, quantity("W", gt=0.0, le=5e6)]  # at the wheels
+    max_deceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
+
+
+class Actuator(NamedTuple):
+    """The axles that one steering actuator turns."""
+
+    axles: tuple[int, ...]  # numbers in ``Unit.axles``
+    ratios: tuple[float, ...]  # angle of each over the actuator's [-]
+
+
+class Unit(Frozen):
+    """One rigid unit of the chain: the tractor, a semi-trailer, a dolly."""
+
+    name: str
+    mass: Mass
+    yaw_inertia: Inertia  # about the centre of gravity
+    cg_x: Position
+    cg_height: Length
+    front_x: Position  # front end of the body
+    rear_x: Position  # rear end of the body
+    width: Length
+    height: Length  # top of the body
+    hitch_x: Position | None = None  # hitch for the next unit
+    hitch_height: Annotated[float, quantity("m", ge=0.0, le=10.0)] | None = None
+    hitch_roll_share: Fraction = 0.0  # part of the roll moment that the unit in front takes through the hitch
+    follow_x: Position | None = None  # the point of a towed unit that is to follow the hitch
+    roll_gradient: Gradient  # body roll per lateral acceleration
+    pitch_gradient: Gradient  # body pitch per braking
+    roll_axis_height: Annotated[float, quantity("m", ge=0.0, le=5.0)]
+    heave_frequency: Frequency  # of the body on its springs, undamped
+    pitch_frequency: Frequency
+    roll_frequency: Frequency
+    suspension_damping: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # damping ratio of the three motions
+    steering: Steering | None = None
+    axles: Annotated[
+        tuple[Axle, ...], Field(min_length=1)
+    ]  # those on the ground; a file lists the raised ones here too
+    lifted_axles: tuple[Axle, ...] = ()
+
+    @property
+    def rear_hitch(self) -> tuple[float, float]:
+        """Place along x and height [m] of the hitch for the next unit; zeros, which nothing looks at, without one."""
+        x, height = self.hitch_x, self.hitch_height
+        return 0.0 if x is None else x, 0.0 if height is None else height
+
+    @property
+    def hitch_lag(self) -> float:
+        """Lag [s] of the load that the front hitch's force moves behind that force: its pitching body's."""
+        return 1.0 / (math.tau * self.pitch_frequency)
+
+    @property
+    def steered_axles(self) -> tuple[Axle, ...]:
+        """The steered axles, front to rear."""
+        return tuple(axle for axle in self.axles if axle.steered)
+
+    @property
+    def actuators(self) -> tuple[Actuator, ...]:
+        """The steering actuators in the order of their foremost axles; an axle without a group has its own."""
+        groups: dict[str | int, list[int]] = {}
+        for k, axle in enumerate(self.axles):
+            if axle.steered:
+                groups.setdefault(k if axle.steer_group is None else axle.steer_group, []).append(k)
+        return tuple(
+            Actuator(tuple(group), tuple(self.axles[k].steer_ratio for k in group)) for group in groups.values()
+        )
+
+    @model_validator(mode="after")
+    def _lifted_apart(self) -> Unit:
+        if any(behind.x >= ahead.x for ahead, behind in zip(self.axles, self.axles[1:], strict=False)):
+            raise ValueError("axles must be listed front to rear, each at its own x [m]")
+        raised = tuple(axle for axle in self.axles if axle.lifted)
+        if len(raised) == len(self.axles):
+            raise ValueError("an axle at least must stay on the ground: all of them are lifted")
+        if raised:  # object.__setattr__: how a frozen class derives one field from another at construction
+            object.__setattr__(self, "lifted_axles", raised)
+            object.__setattr__(self, "axles", tuple(axle for axle in self.axles if not axle.lifted))
+        return self
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Unit:
+        if self.rear_x >= self.front_x:
+            raise ValueError(f"rear_x = {self.rear_x:g} m must be behind front_x = {self.front_x:g} m")
+        if any(axle.steer_ratio == 0.0 for axle in self.steered_axles):
+            raise ValueError("steer_ratio = 0 turns no axle: it must be between -2 and 2 and not 0")
+        if self.steered_axles and self.steering is None:
+            raise ValueError("a unit with steered axles needs a table 'steering'")
+        if (self.hitch_x is None) != (self.hitch_height is None):
+            raise ValueError("hitch_x and hitch_height [m] go together")
+        return self
+
+
+class Vehicle(Frozen):
+    """A combination: the tractor and the units it tows, front to rear."""
+
+    name: str
+    summary: str = ""
+    drive: Drive
+    units: Annotated[tuple[Unit, ...], Field(min_length=1)]
+
+    @property
+    def mass(self) -> float:
+        """Mass of the whole combination [kg]."""
+        return sum(unit.mass for unit in self.units)
+
+    @property
+    def length(self) -> float:
+        """Overall length of the straight combination [m]."""
+        origin = 0.0
+        rears = [self.units[0].rear_x]
+        for ahead, unit in zip(self.units, self.units[1:], strict=False):
+            origin += ahead.rear_hitch[0]
+            rears.append(origin + unit.rear_x)
+        return self.units[0].front_x - min(rears)
+
+    def supports(self, unit: int) -> tuple[float, float]:
+        """Where along its x the ground carries a unit, front and rear [m]: hitch and axles if towed, else its axles."""
+        axles = self.units[unit].axles
+        if unit == 0:
+            return axles[0].x, axles[-1].x
+        return 0.0, sum(axle.x for axle in axles) / len(axles)
+
+    @property
+    def n_wheels(self) -> int:
+        """Number of wheels."""
+        return 2 * sum(len(unit.axles) for unit in self.units)
+
+    @model_validator(mode="after")
+    def _a_chain(self) -> Vehicle:
+        tractor, towed = self.units[0], self.units[1:]
+        if not tractor.steered_axles:
+            raise ValueError("units.0: the tractor needs a steered axle")
+        if not any(axle.driven for axle in tractor.axles):
+            raise ValueError("units.0: the tractor needs a driven axle")
+        if len(tractor.axles) < 2:
+            raise ValueError("units.0: the tractor needs two axles or more to stand on")
+        for k, unit in enumerate(self.units[:-1]):
+            if unit.hitch_x is None:
+                raise ValueError(f"units.{k}: hitch_x [m] is missing, yet another unit follows")
+        for k, unit in enumerate(towed, start=1):
+            if any(axle.x >= 0.0 for axle in unit.axles):
+                raise ValueError(f"units.{k}: axles of a towed unit lie behind its hitch: x must be below 0 m")
+            if any(axle.driven for axle in unit.axles):
+                raise ValueError(f"units.{k}: only axles of the tractor can be driven")
+            if unit.follow_x is not None and unit.follow_x >= 0.0:
+                raise ValueError(f"units.{k}: follow_x = {unit.follow_x:g} m must be below 0 m, behind the hitch")
+        return self
+
+
+def vehicle_names() -> tuple[str, ...]:
+    """Names of the vehicles that come with the program."""
+    return _VEHICLES.names()
+
+
+def load_vehicle(name_or_path: str) -> Vehicle:
+    """The vehicle of this name, or the one described by a ``.toml`` file.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
+    """
+    path = _VEHICLES.file(name_or_path)
+    plain = without_sources(read_toml(path))
+    return checked(Vehicle, _with_tyres(plain, path), str(path))
+
+
+def vehicle_sources(name_or_path: str) -> dict[str, str]:
+    """Where a vehicle's numbers come from: dotted key in its file to source.
+
+    Raises:
+        ValueError: if there is no such vehicle or file.
+    """
+    return sources(read_toml(_VEHICLES.file(name_or_path)))
+
+
+def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:
+    """The contents with each axle's ``tyre = "name"`` replaced by what the table ``[tyres.name]`` says."""
+    tables = plain.pop("tyres", {})
+    if not isinstance(tables, dict):
+        raise ValueError(f"{path}: tyres: must be tables [tyres.name]")
+    tyres = {name: _tyre(table, path, f"tyres.{name}") for name, table in tables.items()}
+    for key, axle in _axles(plain):
+        said = axle.get("tyre")
+        if isinstance(said, dict):
+            axle["tyre"] = _tyre(said, path, f"{key}.tyre")
+        elif isinstance(said, str):
+            if said not in tyres:
+                raise ValueError(
+                    f"{path}: {key}.tyre = '{said}': there is no table [tyres.{said}]{nearest(said, tyres)}"
+                )
+            axle["tyre"] = tyres[said]
+    return plain
+
+
+def _tyre(table: Any, path: Path, key: str) -> Tyre:
+    """The tyre that a table describes, by the law that it names."""
+    if not isinstance(table, dict):
+        raise ValueError(f"{path}: {key}: must be a table")
+    if "model" not in table:
+        raise ValueError(f"{path}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
+    model = table["model"]
+    if model not in TYRES:
+        raise ValueError(f"{path}: {key}.model = {model!r} is no tyre law{nearest(str(model), TYRES)}")
+    return checked(TYRES[model], table, str(path), key)
+
+
+def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Dotted key and table of every axle; what is not even shaped like one is left for the models to refuse."""
+    units = plain.get("units")
+    for i, unit in enumerate(units if isinstance(units, list) else ()):
+        axles = unit.get("axles") if isinstance(unit, dict) else None
+        for k, axle in enumerate(axles if isinstance(axles, list) else ()):
+            if isinstance(axle, dict):
+                yield f"units.{i}.axles.{k}", axle

@@ -1,0 +1,125 @@
+"""The chain's equations as CasADi functions of vectors.
+
+Those with a third argument take the vehicle's numbers there, in the order of ``symbolic.numbers``: they are built once
+for all vehicles that differ in numbers only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache, wraps
+from typing import Any
+
+import casadi as ca
+
+from vehicle.clock import TICK
+from vehicle.combination.attitude import Ground, body_poses, ground_sizes
+from vehicle.combination.chain import derivative, output, relaxation
+from vehicle.combination.description import Vehicle
+from vehicle.combination.kinematics import places
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.plant_inputs import Demands, Footing, chain_input, demand_sizes, footing_sizes
+from vehicle.combination.start import START_SIZES, Start, rolling_freely
+from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
+from vehicle.combination.wheel_truth import wheel_truth
+from vehicle.integrator import semi_implicit_step
+
+
+def _once_for_all_built_alike(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
+    """A function of a vehicle that builds only where no vehicle of that topology was seen before."""
+    built = lru_cache(maxsize=16)(lambda bare: build(symbolic_twin(bare)))
+
+    @wraps(build)
+    def of_vehicle(vehicle: Vehicle) -> Any:
+        return built(topology(vehicle))
+
+    return of_vehicle
+
+
+@_once_for_all_built_alike
+def step_function(twin: SymbolicTwin) -> Any:
+    """Function (state, demands and footing, numbers) -> state one tick later."""
+    x, given = _state(twin.vehicle), _given(twin.vehicle)
+    u = _chain_input(twin.vehicle, given)
+    stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
+    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff)
+    return ca.Function("step", [x, given, twin.symbols], [ca.cse(after)])
+
+
+@_once_for_all_built_alike
+def wheel_function(twin: SymbolicTwin) -> Any:
+    """Function (state, demands and footing, numbers) -> ``WheelTruth``."""
+    x, given = _state(twin.vehicle), _given(twin.vehicle)
+    told = wheel_truth(twin.vehicle, _named(twin.vehicle, x), _chain_input(twin.vehicle, given))
+    return ca.Function("wheels", [x, given, twin.symbols], [ca.cse(ca.vertcat(*told))])
+
+
+@_once_for_all_built_alike
+def place_function(twin: SymbolicTwin) -> Any:
+    """Function (state, nothing, numbers) -> ``Places``."""
+    x = _state(twin.vehicle)
+    seen = places(twin.vehicle, _named(twin.vehicle, x))
+    return ca.Function("places", [x, ca.SX(0, 1), twin.symbols], [ca.cse(ca.vertcat(*seen))])
+
+
+@_once_for_all_built_alike
+def body_function(twin: SymbolicTwin) -> Any:
+    """Function (state, ``Ground``, numbers) -> X_WB of every body, row by row."""
+    x, g = _state(twin.vehicle), _vector(ground_sizes(twin.vehicle))
+    poses = body_poses(twin.vehicle, _named(twin.vehicle, x), Ground(*parts(g, ground_sizes(twin.vehicle))))
+    return ca.Function("bodies", [x, g, twin.symbols], [ca.cse(poses)])
+
+
+@_once_for_all_built_alike
+def start_function(twin: SymbolicTwin) -> Any:
+    """Function (nothing, start and footing, numbers) -> state."""
+    chosen = _vector((*START_SIZES, *footing_sizes(twin.vehicle)))
+    start, under = _two(chosen, START_SIZES, footing_sizes(twin.vehicle))
+    state = rolling_freely(twin.vehicle, Start(*start), Footing(*under))
+    return ca.Function("start", [ca.SX(0, 1), chosen, twin.symbols], [ca.densify(ca.vertcat(*state))])
+
+
+@lru_cache(maxsize=8)
+def compiled_derivative(vehicle: Vehicle) -> Any:
+    """Function (state, chain's input) -> time derivative of the state."""
+    x, u = _state(vehicle), _vector(input_sizes(vehicle))
+    return ca.Function("derivative", [x, u], [ca.cse(_rate(vehicle, x, Input(*parts(u, input_sizes(vehicle)))))])
+
+
+@lru_cache(maxsize=8)
+def compiled_output(vehicle: Vehicle) -> Any:
+    """Function (state, chain's input) -> output."""
+    x, u = _state(vehicle), _vector(input_sizes(vehicle))
+    told = output(vehicle, _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    return ca.Function("output", [x, u], [ca.vertcat(*told)])
+
+
+def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
+    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
+
+
+def _chain_input(vehicle: Vehicle, given: ca.SX) -> Input[ca.SX]:
+    demands, under = _two(given, demand_sizes(vehicle), footing_sizes(vehicle))
+    return chain_input(vehicle, Demands(*demands), Footing(*under))
+
+
+def _two(vector: ca.SX, first: Sequence[int], second: Sequence[int]) -> tuple[list[ca.SX], list[ca.SX]]:
+    """The parts of two vectors one behind the other."""
+    both = parts(vector, (*first, *second))
+    return both[: len(first)], both[len(first) :]
+
+
+def _named(vehicle: Vehicle, x: ca.SX) -> State[ca.SX]:
+    return State(*parts(x, state_sizes(vehicle)))
+
+
+def _state(vehicle: Vehicle) -> ca.SX:
+    return _vector(state_sizes(vehicle))
+
+
+def _given(vehicle: Vehicle) -> ca.SX:
+    return _vector((*demand_sizes(vehicle), *footing_sizes(vehicle)))
+
+
+def _vector(sizes: Iterable[int]) -> ca.SX:
+    return ca.SX.sym("v", sum(sizes))

@@ -1,0 +1,144 @@
+"""Handling figures of a combination, from its linearised motion: steering feel, stability, amplification, rollover.
+
+Tyres and bodies follow without delay, and speeds are held.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq, minimize_scalar
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.frames import FloatArray
+
+Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]
+
+_TOP_SPEED: Final = 70.0  # [m/s] 250 km/h, beyond any road vehicle with a trailer
+_TURNING_SPEED: Final = 5.0  # [m/s] for what does not depend on speed
+_SPEED_STEP: Final = 1.0  # [m/s] of the search for a critical speed; instabilities do not come and go within it
+
+
+class Amplification(NamedTuple):
+    """A peak of rearward amplification."""
+
+    gain: float  # [-]
+    frequency: float  # [Hz]
+
+
+def understeer_gradient(vehicle: Vehicle, speed: float) -> float:
+    """Steer angle more per lateral acceleration on a circle of given radius [rad/(m/s2)], + understeer.
+
+    With G the steady yaw rate over steer angle, steer angle times radius is V / G = L + K V^2: K is its slope over V^2.
+    """
+    slow, fast = 0.9 * speed, 1.1 * speed  # it is a straight line, whatever the span
+    return (_angle_times_radius(vehicle, fast) - _angle_times_radius(vehicle, slow)) / (fast**2 - slow**2)
+
+
+def characteristic_speed(vehicle: Vehicle, speed: float) -> float | None:
+    """Speed [m/s] of the largest yaw-rate gain, by the gradient at ``speed`` [m/s]; None of an oversteering vehicle."""
+    K = understeer_gradient(vehicle, speed)
+    wheelbase = _angle_times_radius(vehicle, speed) - K * speed**2
+    return math.sqrt(wheelbase / K) if K > 0.0 else None
+
+
+def critical_speed(vehicle: Vehicle) -> float | None:
+    """Lowest speed [m/s] at which straight running is unstable; None if it is stable up to 70 m/s."""
+    speeds = np.arange(_SPEED_STEP, _TOP_SPEED + 0.5 * _SPEED_STEP, _SPEED_STEP).tolist()
+    for slow, fast in pairwise(speeds):
+        if _growth(fast, vehicle) > 0.0:
+            return float(brentq(_growth, slow, fast, args=(vehicle,)))
+    return None
+
+
+def yaw_damping(vehicle: Vehicle, speed: float) -> float:
+    """Damping ratio of the least damped mode of the yaw plane [-]; 1 if none oscillates, negative if one grows."""
+    modes = lateral_model(vehicle, speed).eigenvalues()
+    return float(np.min(-modes.real / np.abs(modes)))
+
+
+def rearward_amplification(
+    vehicle: Vehicle, speed: float, frequencies: ArrayLike, of: Amplified = "lateral_acceleration"
+) -> FloatArray:
+    """Amplitude at the last unit over that at the first [-], steered at ``frequencies`` [Hz], of their shape."""
+    model = lateral_model(vehicle, speed, outputs=(of,))
+    return _amplification(model, frequencies)
+
+
+def peak_rearward_amplification(
+    vehicle: Vehicle, speed: float, of: Amplified = "lateral_acceleration"
+) -> Amplification:
+    """The largest rearward amplification between 0.05 and 2 Hz, which is as fast as anybody steers."""
+    model = lateral_model(vehicle, speed, outputs=(of,))
+    grid = np.geomspace(0.05, 2.0, 200)
+    best = int(np.argmax(_amplification(model, grid)))
+    bounds = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
+    found = minimize_scalar(lambda f: -float(_amplification(model, f)), bounds=bounds, method="bounded")
+    return Amplification(gain=-float(found.fun), frequency=float(found.x))
+
+
+def static_rollover_threshold(vehicle: Vehicle) -> float:
+    """Lateral acceleration [m/s2] in a steady turn at which a unit first stands on the wheels of one side alone.
+
+    Load transfer, body roll included, is taken in proportion to lateral acceleration, as it is until a wheel lifts.
+    """
+    model = lateral_model(vehicle, _TURNING_SPEED, outputs=("lateral_acceleration", "load_transfer"))
+    gains = [model.steady_gain(name) for name in model.outputs]
+    a_y, transfer = np.split(np.array(gains), 2)
+    return float(np.min(a_y / transfer))
+
+
+def steady_off_tracking(vehicle: Vehicle, radius: float) -> float:
+    """How far inside the path of the tractor's first axle the last unit runs on a circle at walking pace [m].
+
+    Of both the middle of the axle counts; a group of axles runs as one where it turns without sideslip. Every unit
+    turns about that point, so radii follow from right triangles (SAE, WHI formula). Steered trailers stay unsteered.
+
+    Raises:
+        ValueError: if a unit can not follow on a circle of this ``radius`` [m] of the first axle.
+    """
+    ahead, square = vehicle.units[0].axles[0].x, radius**2
+    for unit, axle in zip(vehicle.units, _turning_points(vehicle), strict=True):
+        square -= (ahead - axle) ** 2
+        if not (radius > 0.0 and square > 0.0):
+            raise ValueError(f"radius = {radius} m is too tight for {unit.name} to follow in a steady turn")
+        inside = math.sqrt(square)
+        ahead = 0.0
+        square += (unit.rear_hitch[0] - axle) ** 2
+    return radius - inside
+
+
+def _turning_points(vehicle: Vehicle) -> list[float]:
+    """Where along each unit's x axis [m] it moves straight ahead in a steady turn at walking pace."""
+    slow, fast = _TURNING_SPEED, 2.0 * _TURNING_SPEED
+    # These points shift with V^2, as tyres slip more: a straight line over V^2 ends at walking pace.
+    return [
+        (at_slow * fast**2 - at_fast * slow**2) / (fast**2 - slow**2)
+        for at_slow, at_fast in zip(_points_at(vehicle, slow), _points_at(vehicle, fast), strict=True)
+    ]
+
+
+def _points_at(vehicle: Vehicle, speed: float) -> list[float]:
+    model = lateral_model(vehicle, speed, outputs=("lateral_velocity", "yaw_rate"))
+    sideways, yaw_rate = np.split(np.array([model.steady_gain(name) for name in model.outputs]), 2)
+    found: list[float] = (-sideways / yaw_rate).tolist()
+    return found
+
+
+def _amplification(model: LateralModel, frequencies: ArrayLike) -> FloatArray:
+    first, last = model.outputs[0], model.outputs[-1]
+    return np.abs(model.response(last, frequencies)) / np.abs(model.response(first, frequencies))
+
+
+def _growth(speed: float, vehicle: Vehicle) -> float:
+    """Rate of the mode that decays slowest [1/s]."""
+    return float(lateral_model(vehicle, speed).eigenvalues().real.max())
+
+
+def _angle_times_radius(vehicle: Vehicle, speed: float) -> float:
+    return speed / lateral_model(vehicle, speed, outputs=("yaw_rate",)).steady_gain("yaw_rate_0")

@@ -1,0 +1,73 @@
+"""Where the parts of a chain are in W and how they move, from its state, as CasADi expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Generic, NamedTuple, TypeVar
+
+import casadi as ca
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import State, wheels
+from vehicle.combination.multibody import Speeds, Vector, along, axes, from_unit, levers_to, velocity
+from vehicle.tyres import Num
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class Places(NamedTuple, Generic[V]):
+    """Units and wheels as seen from above; the field order is the order in the vector. Wheels as in ``State``."""
+
+    poses: V  # (3 N,) x [m], y [m], psi [rad] of each unit's frame in W, unit by unit
+    velocities: V  # (3 N,) v_x, v_y [m/s] of each frame's origin along its unit's axes and yaw rate [rad/s]
+    centre_x: V  # (N,) of each centre of gravity in W [m]
+    centre_y: V  # (N,)
+    wheel_x: V  # (n_wheels,) in W [m]
+    wheel_y: V  # (n_wheels,)
+    support_x: V  # (2 N,) where the ground carries each unit, front and rear, unit by unit, in W [m]
+    support_y: V  # (2 N,)
+
+
+def place_sizes(vehicle: Vehicle) -> Places[int]:
+    """Length of every part of the vector."""
+    N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    return Places(3 * N, 3 * N, N, N, n_wheels, n_wheels, 2 * N, 2 * N)
+
+
+def places(vehicle: Vehicle, s: State[ca.SX]) -> Places[ca.SX]:
+    """Where everything is, and how fast the units go."""
+    units = range(len(vehicle.units))
+    psi, yaw_rate = ca.vertsplit(s.psi), ca.vertsplit(s.yaw_rate)
+    in_T = axes(psi)
+    speeds = [
+        along(e, velocity(levers_to(vehicle, i, 0.0), in_T, Speeds(s.v_x, s.v_y, yaw_rate))) for i, e in enumerate(in_T)
+    ]
+    in_W = [Vector(ca.cos(angle), ca.sin(angle)) for angle in psi]
+    origins = _origins(vehicle, Vector(s.x, s.y), in_W)
+
+    def at(unit: int, x: Num, y: Num = 0.0) -> Vector:
+        away = from_unit(in_W[unit], Vector(x, y))
+        return Vector(origins[unit].x + away.x, origins[unit].y + away.y)
+
+    centres = [at(i, unit.cg_x) for i, unit in enumerate(vehicle.units)]
+    on_road = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
+    carried = [at(i, x) for i in units for x in vehicle.supports(i)]
+    return Places(
+        poses=ca.vertcat(*(value for i in units for value in (*origins[i], psi[i]))),
+        velocities=ca.vertcat(*(value for i in units for value in (*speeds[i], yaw_rate[i]))),
+        centre_x=ca.vertcat(*(p.x for p in centres)),
+        centre_y=ca.vertcat(*(p.y for p in centres)),
+        wheel_x=ca.vertcat(*(p.x for p in on_road)),
+        wheel_y=ca.vertcat(*(p.y for p in on_road)),
+        support_x=ca.vertcat(*(p.x for p in carried)),
+        support_y=ca.vertcat(*(p.y for p in carried)),
+    )
+
+
+def _origins(vehicle: Vehicle, first: Vector, in_W: Sequence[Vector]) -> list[Vector]:
+    """Origin of each unit's frame in W [m]: hitch upon hitch."""
+    found = [first]
+    for ahead, e in zip(vehicle.units[:-1], in_W[:-1], strict=True):
+        hitch, _ = ahead.rear_hitch
+        found.append(Vector(found[-1].x + hitch * e.x, found[-1].y + hitch * e.y))
+    return found

@@ -1,0 +1,191 @@
+"""Vectors of the chain by name: state, input, output, and where each wheel sits.
+
+The order of the fields is the order in the vector, so no index into one appears anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import accumulate, pairwise
+from typing import Any, Generic, NamedTuple, TypeVar
+
+from vehicle.combination.description import Axle, Steering, Vehicle
+from vehicle.combination.loads import static_axle_loads
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class State(NamedTuple, Generic[V]):
+    """State of the chain; the field order is the order in the vector. Wheels: front to rear, left before right."""
+
+    x: V  # of To in W [m]
+    y: V
+    psi: V  # (N,) yaw of each unit [rad]
+    v_x: V  # of To along the tractor's axes [m/s]
+    v_y: V
+    yaw_rate: V  # (N,) [rad/s]
+    heave: V  # (N,) rise of each sprung body at its heave point above the smooth road [m]
+    pitch: V  # (N,) of each sprung body from the smooth road's plane, + nose down [rad]
+    roll: V  # (N,) the same, + left side up [rad]
+    heave_spring: V  # (N,) heave velocity less what the dampers pass on from the road [m/s]
+    pitch_spring: V  # (N,) the same of pitch [rad/s]
+    roll_spring: V  # (N,) the same of roll [rad/s]
+    hitch_x: V  # (N - 1,) lagged force at each hitch on the unit behind it, along that unit's axes [N]
+    hitch_y: V  # (N - 1,)
+    omega: V  # (n_wheels,) wheel spin [rad/s]
+    deflection_x: V  # (n_wheels,) of each tyre along its wheel plane, as force over load at the nominal load [-]
+    deflection_y: V  # (n_wheels,) and across it
+    brake_windup: V  # (n_wheels,) brake torque and rolling drag that act over those there are, -1 to 1
+    steer: V  # (n_actuators,) angle of every steering actuator, front to rear [rad]
+    acceleration: V  # what drive and brake torques stand for at the moment [m/s2]
+
+
+class Input(NamedTuple, Generic[V]):
+    """Input of the chain; the field order is the order in the vector."""
+
+    steer: V  # (n_actuators,) demanded angle of every steering actuator, front to rear [rad]
+    acceleration: V  # demanded [m/s2]
+    gear: V  # +1 drives forward, -1 backward
+    friction: V  # (n_wheels,) friction coefficient under each wheel [-]
+    gravity_x: V  # (N,) gravity along the ground under each unit, along W's x [m/s2]
+    gravity_y: V  # (N,) along W's y
+    road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
+
+
+class Output(NamedTuple, Generic[V]):
+    """What can be told of every wheel, and the horizontal forces the ground exerts; same orders as in ``State``."""
+
+    load: V  # (n_wheels,) [N]
+    slip_angle: V  # (n_wheels,) [rad]
+    friction_used: V  # (n_wheels,) horizontal force over friction times load [-]
+    force_x: V  # (N,) sum of the tyre forces on each unit, along the tractor's axes [N]
+    force_y: V  # (N,)
+    moment: V  # (N,) their moment about each unit's centre of gravity [N m]
+    lateral_load_transfer: V  # (N,) right less left wheel loads over their sum: +-1 is a unit on one side's wheels
+
+
+class Wheel(NamedTuple):
+    """Where a wheel sits and what acts on it."""
+
+    unit: int
+    axle: Axle
+    axle_in_unit: int
+    side: int  # +1 left, -1 right
+    steer: int | None  # number of the steering actuator that turns it
+    steer_ratio: float  # angle of its axle over that of the actuator
+    brake_share: float  # of the brake force of the whole combination
+    drive_share: float  # of its drive force
+    roll_share: float  # of the unit's lateral load transfer [1/m]
+
+    @property
+    def y(self) -> float:
+        """Position to the left of the unit's axis [m]."""
+        return 0.5 * self.side * self.axle.track
+
+
+def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
+    """All wheels, front to rear, left before right; brakes share by static load, the differential shares equally."""
+    loads = static_axle_loads(vehicle)
+    total = sum(sum(unit_loads) for unit_loads in loads)
+    driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
+    actuators = _actuator_numbers(vehicle)
+    found = []
+    for i, unit in enumerate(vehicle.units):
+        for k, axle in enumerate(unit.axles):
+            for side in (+1, -1):
+                found.append(
+                    Wheel(
+                        unit=i,
+                        axle=axle,
+                        axle_in_unit=k,
+                        side=side,
+                        steer=actuators.get((i, k)),
+                        steer_ratio=axle.steer_ratio,
+                        brake_share=0.5 * loads[i][k] / total,
+                        drive_share=1.0 / driven if axle.driven else 0.0,
+                        roll_share=loads[i][k] / sum(loads[i]) / axle.track,
+                    )
+                )
+    return tuple(found)
+
+
+def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:
+    """The data of every steering actuator, front to rear."""
+    return tuple(unit.steering for unit in vehicle.units for _ in unit.actuators if unit.steering is not None)
+
+
+def turned_axles(vehicle: Vehicle) -> tuple[tuple[tuple[int, float], ...], ...]:
+    """Of every actuator the axles it turns: number among the steered ones, front to rear, and angle over its own."""
+    found, before = [], 0
+    for unit in vehicle.units:
+        number = {axle: before + n for n, axle in enumerate(k for k, axle in enumerate(unit.axles) if axle.steered)}
+        before += len(number)
+        for actuator in unit.actuators:
+            found.append(tuple((number[k], ratio) for k, ratio in zip(actuator.axles, actuator.ratios, strict=True)))
+    return tuple(found)
+
+
+def _actuator_numbers(vehicle: Vehicle) -> dict[tuple[int, int], int]:
+    """Unit and axle in it of every steered axle, to the number of its actuator in the state."""
+    groups = [(i, actuator.axles) for i, unit in enumerate(vehicle.units) for actuator in unit.actuators]
+    return {(i, axle): number for number, (i, axles) in enumerate(groups) for axle in axles}
+
+
+def state_sizes(vehicle: Vehicle) -> State[int]:
+    """Length of every part of the state vector."""
+    N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    return State(
+        x=1,
+        y=1,
+        psi=N,
+        v_x=1,
+        v_y=1,
+        yaw_rate=N,
+        heave=N,
+        pitch=N,
+        roll=N,
+        heave_spring=N,
+        pitch_spring=N,
+        roll_spring=N,
+        hitch_x=N - 1,
+        hitch_y=N - 1,
+        omega=n_wheels,
+        deflection_x=n_wheels,
+        deflection_y=n_wheels,
+        brake_windup=n_wheels,
+        steer=len(steering_actuators(vehicle)),
+        acceleration=1,
+    )
+
+
+def input_sizes(vehicle: Vehicle) -> Input[int]:
+    """Length of every part of the input vector."""
+    N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    return Input(
+        steer=len(steering_actuators(vehicle)),
+        acceleration=1,
+        gear=1,
+        friction=n_wheels,
+        gravity_x=N,
+        gravity_y=N,
+        road=n_wheels,
+    )
+
+
+def output_sizes(vehicle: Vehicle) -> Output[int]:
+    """Length of every part of the output vector."""
+    N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    return Output(
+        load=n_wheels,
+        slip_angle=n_wheels,
+        friction_used=n_wheels,
+        force_x=N,
+        force_y=N,
+        moment=N,
+        lateral_load_transfer=N,
+    )
+
+
+def parts(vector: Any, sizes: Iterable[int]) -> list[Any]:
+    """A vector (numpy array or ``casadi.SX``) cut into consecutive parts of these sizes."""
+    return [vector[start:stop] for start, stop in pairwise(accumulate(sizes, initial=0))]

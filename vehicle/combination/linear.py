@@ -1,0 +1,166 @@
+"""Small lateral motions about straight running: A, B, C, D from the chain's own equations.
+
+To first order longitudinal motion has no part in them (``vehicle.combination.mirror``). Units and trailer actuators are
+numbered front to rear from 0; the input "steer" turns all steered axles of the tractor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vehicle.combination.chain import derivative
+from vehicle.combination.description import Vehicle
+from vehicle.combination.lateral_outputs import OutputKind, check_outputs, lateral_outputs
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
+from vehicle.combination.mirror import Coordinate, flipped
+from vehicle.combination.trim import straight_running
+from vehicle.frames import FloatArray
+
+if TYPE_CHECKING:
+    import control
+
+ComplexArray: TypeAlias = NDArray[np.complex128]
+
+_PATH: Final = ("y", "psi")
+_YAW_PLANE: Final = ("v_y", "yaw_rate", "articulation")
+_ACTUATOR: Final = ("steer",)
+_IDLE: Final = ("brake_windup",)  # without a brake applied it acts on nothing
+_AMPLE_POWER: Final = 1e9  # [W] more than anything on wheels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LateralModel:
+    """dx/dt = A x + B u, y = C x + D u, with a name for every state, input and output (SI and radians)."""
+
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+
+    def eigenvalues(self) -> ComplexArray:
+        """Eigenvalues [1/s], by real part, the fastest decay first."""
+        found: ComplexArray = np.sort_complex(np.linalg.eigvals(self.A).astype(np.complex128))
+        return found
+
+    def response(self, output: str, frequencies: ArrayLike, to: str = "steer") -> ComplexArray:
+        """Complex gain of an output over an input at ``frequencies`` [Hz], of their shape."""
+        i, j = self.outputs.index(output), self.inputs.index(to)
+        s = 2j * np.pi * np.asarray(frequencies, dtype=np.float64)[..., None, None]
+        x = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B[:, [j]])
+        found: ComplexArray = (self.C[i] @ x)[..., 0] + self.D[i, j]
+        return found
+
+    def steady_gain(self, output: str, to: str = "steer") -> float:
+        """Change of an output over that of an input, after all motion has died out."""
+        return float(self.response(output, 0.0, to).real)
+
+    def state_space(self) -> control.StateSpace:
+        """The same as a system of python-control, for its analyses and designs."""
+        import control  # it takes seconds
+
+        return control.ss(self.A, self.B, self.C, self.D, states=self.states, inputs=self.inputs, outputs=self.outputs)
+
+
+def lateral_model(
+    vehicle: Vehicle,
+    speed: float,
+    *,
+    friction: float = 0.8,
+    outputs: Sequence[OutputKind] = ("yaw_rate", "lateral_acceleration", "articulation"),
+    tyre_dynamics: bool = False,
+    actuators: bool = False,
+    path: bool = False,
+) -> LateralModel:
+    """The vehicle's lateral motion at a constant ``speed`` [m/s] on level ground, whatever its engine's power.
+
+    States are v_y [m/s] of To, yaw rates [rad/s] and articulations [rad]. ``path`` adds y [m] of To beside and psi
+    [rad] against a straight path; ``actuators`` their angles [rad], whose demands are then the inputs;
+    ``tyre_dynamics`` wheel spin, tyre deflection, roll and hitch force, which else follow at once (singular
+    perturbation).
+
+    Raises:
+        ValueError: if the speed can not be held, or an output is unknown or needs ``path``.
+    """
+    check_outputs(outputs, path=path)
+    vehicle = _with_power_to_spare(vehicle)
+    slow = (_PATH if path else ()) + _YAW_PLANE + (_ACTUATOR if actuators else ())
+    states = [c for kind in slow for c in flipped(vehicle) if c.kind == kind]
+    lags = [c for c in flipped(vehicle) if c.kind not in _PATH + _YAW_PLANE + _ACTUATOR + _IDLE]
+    names, full = _linearised(vehicle, speed, friction, states + lags, actuators=actuators)
+    model = full if tyre_dynamics else _without_lags(full, len(states))
+    rows = [k for kind in outputs for k, name in enumerate(names) if name.rpartition("_")[0] == kind]
+    return LateralModel(
+        states=tuple(c.name for c in states + (lags if tyre_dynamics else [])),
+        inputs=("steer", *(f"trailer_steer_{k}" for k in range(model.B.shape[1] - 1))),
+        outputs=tuple(names[row] for row in rows),
+        A=model.A,
+        B=model.B,
+        C=model.C[rows],
+        D=model.D[rows],
+    )
+
+
+def _with_power_to_spare(vehicle: Vehicle) -> Vehicle:
+    drive = vehicle.drive.model_copy(update={"max_power": _AMPLE_POWER})
+    return vehicle.model_copy(update={"drive": drive})
+
+
+class _Matrices(NamedTuple):
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+
+
+def _linearised(
+    vehicle: Vehicle, speed: float, friction: float, states: Sequence[Coordinate], *, actuators: bool
+) -> tuple[tuple[str, ...], _Matrices]:
+    """The names of all outputs, and the matrices in these states."""
+    x, u = straight_running(vehicle, speed, friction)
+    names, jacobians = _jacobians(vehicle)
+    F_x, F_u, G_x, G_u = (np.array(jacobian) for jacobian in jacobians(x, u))
+    read, move = np.stack([c.reading for c in states]), np.column_stack([c.direction for c in states])
+    turn = _steering_directions(vehicle, actuators=actuators)
+    F_turn, G_turn = (F_u @ turn, G_u @ turn) if actuators else (F_x @ turn, G_x @ turn)
+    return names, _Matrices(A=read @ F_x @ move, B=read @ F_turn, C=G_x @ move, D=G_turn)
+
+
+def _without_lags(full: _Matrices, n: int) -> _Matrices:
+    """The first n states alone; the others are always where these and the inputs let them rest."""
+    follow_x, follow_u = (np.linalg.solve(full.A[n:, n:], block) for block in (full.A[n:, :n], full.B[n:]))
+    return _Matrices(
+        A=full.A[:n, :n] - full.A[:n, n:] @ follow_x,
+        B=full.B[:n] - full.A[:n, n:] @ follow_u,
+        C=full.C[:, :n] - full.C[:, n:] @ follow_x,
+        D=full.D - full.C[:, n:] @ follow_u,
+    )
+
+
+def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
+    """What each input moves: demands in the input vector with ``actuators``, else angles in the state."""
+    sizes: State[int] | Input[int] = input_sizes(vehicle) if actuators else state_sizes(vehicle)
+    start = sum(sizes[: sizes._fields.index("steer")])
+    directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
+    tractor = [1.0 / actuator.ratios[0] for actuator in vehicle.units[0].actuators]  # their first axles turn as asked
+    return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
+
+
+@lru_cache(maxsize=8)
+def _jacobians(vehicle: Vehicle) -> tuple[tuple[str, ...], Any]:
+    """The names of all outputs; function (state, input) -> jacobians of rate and outputs, by state and by input."""
+    x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
+    s, demands = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    rate = derivative(vehicle, s, demands)
+    told = lateral_outputs(vehicle, s, demands, rate)
+    f, g = ca.vertcat(*rate), ca.vertcat(*told.values())
+    return tuple(told), ca.Function("jacobians", [x, u], [ca.jacobian(y, by) for y in (f, g) for by in (x, u)])

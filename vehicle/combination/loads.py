@@ -1,0 +1,137 @@
+"""Vertical tyre loads: equilibrium of the chain in pitch and in roll, for numbers or ``casadi.SX``.
+
+Axles of the tractor, or its bogies, are springs under a beam; those of a towed unit are one compensated group, or, if
+bogies are named, springs under a beam that turns about the hitch. Within a group loads go by ``load_share``. Lateral
+load transfer is shared among a unit's axles in proportion to their static loads. Accelerations are specific forces
+(gravity's part along the ground taken off), so that slopes load the wheels as they should.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple, cast
+
+import casadi as ca
+
+from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.multibody import Vector, along, from_unit
+from vehicle.tyres import Num
+
+_LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: nothing beside any truck wheel's load, yet no division by zero
+
+
+class AxleShare(NamedTuple):
+    """What an axle carries of the weight on its unit's springs, and of the nose-down moment about the unit's origin."""
+
+    of_weight: Num  # [-]
+    of_moment: Num  # [1/m]
+
+
+class _Group(NamedTuple):
+    """Axles that share one load."""
+
+    axles: list[int]
+    shares: list[Num]  # of the group's load
+    x: Num  # where the load acts [m]
+    stiffness: Num  # relative to the other groups
+
+
+def static_axle_loads(vehicle: Vehicle) -> list[list[float]]:
+    """Load [N] of each axle of each unit, standing on level ground."""
+    n = len(vehicle.units)
+    at_rest, ahead = Vector(0.0, 0.0), Vector(1.0, 0.0)
+    # Numbers in, numbers out: only a vehicle of symbols has symbols for loads.
+    return cast(list[list[float]], axle_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n))
+
+
+def axle_loads(
+    vehicle: Vehicle,
+    gravity: Sequence[Num],
+    a_x: Sequence[Num],
+    hitch_forces: Sequence[Vector],
+    e: Sequence[Vector],
+) -> list[list[Num]]:
+    """Load [N] of each axle of each unit.
+
+    ``gravity`` is its component normal to the ground plus the upward acceleration of each unit and ``a_x`` each unit's
+    specific force along its x axis [m/s2]; ``hitch_forces[i]`` acts on unit i at its front hitch, along unit i's axes
+    [N] (unit 0: none); ``e`` are the directions of the units' x axes.
+    """
+    loads: list[list[Num]] = [[] for _ in vehicle.units]
+    below: Num = 0.0  # what the hitch of the unit at hand carries [N]
+    for i in reversed(range(len(vehicle.units))):
+        unit = vehicle.units[i]
+        weight = unit.mass * gravity[i]
+        # Pitching moment about the origin on the ground, nose down: gravity, inertia, and the hitches.
+        moment = unit.cg_x * weight - (unit.cg_height * unit.mass) * a_x[i]
+        if unit.hitch_x is not None and i + 1 < len(vehicle.units):
+            pull = along(e[i], from_unit(e[i + 1], hitch_forces[i + 1]))
+            moment = moment + unit.hitch_x * below - unit.rear_hitch[1] * pull.x
+        if i > 0:
+            moment = moment + vehicle.units[i - 1].rear_hitch[1] * hitch_forces[i].x
+        weight = weight + below
+        shares = axle_shares(unit, towed=i > 0)
+        loads[i] = [share.of_weight * weight + share.of_moment * moment for share in shares]
+        below = weight - sum(share.of_moment for share in shares) * moment
+    return loads
+
+
+def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
+    """What every axle carries: springs under a beam, which at a towed unit's front rests on the hitch."""
+    groups = _groups(unit, towed)
+    n = sum(group.stiffness for group in groups)
+    s_1 = sum(group.stiffness * group.x for group in groups)
+    s_2 = sum(group.stiffness * group.x**2 for group in groups)
+    found = {}
+    for group in groups:
+        if towed:
+            of_group = AxleShare(0.0, group.stiffness * group.x / s_2)
+        else:
+            scale = group.stiffness / (n * s_2 - s_1**2)
+            of_group = AxleShare(scale * (s_2 - s_1 * group.x), scale * (n * group.x - s_1))
+        for axle, share in zip(group.axles, group.shares, strict=True):
+            found[axle] = AxleShare(share * of_group.of_weight, share * of_group.of_moment)
+    return [found[axle] for axle in range(len(unit.axles))]
+
+
+def _groups(unit: Unit, towed: bool) -> list[_Group]:
+    """The axles by bogie; a towed unit without any bogie is one."""
+    whole = towed and all(axle.bogie is None for axle in unit.axles)
+    members: dict[str | int, list[int]] = {}
+    for k, axle in enumerate(unit.axles):
+        key = "all" if whole else k if axle.bogie is None else axle.bogie
+        members.setdefault(key, []).append(k)
+    groups = []
+    for axles in members.values():
+        total = sum(unit.axles[k].load_share for k in axles)
+        shares: list[Num] = [unit.axles[k].load_share / total for k in axles]
+        x = sum(share * unit.axles[k].x for share, k in zip(shares, axles, strict=True))
+        groups.append(_Group(axles, shares, x, total))
+    return groups
+
+
+def roll_moments(vehicle: Vehicle, a_y: Sequence[Num], roll: Sequence[Num], gravity: Sequence[Num]) -> list[Num]:
+    """Roll moment [N m] that the axles of each unit carry, + to the right wheels.
+
+    Inertia at the centre of gravity's height and weight beside the roll axis: ``a_y`` is each unit's specific force to
+    the left [m/s2], ``roll`` its body's angle, + left side up [rad], ``gravity`` as for the axle loads.
+    """
+    moments: list[Num] = [0.0] * len(vehicle.units)
+    passed: Num = 0.0
+    for i in reversed(range(len(vehicle.units))):
+        unit = vehicle.units[i]
+        beside = (unit.mass * (unit.cg_height - unit.roll_axis_height)) * gravity[i] * roll[i]
+        total = (unit.mass * unit.cg_height) * a_y[i] + beside + passed
+        passed = unit.hitch_roll_share * total if i > 0 else 0.0
+        moments[i] = total - passed
+    return moments
+
+
+def wheel_loads(axle_load: Num, transfer: Num) -> tuple[Num, Num]:
+    """Loads [N] of the left and the right wheel; ``transfer`` is what the axle would move to the right [N].
+
+    A lifted wheel carries next to nothing and leaves its partner the whole axle load.
+    """
+    whole = ca.fmax(axle_load, 2.0 * _LEAST_LOAD)
+    left = ca.fmin(ca.fmax(0.5 * whole - transfer, _LEAST_LOAD), whole - _LEAST_LOAD)
+    return left, whole - left

@@ -1,0 +1,90 @@
+"""The state split by a mirror: what swapping left and right keeps, and what it flips.
+
+A straight-running vehicle is its own mirror image; so to first order neither half of its state acts on the other:
+lateral motion is linear in the flipped coordinates alone, and the forces of straight running balance in the kept ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import State, state_sizes
+from vehicle.frames import FloatArray
+
+SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also change places
+    x=1,
+    y=-1,
+    psi=-1,
+    v_x=1,
+    v_y=-1,
+    yaw_rate=-1,
+    heave=1,
+    pitch=1,
+    roll=-1,
+    heave_spring=1,
+    pitch_spring=1,
+    roll_spring=-1,
+    hitch_x=1,
+    hitch_y=-1,
+    omega=1,
+    deflection_x=1,
+    deflection_y=-1,
+    brake_windup=1,
+    steer=-1,
+    acceleration=1,
+)
+_PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup"})
+_PER_HITCH: Final = frozenset({"hitch_x", "hitch_y"})
+_SINGLE: Final = frozenset({"x", "y", "v_x", "v_y", "acceleration"})
+
+
+class Coordinate(NamedTuple):
+    """A number in the state: a change of it by 1 changes the state by ``direction``; it is ``reading`` @ state."""
+
+    name: str
+    kind: str  # the part of the state in which it lies, or "articulation"
+    direction: FloatArray  # (n_x,)
+    reading: FloatArray  # (n_x,)
+
+
+def kept(vehicle: Vehicle) -> tuple[Coordinate, ...]:
+    """The coordinates that a mirror keeps; of an axle's wheels the mean of what it keeps."""
+    return tuple(_coordinates(vehicle, +1))
+
+
+def flipped(vehicle: Vehicle) -> tuple[Coordinate, ...]:
+    """The coordinates that a mirror flips; the yaw angles as the tractor's and the articulations."""
+    return tuple(_coordinates(vehicle, -1))
+
+
+def _coordinates(vehicle: Vehicle, sign: int) -> Iterator[Coordinate]:
+    sizes = state_sizes(vehicle)
+    rows = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+    for part, of_part, own in zip(State._fields, rows, SIGNS, strict=True):
+        if part in _PER_WHEEL:
+            yield from _per_axle(part, of_part, sign * own)
+        elif sign == own:
+            yield from _angles(of_part) if part == "psi" else _plain(part, of_part)
+
+
+def _per_axle(part: str, rows: FloatArray, side: int) -> Iterator[Coordinate]:
+    """Of each axle the mean of its two wheels (side +1), or half the left one's lead over the right one (-1)."""
+    for k, (left, right) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
+        yield Coordinate(f"{part}_{k}", part, left + side * right, 0.5 * (left + side * right))
+
+
+def _angles(rows: FloatArray) -> Iterator[Coordinate]:
+    """The yaw of the whole straight combination, then the articulation of each towed unit, psi ahead less psi."""
+    yield Coordinate("psi", "psi", rows.sum(axis=0), rows[0])
+    for k in range(1, len(rows)):
+        yield Coordinate(f"articulation_{k}", "articulation", -rows[k:].sum(axis=0), rows[k - 1] - rows[k])
+
+
+def _plain(part: str, rows: FloatArray) -> Iterator[Coordinate]:
+    first = 1 if part in _PER_HITCH else 0  # a hitch has the number of the unit behind it
+    for k, row in enumerate(rows, start=first):
+        yield Coordinate(part if part in _SINGLE else f"{part}_{k}", part, row, row)

@@ -1,0 +1,79 @@
+"""What a plant is given for a step: the command of the controllers, and the ground under the vehicle meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import accumulate, pairwise
+from typing import Generic, NamedTuple, TypeVar
+
+import casadi as ca
+
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.layout import Input, input_sizes, turned_axles
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class Demands(NamedTuple, Generic[V]):
+    """What driver and trailer controllers ask for; the field order is the order in the vector."""
+
+    steer: V  # of the tractor's foremost steered axle; what is linked to it follows in its ratio [rad]
+    acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
+    trailer_steer: V  # of every steered trailer axle, front to rear [rad]
+    gear: V  # +1 forward, -1 backward
+
+
+class Footing(NamedTuple, Generic[V]):
+    """What there is under the vehicle; the field order is the order in the vector."""
+
+    friction: V  # (n_wheels,) friction coefficient under each wheel [-]
+    slope_x: V  # (N,) rise of the ground under each unit's centre of gravity, along W's x [-]
+    slope_y: V  # (N,) along W's y [-]
+    road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
+
+
+def demand_sizes(vehicle: Vehicle) -> Demands[int]:
+    """Length of every part of the vector."""
+    return Demands(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]), 1)
+
+
+def footing_sizes(vehicle: Vehicle) -> Footing[int]:
+    """Length of every part of the vector."""
+    of_chain = input_sizes(vehicle)
+    return Footing(of_chain.friction, of_chain.gravity_x, of_chain.gravity_y, of_chain.road)
+
+
+def spans(sizes: Iterable[int]) -> list[slice]:
+    """Where parts of these sizes lie in a vector."""
+    return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
+
+
+def chain_input(vehicle: Vehicle, demands: Demands[ca.SX], under: Footing[ca.SX]) -> Input[ca.SX]:
+    """The chain's input: the tractor's actuators turn their first axles by the driver's demand, and every actuator of
+    a trailer takes the mean of what its axles ask of it.
+    """
+    tractor = vehicle.units[0]
+    of_trailers = dict(enumerate(ca.vertsplit(demands.trailer_steer), start=len(tractor.steered_axles)))
+    asked = [
+        *(demands.steer / actuator.ratios[0] for actuator in tractor.actuators),
+        *(
+            sum(of_trailers[axle] / ratio for axle, ratio in turned) / len(turned)
+            for turned in turned_axles(vehicle)[len(tractor.actuators) :]
+        ),
+    ]
+    gravity_x, gravity_y = gravity_along(under.slope_x, under.slope_y)
+    return Input(
+        steer=ca.vertcat(ca.SX(0, 1), *asked),
+        acceleration=demands.acceleration,
+        gear=demands.gear,
+        friction=under.friction,
+        gravity_x=gravity_x,
+        gravity_y=gravity_y,
+        road=under.road,
+    )
+
+
+def gravity_along(slope_x: ca.SX, slope_y: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Gravity along ground of these slopes, along W's x and y [m/s2]."""
+    normal = GRAVITY / ca.sqrt(1.0 + slope_x**2 + slope_y**2)
+    return -normal * slope_x, -normal * slope_y

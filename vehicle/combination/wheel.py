@@ -1,0 +1,117 @@
+"""A wheel on its axle: how it spins, slips and brakes, for numbers or ``casadi.SX``."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import casadi as ca
+
+from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.layout import Wheel
+from vehicle.combination.multibody import Vector, along, from_unit
+from vehicle.tyres import Contact, Num, Planar, contact, deflection_rate, grip, push, rolling_speed
+from vehicle.tyres.bristle import nominal_stiffness
+
+_BRAKE_WINDUP: Final = 0.02  # turn over which a brake's holding torque builds up [rad]: 1 cm at the tread
+_CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips and the engine's power is no limit [rad/s]
+
+
+class WheelState(NamedTuple):
+    """The states of one wheel and what acts on it."""
+
+    omega: Num  # spin [rad/s]
+    deflection: Planar  # of its tyre, as force over load at the nominal load [-]
+    brake_windup: Num  # brake torque and rolling drag acting over what is there of them, -1 to 1
+    plane: Vector  # direction of its plane along the unit's axes
+    hub: Vector  # velocity along the unit's axes [m/s]
+    load: Num  # [N]
+    friction: Num  # [-]
+    acceleration: Num  # that drive and brake torques stand for [m/s2]
+    gear: Num  # +1 drives forward, -1 backward
+
+
+class Relaxation(NamedTuple):
+    """How fast each state of a wheel relaxes when the others hold [1/s]: minus the diagonal of the Jacobian."""
+
+    omega: Num
+    deflection: Num  # in either direction
+    brake_windup: Num
+
+
+class WheelMotion(NamedTuple):
+    """Rates of a wheel's states, what the ground does to its unit, and what there is to tell of it."""
+
+    omega: Num  # [rad/s2]
+    deflection: Planar  # [1/s]
+    brake_windup: Num  # [1/s]
+    relaxation: Relaxation
+    force: Vector  # at the wheel's centre, along the unit's axes [N]
+    moment_opposing: Num  # aligning moment, clockwise [N m]
+    slip_angle: Num  # [rad]
+    friction_used: Num  # horizontal force over the largest one that the tyre's law allows [-]
+
+
+def wheel_plane(axle: Axle, y: float, delta: Num) -> Vector:
+    """Direction of the wheel y [m] to the left of the axle's middle, whose own angle is ``delta`` [rad].
+
+    The wheels' axes meet at ``ackermann_x``: tan = t / (1 - y t / (x - ackermann_x)), with t = tan(delta).
+    """
+    if axle.ackermann_x is None:
+        return Vector(ca.cos(delta), ca.sin(delta))
+    t = ca.tan(delta)
+    run = 1.0 - (y / (axle.x - axle.ackermann_x)) * t
+    per_length = 1.0 / ca.sqrt(run * run + t * t)
+    return Vector(per_length * run, per_length * t)
+
+
+def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
+    """The motion of a wheel in a state."""
+    axle, tyre = wheel.axle, wheel.axle.tyre
+    v = along(s.plane, s.hub)
+    pushed = push(tyre, axle.wheel_radius * s.omega - v.x, v.y)
+    speed = rolling_speed(v.x)
+    hold = grip(tyre, s.load, s.friction, pushed, speed)
+    rate = deflection_rate(s.deflection, pushed, hold.fading)
+    on = contact(s.deflection, rate, s.load, hold, tyre.damping)
+    winding = ca.fabs(s.omega)
+    return WheelMotion(
+        omega=_spin_rate(vehicle, wheel, s, on.force.x),
+        deflection=rate,
+        brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
+        relaxation=Relaxation(_spin_relaxation(axle, on), hold.fading, (1.0 / _BRAKE_WINDUP) * winding),
+        force=from_unit(s.plane, Vector(on.force.x, on.force.y)),
+        moment_opposing=hold.trail * s.brake_windup * on.force.y,
+        slip_angle=ca.atan(v.y / speed),
+        friction_used=ca.sqrt(on.force.x**2 + on.force.y**2) / (hold.limit * s.load),
+    )
+
+
+def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
+    """Rate of the spin [rad/s2] under brake, rolling drag, drive, and the ground's pull [N]."""
+    radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
+    per_torque = radius * per_inertia
+    braking = (vehicle.mass * wheel.brake_share * per_torque) * ca.fmin(s.acceleration, 0.0)
+    resisting = braking - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
+    rate = resisting * s.brake_windup - per_torque * pull
+    return rate + per_inertia * _drive_torque(vehicle, wheel, s) if wheel.axle.driven else rate
+
+
+def _spin_relaxation(axle: Axle, on: Contact) -> Num:
+    """How fast the carcass's damping slows a wheel [1/s].
+
+    A sliding tyre's force keeps its size and only turns, so that the part along the wheel's own share of the circle
+    drops out. Exact for a tyre that sticks and for one that slides all over.
+    """
+    tyre = axle.tyre
+    per_spin = axle.wheel_radius**2 * nominal_stiffness(tyre).x * tyre.damping
+    return per_spin / (axle.wheel_inertia * tyre.relaxation_length) * (on.per_deflection * (1.0 - on.use_along))
+
+
+def _drive_torque(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> Num:
+    """Torque [N m] of the driveline, within the engine's power, the way the gear drives.
+
+    A wheel that still turns the other way is held back by the slipping clutch, at the demanded torque.
+    """
+    demanded = (vehicle.mass * wheel.axle.wheel_radius) * ca.fmax(s.acceleration, 0.0)
+    with_gear = ca.fmax(s.gear * s.omega, _CLUTCH_OMEGA)
+    return (s.gear * wheel.drive_share) * ca.fmin(demanded, vehicle.drive.max_power / with_gear)

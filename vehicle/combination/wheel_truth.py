@@ -1,0 +1,42 @@
+"""What a state tells of steered axles and wheels, as a CasADi expression."""
+
+from __future__ import annotations
+
+from typing import Generic, NamedTuple, TypeVar
+
+import casadi as ca
+
+from vehicle.combination.chain import output
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import Input, State, turned_axles
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class WheelTruth(NamedTuple, Generic[V]):
+    """Axles and wheels as they really are; the field order is the order in the vector. Wheels as in ``State``."""
+
+    steer: V  # (n_steered,) angle of every steered axle, front to rear [rad]
+    loads: V  # (n_wheels,) vertical tyre force [N]
+    slip_angles: V  # (n_wheels,) [rad]
+    friction_used: V  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
+    load_transfer: V  # (N,) right less left wheel loads of each unit over their sum [-]
+
+
+def wheel_truth_sizes(vehicle: Vehicle) -> WheelTruth[int]:
+    """Length of every part of the vector."""
+    n, n_steered = vehicle.n_wheels, sum(len(unit.steered_axles) for unit in vehicle.units)
+    return WheelTruth(n_steered, n, n, n, len(vehicle.units))
+
+
+def wheel_truth(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> WheelTruth[ca.SX]:
+    """What axles and wheels do in this state."""
+    told = output(vehicle, s, u)
+    angles = {axle: ratio * s.steer[k] for k, turned in enumerate(turned_axles(vehicle)) for axle, ratio in turned}
+    return WheelTruth(
+        steer=ca.vertcat(*(angles[axle] for axle in sorted(angles))),
+        loads=told.load,
+        slip_angles=told.slip_angle,
+        friction_used=told.friction_used,
+        load_transfer=told.lateral_load_transfer,
+    )

@@ -1,0 +1,80 @@
+"""Loose soil as data: what its file says, checked, and where each number comes from."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final, Literal
+
+from vehicle.parameter_file import checked, read_toml, sources, without_sources
+from vehicle.parameter_library import Shipped
+from vehicle.quantities import Fraction, Frozen, quantity
+
+_Modulus = Annotated[float, quantity("m", gt=0.0, le=0.5)]
+_Change = Annotated[float, quantity("m/rad", ge=-0.5, le=0.5)]
+
+_SOILS: Final = Shipped("soil", "soils")
+
+
+class Soil(Frozen):
+    """Soil under a rigid wheel: strength, pressure over sinkage, and how it gives way in shear.
+
+    The pressure at a sinkage z under a wheel of width b is, by ``pressure_law``, Bekker's (k_c / b + k_phi) z^n or
+    Reece's (c k_c + rho k_phi b) (z / b)^n. In Reece's k_phi counts the mass density, as the files of the Tohoku group
+    have it: with the specific weight in its place the soil is 9.8 times too stiff.
+    """
+
+    name: str
+    summary: str = ""
+    pressure_law: Literal["bekker", "reece"]
+    shear_law: Literal["separate", "combined"]  # whether strength is called up along and across apart, or together
+    cohesion: Annotated[float, quantity("Pa", ge=0.0, le=1e5)]  # c
+    friction_angle_deg: Annotated[float, quantity("deg", gt=0.0, le=55.0)]  # phi
+    density: Annotated[float, quantity("kg/m3", gt=0.0, le=5000.0)]  # rho
+    exponent: Annotated[float, quantity("-", gt=0.0, le=3.0)]  # n
+    exponent_by_slip: Annotated[
+        float, quantity("-", ge=0.0, le=2.0)
+    ]  # what n gains as the slip ratio grows from 0 to 1
+    exponent_by_skid: Annotated[
+        float, quantity("-", ge=0.0, le=2.0)
+    ]  # what n gains as the slip ratio falls from 0 to -1
+    k_c: Annotated[float, quantity("Pa m^(1-n) (bekker), - (reece)", ge=0.0, le=1e9)]
+    k_phi: Annotated[float, quantity("Pa/m^n (bekker), m2/s2 (reece)", ge=0.0, le=1e9)]
+    crest_at_rest: Fraction  # a_0: where the pressure is largest, over the entry angle, without slip
+    crest_by_slip: Annotated[float, quantity("-", ge=0.0, le=1.0)]  # a_1: what a slip ratio of 1 adds
+    exit_ratio: Annotated[
+        float, quantity("-", ge=0.0, le=2.0)
+    ]  # lambda: height at which the soil is left, over sinkage
+    shear_x: _Modulus  # k_x without side slip
+    shear_x_by_angle: _Change  # what k_x gains with the slip angle
+    shear_x_by_angle_squared: Annotated[float, quantity("m/rad2", ge=-0.5, le=0.5)]
+    shear_y: _Modulus  # k_y without side slip
+    shear_y_by_angle: _Change
+
+    @property
+    def friction_angle(self) -> float:
+        """Angle of internal friction [rad]."""
+        return math.pi / 180.0 * self.friction_angle_deg
+
+
+def soil_names() -> tuple[str, ...]:
+    """Names of the soils that come with the program."""
+    return _SOILS.names()
+
+
+def load_soil(name_or_path: str) -> Soil:
+    """The soil of this name, or the one described by a ``.toml`` file.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
+    """
+    path = _SOILS.file(name_or_path)
+    return checked(Soil, without_sources(read_toml(path)), str(path))
+
+
+def soil_sources(name_or_path: str) -> dict[str, str]:
+    """Where a soil's numbers come from: key in its file to source.
+
+    Raises:
+        ValueError: if there is no such soil or file.
+    """
+    return sources(read_toml(_SOILS.file(name_or_path)))

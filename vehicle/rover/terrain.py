@@ -1,0 +1,127 @@
+"""The ground a rover drives on: slope, mounds, a height map, and where it is firm."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vehicle.frames import FloatArray
+from vehicle.rover.height_map import HeightMap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mound:
+    """A mound, or with a negative height a crater: a bell, steepest at 0.61 of a ``radius`` from its top.
+
+    Raises:
+        ValueError: if the radius is not positive.
+    """
+
+    x: float  # of its top, in W [m]
+    y: float  # [m]
+    height: float  # [m]
+    radius: float  # at which it is 0.14 of its height: two standard deviations of the bell [m]
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0.0:
+            raise ValueError(f"radius = {self.radius} m of a mound must be positive")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FirmPatch:
+    """A round place where the ground carries without giving way: rock, or a crust of salt.
+
+    Raises:
+        ValueError: if the radius is not positive.
+    """
+
+    x: float  # of its centre, in W [m]
+    y: float  # [m]
+    radius: float  # [m]
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0.0:
+            raise ValueError(f"radius = {self.radius} m of a firm patch must be positive")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Terrain:
+    """The large shape of the ground, and its friction where it is firm.
+
+    Without soil it is firm everywhere; on soil, in the ``firm`` patches.
+
+    Raises:
+        ValueError: if a slope or the friction is out of range.
+    """
+
+    slope_x: float = 0.0  # how the ground rises along W's x [-]; tan(5 deg) for a slope of 5 deg
+    slope_y: float = 0.0  # along W's y [-]
+    friction: float = 0.6  # of a wheel on firm ground [-]; assumed: a lugged metal wheel on rock or floor
+    mounds: tuple[Mound, ...] = ()
+    height_map: HeightMap | None = None
+    firm: tuple[FirmPatch, ...] = ()
+    _bells: FloatArray = field(init=False, repr=False, compare=False)  # (n, 4) the mounds' x, y, height, radius [m]
+
+    def __post_init__(self) -> None:
+        for name, slope in (("slope_x", self.slope_x), ("slope_y", self.slope_y)):
+            if not -1.0 <= slope <= 1.0:
+                raise ValueError(f"{name} = {slope} must be between -1 and 1 (a slope: 0.1 rises 1 m in 10 m)")
+        if not 0.0 < self.friction <= 2.0:
+            raise ValueError(f"friction = {self.friction} must be above 0 and at most 2")
+        bells = np.array([(mound.x, mound.y, mound.height, mound.radius) for mound in self.mounds]).reshape(-1, 4)
+        object.__setattr__(self, "_bells", bells)
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether it is one plane, equally firm everywhere."""
+        return not self.mounds and self.height_map is None and not self.firm
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Height [m] at x, y [m] in W, of their common shape."""
+        x, y = _common(x, y)
+        z: FloatArray = self.slope_x * x + self.slope_y * y
+        if self.mounds:
+            z = z + np.sum(self._heights(x, y), axis=-1)
+        return z if self.height_map is None else z + self.height_map.height(x, y)
+
+    def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Slope (dz/dx, dz/dy) [-] at x, y [m] in W; (..., 2)."""
+        x, y = _common(x, y)
+        slope = np.empty((*x.shape, 2))
+        slope[...] = self.slope_x, self.slope_y
+        if self.mounds:
+            steep = (-4.0 / self._bells[:, 3] ** 2) * self._heights(x, y)
+            slope[..., 0] += np.sum(steep * (x[..., None] - self._bells[:, 0]), axis=-1)
+            slope[..., 1] += np.sum(steep * (y[..., None] - self._bells[:, 1]), axis=-1)
+        return slope if self.height_map is None else slope + self.height_map.gradient(x, y)
+
+    def is_firm(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """1 in a firm patch, 0 where there is soil if there is any, of the common shape of x, y [m] in W."""
+        x, y = _common(x, y)
+        inside = np.zeros(x.shape, dtype=bool)
+        for patch in self.firm:
+            inside |= (x - patch.x) ** 2 + (y - patch.y) ** 2 <= patch.radius**2
+        return inside.astype(np.float64)
+
+    def _heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height of every mound [m] at x, y [m]; (..., n)."""
+        at_x, at_y, height, radius = self._bells.T
+        squared = (x[..., None] - at_x) ** 2 + (y[..., None] - at_y) ** 2
+        bells: FloatArray = height * np.exp((-2.0 / radius**2) * squared)
+        return bells
+
+
+def slope_towards(direction: float, steepness: float) -> tuple[float, float]:
+    """``slope_x, slope_y`` of a plane that rises by an angle ``steepness`` [rad] towards ``direction`` [rad] in W."""
+    rise = math.tan(steepness)
+    return rise * math.cos(direction), rise * math.sin(direction)
+
+
+def _common(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if x.shape != y.shape:
+        x, y = np.broadcast_arrays(x, y)
+    return x, y
