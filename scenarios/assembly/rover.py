@@ -36,9 +36,11 @@ _ROUTE = 0.1  # between points of the way that the ground is laid out along [m]
 class SlipSource(Protocol):
     """A slip angle estimator."""
 
-    def init(self) -> Any: ...
+    def init(self) -> Any:
+        """Memory before the first message."""
 
-    def step(self, memory: Any, message: Any) -> tuple[Any, SlipAngle]: ...
+    def step(self, memory: Any, message: Any) -> tuple[Any, SlipAngle]:
+        """New memory and the estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,15 +34,18 @@ _SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 class Sensor(Protocol):
     """What the off-tracking is estimated from; None: nothing arrives."""
 
-    def sample(self, truth: Truth) -> Message | None: ...
+    def sample(self, truth: Truth) -> Message | None:
+        """The message of this moment."""
 
 
 class OffTrackingSource(Protocol):
     """An off-tracking estimator, with the odometry (if any) that feeds it."""
 
-    def init(self) -> Any: ...
+    def init(self) -> Any:
+        """Memory before the first message."""
 
-    def step(self, memory: Any, message: Any) -> tuple[Any, Any]: ...
+    def step(self, memory: Any, message: Any) -> tuple[Any, Any]:
+        """New memory and the estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

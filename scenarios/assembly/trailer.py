@@ -47,11 +47,14 @@ LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call, so
 class Motive(Protocol):
     """Whatever moves the vehicle: a plant with tyres, or a prescribed motion."""
 
-    def initial_state(self, pose: Pose2, speed: float) -> FloatArray: ...
+    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
+        """State at a pose, rolling straight at a speed [m/s]."""
 
-    def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray: ...
+    def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
+        """State so many ticks later."""
 
-    def observe(self, state: FloatArray, tick: int) -> Truth: ...
+    def observe(self, state: FloatArray, tick: int) -> Truth:
+        """Ground truth for this state."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -60,7 +60,7 @@ def assess(
             )
         write_assessment(assessment, directory)
         if as_json:
-            print(json.dumps(assessment.summary(), indent=2))
+            typer.echo(json.dumps(assessment.summary(), indent=2))
         elif not quiet:
             _print(assessment, directory)
 

@@ -87,7 +87,7 @@ def calibrate(
         picture = target.with_name(f"{target.stem}_coverage.png")
         coverage_picture(cameras, picture)
         if as_json:
-            print(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
+            typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
         elif not quiet:
             _print_tables(cameras, pair, sides)
             console = Console()

@@ -21,7 +21,7 @@ def one_line_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError, RendererUnavailableError) as error:
-        print(f"offtrack: {error}", file=sys.stderr)
+        typer.echo(f"offtrack: {error}", file=sys.stderr)
         raise typer.Exit(BAD_INPUT) from error
     except KeyboardInterrupt as interrupt:
         raise typer.Exit(INTERRUPTED) from interrupt

@@ -116,7 +116,7 @@ def off_tracking(
                 progress=_bar(display, "video"),
             )
         if as_json:
-            print(json.dumps(numbers, indent=2))
+            typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:
             _print(numbers, results)
     if numbers["outcome"] == "interrupted":
@@ -171,7 +171,7 @@ def slip(
                 progress=_bar(display, "video"),
             )
         if as_json:
-            print(json.dumps(numbers, indent=2))
+            typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:
             _print_slip(numbers, results)
     if numbers["outcome"] == "interrupted":

@@ -31,8 +31,8 @@ def fit_surrogate(
         if out is not None:
             out.write_text(surrogate_toml(parameters, len(runs), frames), encoding="utf-8")
         if as_json:
-            print(json.dumps(asdict(parameters), indent=2))
+            typer.echo(json.dumps(asdict(parameters), indent=2))
         else:
-            print(f"{len(runs)} runs, {frames} frames")
+            typer.echo(f"{len(runs)} runs, {frames} frames")
             for name, value in asdict(parameters).items():
-                print(f"  {name:16s} {value:.4g}")
+                typer.echo(f"  {name:16s} {value:.4g}")

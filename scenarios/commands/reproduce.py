@@ -62,7 +62,7 @@ def reproduce(
                 break
         if as_json:
             plain = [reproduction.as_plain() for reproduction in made]
-            print(json.dumps(plain if len(names) > 1 else plain[0], indent=2, ensure_ascii=False))
+            typer.echo(json.dumps(plain if len(names) > 1 else plain[0], indent=2, ensure_ascii=False))
     if made[-1].interrupted:
         raise typer.Exit(INTERRUPTED)
 

@@ -66,7 +66,7 @@ def run(
         with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
             numbers = _ran(chosen, seed, directory, record=record, video=video, bar=bar)
         if as_json:
-            print(json.dumps(numbers, indent=2))
+            typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:
             _print_summary(numbers, directory)
     if numbers["outcome"] == "interrupted":

@@ -124,7 +124,7 @@ def _made(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet
         rows = rows_of(outcomes)
         write_study(title, study, outcomes, rows, directory)
     if as_json:
-        print(json.dumps([_plain(row) for row in rows], indent=2))
+        typer.echo(json.dumps([_plain(row) for row in rows], indent=2))
     elif not quiet:
         _print(rows, directory)
     if any(str(outcome.numbers["outcome"]).startswith("failed") for outcome in outcomes):

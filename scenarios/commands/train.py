@@ -86,7 +86,7 @@ def train(
         told = summary(plan, learned.curve, scores, command)
         keep_summary(told, learned.curve, scores, directory)
     if as_json:
-        print(json.dumps(told, indent=2))
+        typer.echo(json.dumps(told, indent=2))
     elif not quiet:
         _print(told, scores, network)
 

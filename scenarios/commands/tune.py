@@ -105,7 +105,7 @@ def tune(
         _write(tuning, finished(tuning, directory), best, directory)
         replaced(directory / "report.html", tuning_page(tuning, found, best, judged))
     if as_json:
-        print(json.dumps(_plain(tuning, best, judged), indent=2))
+        typer.echo(json.dumps(_plain(tuning, best, judged), indent=2))
     elif not quiet:
         _print(tuning, best, judged, directory)
 

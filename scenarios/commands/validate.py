@@ -47,7 +47,7 @@ def validate(
         sections = _worked_out(quick, shown=not as_json)
         _write(sections, directory, _facts(time.perf_counter() - begin, quick))
         if as_json:
-            print(json.dumps(_plain(sections), indent=2))
+            typer.echo(json.dumps(_plain(sections), indent=2))
         else:
             _print(sections, directory)
     if tally(sections)["failed"]:

@@ -45,7 +45,7 @@ def _list_vehicles(*, as_json: bool) -> None:
 
     known = {name: load_vehicle(name).summary for name in vehicle_names()}
     if as_json:
-        print(json.dumps(known, indent=2))
+        typer.echo(json.dumps(known, indent=2))
         return
     table = Table(box=None, show_header=False, pad_edge=False)
     for row in known.items():
@@ -72,7 +72,7 @@ def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
         draw_sheet(chosen, sheet, handling, folder, note=note)
         (folder / "facts.json").write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if as_json:
-        print(json.dumps(numbers, indent=2))
+        typer.echo(json.dumps(numbers, indent=2))
     elif not quiet:
         _print(sheet, handling, warnings, note, directory)
 

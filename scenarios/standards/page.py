@@ -37,7 +37,7 @@ def assessment_page(assessment: Assessment) -> str:
 
 
 def bounds_text(judgement: Judgement) -> str:
-    """The bounds of a criterion in one line, in the units people are shown, levels as L1, L2, …"""
+    """The bounds of a criterion in one line, in the units people are shown, levels as L1, L2 and so on."""
     quantity = BY_NAME[judgement.criterion.quantity]
     sign = "≤" if judgement.criterion.at_most else "≥"
     bounds = [f"{level.replace('level ', 'L')} {quantity.text(bound)}".strip() for level, bound in judgement.bounds]

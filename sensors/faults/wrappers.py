@@ -26,7 +26,8 @@ Message = StereoFrame | BodyPose | CombinationSignals
 class Sensor(Protocol):
     """Whatever samples the truth; None: nothing arrives."""
 
-    def sample(self, truth: Truth) -> Message | None: ...
+    def sample(self, truth: Truth) -> Message | None:
+        """The message of this moment."""
 
 
 def faulty(

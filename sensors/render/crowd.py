@@ -89,6 +89,7 @@ def _placed(stand: Stand, part: Part) -> tuple[FloatArray, FloatArray]:
 
 
 def primitive(mesh: Mesh, poses: FloatArray | None = None) -> Primitive:
+    """A mesh as a primitive of pyrender, drawn once at each of the poses (n, 4, 4)."""
     shade = np.repeat(mesh.shade[:, None], 4, axis=1)
     return Primitive(
         positions=mesh.vertices,

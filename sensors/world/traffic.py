@@ -223,13 +223,15 @@ def populated(world: World, traffic: Traffic) -> World:
 class Sampled(Protocol):
     """Stereo cameras."""
 
-    def sample(self, truth: Truth) -> StereoFrame: ...
+    def sample(self, truth: Truth) -> StereoFrame:
+        """The pair of this moment."""
 
 
 class Movable(Protocol):
     """A renderer that can put the world's moving things elsewhere."""
 
-    def place(self, stands: tuple[Stand, ...]) -> None: ...
+    def place(self, stands: tuple[Stand, ...]) -> None:
+        """Move the things to where they stand now."""
 
 
 class InTraffic:

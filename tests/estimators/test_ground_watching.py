@@ -113,8 +113,7 @@ def known(drive: list[StereoFrame]) -> list[OffTracking]:
 
 
 def test_two_cameras_measure_off_tracking_to_millimetres(known: list[OffTracking]) -> None:
-    """The rear camera recognises what the front one saw, so only one match stands between the path and the follow
-    point: half a pixel is 2 mm, and a hundred features average it."""
+    """One match stands between path and follow point: half a pixel is 2 mm, and a hundred features average it."""
     assert len(known) >= 12
     assert all(o.health is Health.OK for o in known)
     assert np.abs(errors(known)).max() < 0.003

@@ -395,7 +395,6 @@ def test_a_step_leaves_its_argument_and_a_pickled_plant_goes_on_alike(longer_sem
 @pytest.mark.parametrize("heading", [0.0, 0.5 * math.pi, -2.0])
 def test_friction_acts_where_the_wheels_are(tractor_semitrailer: Vehicle, heading: float) -> None:
     """Ice under the left wheels, asphalt under the right: a braking combination turns right, wherever it heads."""
-
     line = np.array([[0.0, 0.0], [math.cos(heading), math.sin(heading)]])
     plant = Plant(tractor_semitrailer, Surface(friction=SplitFriction(left=0.1, right=0.8, line=line)))
     _, seen = drive(plant, plant.initial_state(Pose2(0.0, 0.0, heading), 10.0), 1.0, VehicleCommand(0.0, -4.0, ()))

@@ -49,8 +49,10 @@ def spans(sizes: Iterable[int]) -> list[slice]:
 
 
 def chain_input(vehicle: Vehicle, demands: Demands[ca.SX], under: Footing[ca.SX]) -> Input[ca.SX]:
-    """The chain's input: the tractor's actuators turn their first axles by the driver's demand, and every actuator of
-    a trailer takes the mean of what its axles ask of it.
+    """Input of the chain.
+
+    The tractor's actuators turn their first axles by the driver's demand; every actuator of a trailer takes the mean
+    of what its axles ask of it.
     """
     tractor = vehicle.units[0]
     of_trailers = dict(enumerate(ca.vertsplit(demands.trailer_steer), start=len(tractor.steered_axles)))

@@ -21,7 +21,9 @@ from vehicle.surface import Surface
 
 
 class ConstantSlipPlant:
-    """The units ahead of ``unit`` point the way they go; it and those behind go by ``slip_angle`` [rad] to the left of
+    """A combination dragged at a constant slip angle.
+
+    The units ahead of ``unit`` point the way they go; it and those behind go by ``slip_angle`` [rad] to the left of
     where they point. No tyre acts: commands have no effect, loads are the static ones, no friction is used.
     """
 

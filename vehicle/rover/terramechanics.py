@@ -39,9 +39,12 @@ class Wheel(Protocol):
     """What a rigid wheel is to the soil."""
 
     @property
-    def radius(self) -> float: ...  # [m]
+    def radius(self) -> float:
+        """Radius [m]."""
+
     @property
-    def width(self) -> float: ...  # [m]
+    def width(self) -> float:
+        """Width [m]."""
 
 
 class Rolling(NamedTuple):
