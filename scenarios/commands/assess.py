@@ -91,7 +91,7 @@ def _figures(assessment: Assessment) -> Table:
 
 
 def _levels(assessment: Assessment) -> Table:
-    from scenarios.standards.page import bounds_text
+    from scenarios.standards.assessment_page import bounds_text
     from scenarios.standards.quantities import BY_NAME
 
     table = Table(title=f"{assessment.vehicle.name}: levels of the standards", title_justify="left")

@@ -68,7 +68,7 @@ def _worked_out(quick: bool, *, shown: bool) -> list[Section]:
 
 
 def _write(sections: Sequence[Section], directory: Path, facts: dict[str, str]) -> None:
-    from scenarios.validation.page import validation_page
+    from scenarios.validation.validation_page import validation_page
 
     page = validation_page(sections, facts)
     directory.mkdir(parents=True, exist_ok=True)

@@ -23,9 +23,9 @@ def write_estimation(
     Raises:
         ValueError: if the directory can not take it.
     """
-    from scenarios.recordings.page import report_page  # matplotlib takes a second to import
+    from scenarios.recordings.recording_page import report_page  # matplotlib takes a second to import
+    from scenarios.recordings.recording_video import write_video
     from scenarios.recordings.summary import summary
-    from scenarios.recordings.video import write_video
 
     log = estimate_log(estimation)
     numbers = summary(estimation, log, odometry)

@@ -10,7 +10,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from scenarios.report import figures
+from scenarios.report import run_figures as figures
 from scenarios.report.numbers import Shown, cards_html, table_html
 from scenarios.report.page import html_page, section_html
 from scenarios.results.run import CameraFrame, RunResult, Summary, manifest, trailer_summaries

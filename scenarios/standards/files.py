@@ -8,7 +8,7 @@ from pathlib import Path
 from scenarios.results.log import write_log
 from scenarios.results.run import appearing_at_once
 from scenarios.standards.assessment import Assessment
-from scenarios.standards.page import assessment_page
+from scenarios.standards.assessment_page import assessment_page
 
 
 def write_assessment(assessment: Assessment, directory: Path) -> None:

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from scenarios.studies.case import Outcome
-from scenarios.studies.page import study_page
 from scenarios.studies.study import FILE, Study
+from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
 
 

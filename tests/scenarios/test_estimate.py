@@ -23,8 +23,8 @@ from estimators.calibration.self_calibration import SelfCalibratedMotion
 from estimators.estimates import Health, Motion
 from scenarios.commands.estimate import app
 from scenarios.recordings import images
+from scenarios.recordings.recording_video import Composition
 from scenarios.recordings.stereo_writer import RecordingWriter
-from scenarios.recordings.video import Composition
 from scenarios.report.canvas import Picture
 from scenarios.results.log import read_log
 from scenarios.results.metrics import true_off_tracking

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 from scenarios.commands.assess import assess as assess_command
 from scenarios.standards.assessment import MANOEUVRES, Assessment, assess
+from scenarios.standards.assessment_page import assessment_page
 from scenarios.standards.levels import CRITERIA, judged
 from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.page import assessment_page
 from scenarios.standards.quantities import BY_NAME
 from scenarios.standards.roundabout import roundabout
 from scenarios.standards.turn import turn

@@ -24,7 +24,7 @@ from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
 from scenarios.validation.model import OtherStepPlant
 from scenarios.validation.no_slip import RollingChain, poses_along
-from scenarios.validation.page import validation_page
+from scenarios.validation.validation_page import validation_page
 from scenarios.validation.vehicles import on_single_axles
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle

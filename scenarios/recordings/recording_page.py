@@ -9,7 +9,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from scenarios.recordings import figures
+from scenarios.recordings import recording_figures as figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 from scenarios.recordings.images import read_grey
 from scenarios.report.numbers import Shown, cards_html, table_html

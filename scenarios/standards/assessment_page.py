@@ -10,9 +10,9 @@ from typing import Final
 from scenarios.report.page import html_page, section_html
 from scenarios.results.run import versions
 from scenarios.standards.assessment import Assessment
-from scenarios.standards.figures import pictures
 from scenarios.standards.levels import Judgement
 from scenarios.standards.manoeuvre import Manoeuvre
+from scenarios.standards.manoeuvre_figures import pictures
 from scenarios.standards.quantities import BY_NAME
 
 _OWN_STYLE: Final = """

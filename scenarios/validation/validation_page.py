@@ -8,7 +8,7 @@ from html import escape
 
 from scenarios.report.page import html_page, section_html
 from scenarios.validation.check import Check, Section, number, tally
-from scenarios.validation.plots import svg
+from scenarios.validation.validation_figures import svg
 
 _OWN_STYLE = """
 table.checks th { white-space: normal; font-weight: 500; }

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from scenarios.report.page import html_page, section_html
 from scenarios.results.run import versions
-from scenarios.studies import figures
+from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Outcome
 from scenarios.studies.study import Study
 from scenarios.studies.table import Row, shown_quantities, text_of

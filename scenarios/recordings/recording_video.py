@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from scenarios.recordings.estimation import Estimation, Progress
-from scenarios.recordings.figures import elapsed, paths
-from scenarios.recordings.page import camera_frame
+from scenarios.recordings.recording_figures import elapsed, paths
+from scenarios.recordings.recording_page import camera_frame
 from scenarios.report.canvas import (
     ESTIMATED,
     INK,
