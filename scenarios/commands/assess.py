@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_display
+from scenarios.commands.console import one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.standards.assessment import Assessment
@@ -40,7 +40,6 @@ def assess(
     damping and the static rollover threshold. A level that is missed is a finding, not an error.
     """
     from scenarios.results.run import check_run_directory, next_run_directory
-    from scenarios.standards.assessment import MANOEUVRES
     from scenarios.standards.assessment import assess as driven
     from scenarios.standards.files import write_assessment
     from scenarios.standards.pilots import TrailerPilot
@@ -51,12 +50,11 @@ def assess(
         directory = out or next_run_directory(f"assess-{chosen.name}")
         check_run_directory(directory)
         TrailerPilot(chosen, trailer_steering)  # refuses a law that it has nothing to steer with, or does not know
-        with progress_display(shown=not (quiet or as_json)) as bar:
-            task = bar.add_task(f"assess {chosen.name}", total=len(MANOEUVRES), detail="")
+        with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
                 chosen,
                 trailer_steering=trailer_steering,
-                progress=lambda done, _, title: bar.update(task, completed=done, detail=title),
+                progress=progress_bar(display, f"assess {chosen.name}"),
             )
         write_assessment(assessment, directory)
         if as_json:

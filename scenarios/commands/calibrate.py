@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_display
+from scenarios.commands.console import one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from estimators.calibration.board_views import BoardView
@@ -68,10 +68,9 @@ def calibrate(
         checkerboard, X_SC = board_of(board, square), _mount(facing, position)
         shown = not (quiet or as_json)
         cameras, sides = {}, []
-        with progress_display(shown=shown and sys.stderr.isatty()) as progress:
-            task = progress.add_task("finding the board", total=len(left_paths) + len(right_paths), detail="")
+        with progress_display(shown=shown and sys.stderr.isatty()) as display:
             for name, paths in _named(left_paths, right_paths).items():
-                sides.append(views_of(paths, checkerboard, lambda: progress.advance(task)))
+                sides.append(views_of(paths, checkerboard, progress_bar(display, f"{name} images")))
                 try:
                     cameras[name] = calibrated(sides[-1], checkerboard)
                 except ValueError as error:

@@ -8,7 +8,10 @@ from contextlib import contextmanager
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as ProgressDisplay
+
+from scenarios.progress import Progress
 
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -27,7 +30,7 @@ def one_line_errors() -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from interrupt
 
 
-def progress_display(*, shown: bool) -> Progress:
+def progress_display(*, shown: bool) -> ProgressDisplay:
     """A rich progress display on standard error; its tasks carry a field ``detail``."""
     columns = (
         TextColumn("{task.description}"),
@@ -37,4 +40,16 @@ def progress_display(*, shown: bool) -> Progress:
         TimeRemainingColumn(),
         TextColumn("{task.fields[detail]}"),
     )
-    return Progress(*columns, console=Console(stderr=True), disable=not shown)
+    return ProgressDisplay(*columns, console=Console(stderr=True), disable=not shown)
+
+
+def progress_bar(display: ProgressDisplay, title: str) -> Progress:
+    """Progress callback that draws a bar, which appears with the first call."""
+    tasks: list[TaskID] = []
+
+    def report(done: float, total: float, note: str = "", /) -> None:
+        if not tasks:
+            tasks.append(display.add_task(title, total=total, detail=""))
+        display.update(tasks[0], completed=done, total=total, detail=note)
+
+    return report

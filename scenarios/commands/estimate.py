@@ -9,14 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress as ProgressDisplay
-from rich.progress import TaskID
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
+from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
-    from scenarios.recordings.estimation import Progress
     from scenarios.recordings.recording import Recording
 
 app = typer.Typer(no_args_is_help=True, help="Run the estimators on recorded images.")
@@ -107,13 +104,13 @@ def off_tracking(
         recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
         name, source = _source(recording, odometry, self_calibration=self_calibration)
         with progress_display(shown=not (quiet or as_json)) as display:
-            estimation = estimate(recording, source, _bar(display, "off-tracking"))
+            estimation = estimate(recording, source, progress_bar(display, "off-tracking"))
             numbers = write_estimation(
                 estimation,
                 name,
                 results,
                 video=video and estimation.outcome == "completed",
-                progress=_bar(display, "video"),
+                progress=progress_bar(display, "video"),
             )
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
@@ -163,12 +160,12 @@ def slip(
         source = resolve("--estimator", estimator, SLIP_ESTIMATOR)
         recording = open_rover_recording(directory, rig)
         with progress_display(shown=not (quiet or as_json)) as display:
-            estimation = estimate_slip(recording, estimator, source(recording.rig), _bar(display, "slip angle"))
+            estimation = estimate_slip(recording, estimator, source(recording.rig), progress_bar(display, "slip angle"))
             numbers = write_slip_estimation(
                 estimation,
                 results,
                 video=video and estimation.outcome == "completed",
-                progress=_bar(display, "video"),
+                progress=progress_bar(display, "video"),
             )
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
@@ -193,18 +190,6 @@ def _print_slip(numbers: dict[str, Any], directory: Path) -> None:
         line = f"Image {entry['image']} dropped: {entry['reason']}"
         console.print(line, soft_wrap=True, highlight=False, markup=False)
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
-
-
-def _bar(display: ProgressDisplay, title: str) -> Progress:
-    """Shows frames done, of how many, on a bar that appears with the first of them."""
-    tasks: list[TaskID] = []
-
-    def told(done: int, of: int) -> None:
-        if not tasks:
-            tasks.append(display.add_task(title, total=of, detail=""))
-        display.update(tasks[0], completed=done, detail=f"frame {done} of {of}")
-
-    return told
 
 
 def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, Any]:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
+from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.reproduce.figure import Reproduction
@@ -74,11 +74,8 @@ def _directory(out: Path | None, name: str, several: bool) -> Path | None:
 def _made(name: str, quick: bool, *, shown: bool) -> Reproduction:
     from scenarios.reproduce.catalogue import maker
 
-    with progress_display(shown=shown) as bar:
-        task = bar.add_task(name, total=None, detail="")
-        return maker(name)(
-            quick, lambda done, total, detail: bar.update(task, completed=done, total=total, detail=detail)
-        )
+    with progress_display(shown=shown) as display:
+        return maker(name)(quick, progress_bar(display, name))
 
 
 def _print(made: Reproduction, directory: Path) -> None:

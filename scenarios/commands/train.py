@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_display
+from scenarios.commands.console import one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.training.results import Scores
@@ -68,20 +68,11 @@ def train(
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
         directory = out or Path("runs") / f"train-{observation}-{seed}"
         open_directory(plan, directory)
-        with progress_display(shown=not (quiet or as_json)) as bar:
-            learning = bar.add_task("train", total=1.0, detail="")
-            judging = bar.add_task("compare", total=1.0, detail="")
-
-            def learnt(share: float, detail: str) -> None:
-                bar.update(learning, completed=min(share, 1.0), detail=detail)
-
-            def judged(share: float, detail: str) -> None:
-                bar.update(judging, completed=share, detail=detail)
-
+        with progress_display(shown=not (quiet or as_json)) as display:
             budget = Budget(steps, None if minutes is None else 60.0 * minutes)
-            learned = learn(plan, budget, directory, learnt)
+            learned = learn(plan, budget, directory, progress_bar(display, "train"))
             network = keep_network(learned.network, directory)
-            scores = evaluate(plan, load_network(network), episodes, judged)
+            scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
         command = shlex.join(["offtrack", *sys.argv[1:]])
         told = summary(plan, learned.curve, scores, command)
         keep_summary(told, learned.curve, scores, directory)

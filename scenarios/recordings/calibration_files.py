@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import tomli_w
 
 from estimators.calibration.board_views import BoardView, board_view
 from estimators.calibration.single_camera import CameraCalibration
+from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
 from sensors.messages import GreyImage
 
@@ -58,16 +59,16 @@ def board_of(text: str, square: float) -> Checkerboard:
     return Checkerboard(columns=int(columns), rows=int(rows), square=square)
 
 
-def views_of(paths: Sequence[Path], board: Checkerboard, progress: Callable[[], None]) -> list[BoardView]:
+def views_of(paths: Sequence[Path], board: Checkerboard, progress: Progress) -> list[BoardView]:
     """The board's corners in each image; they are named as shortly as they can be told apart.
 
     Raises:
         ValueError: if an image can not be read.
     """
     views = []
-    for path in paths:
+    for done, path in enumerate(paths, start=1):
         views.append(board_view(f"{path.parent.name}/{path.name}", _read(path), board))
-        progress()
+        progress(done, len(paths), path.name)
     return views
 
 

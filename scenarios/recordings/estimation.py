@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +12,13 @@ from numpy.typing import NDArray
 from estimators.estimates import Health, Motion, OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.assembly.sensing import OffTrackingSource
+from scenarios.progress import Progress, no_progress
 from scenarios.recordings.images import Dropped, stream
 from scenarios.recordings.recording import Recording
 from scenarios.recordings.sequence import FrameFiles
 from scenarios.recordings.trajectory import camera_poses
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, inverse
-
-Progress = Callable[[int, int], None]  # frames done, of how many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +60,7 @@ class Estimation:
         return None if poses is None else body_poses(self.recording, poses[: len(self.frames)])
 
 
-def estimate(recording: Recording, source: OffTrackingSource, progress: Progress | None = None) -> Estimation:
+def estimate(recording: Recording, source: OffTrackingSource, progress: Progress = no_progress) -> Estimation:
     """The off-tracking of every frame; an interrupt ends it early and keeps what there is.
 
     Raises:
@@ -80,8 +78,8 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
                 memory, result = source.step(memory, recording.rectified(frame))
                 busy += time.perf_counter() - since
                 frames.append(_frame(files, result))
-            if progress:
-                progress(len(frames), len(recording.sequence.frames))
+            done, total = len(frames), len(recording.sequence.frames)
+            progress(done, total, f"frame {done} of {total}")
     except KeyboardInterrupt:
         outcome = "interrupted"
     if frames and all(frame.dropped for frame in frames):

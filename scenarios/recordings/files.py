@@ -6,7 +6,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from scenarios.recordings.estimation import Estimation, Progress
+from scenarios.progress import Progress, no_progress
+from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.table import csv_text, estimate_log
 from scenarios.recordings.trajectory import kitti_text, tum_text
 from scenarios.results.log import write_log
@@ -14,7 +15,7 @@ from scenarios.results.run import appearing_at_once, versions
 
 
 def write_estimation(
-    estimation: Estimation, odometry: str, directory: Path, *, video: bool, progress: Progress | None = None
+    estimation: Estimation, odometry: str, directory: Path, *, video: bool, progress: Progress = no_progress
 ) -> dict[str, Any]:
     """Writes everything and returns the summary; ``progress`` is told the frames of the video.
 

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.recordings.estimation import Estimation, Progress
+from scenarios.progress import Progress, no_progress
+from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.recording_figures import elapsed, paths
 from scenarios.recordings.recording_page import camera_frame
 from scenarios.report.canvas import (
@@ -38,7 +39,7 @@ _HEAD: Final = 34  # for the key above it [px]
 
 
 def write_video(
-    estimation: Estimation, log: Log, path_without_suffix: Path, *, progress: Progress | None = None
+    estimation: Estimation, log: Log, path_without_suffix: Path, *, progress: Progress = no_progress
 ) -> Path:
     """Writes a picture for every frame, in real time, and returns the path; images are read once more for it."""
     composition = Composition.of(estimation, log)

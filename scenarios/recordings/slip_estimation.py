@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -12,13 +11,13 @@ import numpy as np
 
 from estimators.estimates import Health, SlipAngle
 from scenarios.assembly.rover import SlipSource
+from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_recording import RoverRecording
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results.run import number
 from vehicle.clock import TICK
 
-Progress = Callable[[int, int], None]  # views done, of how many
 _DROPPED: Final = 3.0
 ROW_WORDS: Final = HEALTH_WORDS | {_DROPPED: "dropped"}
 _SIGNALS: Final = (
@@ -48,7 +47,7 @@ class SlipEstimation:
 
 
 def estimate_slip(
-    recording: RoverRecording, name: str, source: SlipSource, progress: Progress | None = None
+    recording: RoverRecording, name: str, source: SlipSource, progress: Progress = no_progress
 ) -> SlipEstimation:
     """The slip angle of every view; an interrupt ends it early and keeps what there is.
 
@@ -69,8 +68,7 @@ def estimate_slip(
                 memory, estimate = source.step(memory, view)
                 busy += time.perf_counter() - since
                 found.append(estimate)
-            if progress:
-                progress(k + 1, len(recording.images))
+            progress(k + 1, len(recording.images), f"image {k + 1} of {len(recording.images)}")
     except KeyboardInterrupt:
         outcome = "interrupted"
     if found and all(estimate is None for estimate in found):

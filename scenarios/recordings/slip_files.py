@@ -13,7 +13,8 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from scenarios.recordings.slip_estimation import ROW_WORDS, Progress, SlipEstimation, slip_summary
+from scenarios.progress import Progress, no_progress
+from scenarios.recordings.slip_estimation import ROW_WORDS, SlipEstimation, slip_summary
 from scenarios.report.canvas import ESTIMATED, INK, SOFT, TRUE, Colour, Picture, StripChart, blank, write
 from scenarios.report.drawing import ESTIMATED as ESTIMATED_LINE
 from scenarios.report.drawing import GREY, drawn
@@ -30,7 +31,7 @@ _RATE: Final = 10  # pictures a second
 
 
 def write_slip_estimation(
-    estimation: SlipEstimation, directory: Path, *, video: bool, progress: Progress | None = None
+    estimation: SlipEstimation, directory: Path, *, video: bool, progress: Progress = no_progress
 ) -> dict[str, Any]:
     """Writes everything and returns the summary; ``progress`` is told the frames of the video.
 

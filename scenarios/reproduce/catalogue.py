@@ -6,7 +6,8 @@ import importlib
 from collections.abc import Callable
 from typing import Final
 
-from scenarios.reproduce.figure import Progress, Reproduction
+from scenarios.progress import Progress
+from scenarios.reproduce.figure import Reproduction
 from vehicle.parameter_file import nearest
 
 Maker = Callable[[bool, Progress], Reproduction]  # quick: fewer images, and the progress to tell

@@ -13,10 +13,11 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
+from scenarios.progress import Progress
 from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from vehicle.frames import FloatArray

@@ -26,8 +26,8 @@ from scenarios.assembly.stereo_cameras import Cameras, Rectified
 from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.loop.session import Session
 from scenarios.options.scenario import load_scenario
+from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
-from scenarios.reproduce.figure import Progress
 from scenarios.results import metrics
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.trailer_signals import Estimate, run_log
@@ -131,13 +131,13 @@ class Beside:
         return tuple(memory for memory, _ in stepped), stepped[0][1]
 
 
-def drive(case: Case, told: Callable[[float], None]) -> Drive:
-    """Drives a case from start to finish; ``told`` is the share that is done.
+def drive(case: Case, progress: Progress) -> Drive:
+    """Drive a case from start to finish.
 
     Raises:
         RendererUnavailableError: one line, if OpenGL does not work here.
     """
-    told(0.0)  # calibrating the cameras takes its time, too
+    progress(0.0, 1.0)  # shown before the cameras are calibrated, which takes a while
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
@@ -146,7 +146,7 @@ def drive(case: Case, told: Callable[[float], None]) -> Drive:
     try:
         while session.outcome is None:
             session.advance()
-            told(session.progress)
+            progress(session.progress, 1.0)
     finally:
         session.close()
         parts.cameras.renderer.close()
@@ -221,7 +221,9 @@ def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
             _drive_together(missing, progress, jobs)
         else:
             for k, case in enumerate(missing):
-                _DRIVEN[case] = drive(case, _told(progress, k, len(missing), case))
+                _DRIVEN[case] = drive(
+                    case, part_of(progress, k, len(missing), f"{case.scenario}, drive {k + 1} of {len(missing)}")
+                )
     except KeyboardInterrupt:
         if cases[0] not in _DRIVEN:
             raise
@@ -232,26 +234,9 @@ def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
 def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> None:
     """Drives all cases and keeps each as soon as it is finished; told after each."""
     progress(0, 100 * len(cases), f"{len(cases)} drives in {jobs} processes")
-    for k, (case, found) in enumerate(as_finished(partial(drive, told=_untold), cases, jobs=jobs), start=1):
+    for k, (case, found) in enumerate(as_finished(partial(drive, progress=no_progress), cases, jobs=jobs), start=1):
         _DRIVEN[case] = found
         progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
-
-
-def _untold(share: float) -> None:
-    """Nobody watches a worker."""
-
-
-def _told(progress: Progress, k: int, of: int, case: Case) -> Callable[[float], None]:
-    """Progress in percent of a case, told when there is another one."""
-    shown = [-1]
-    detail = f"{case.scenario}, drive {k + 1} of {of}"
-
-    def told(share: float) -> None:
-        if int(100 * share) != shown[0]:
-            shown[0] = int(100 * share)
-            progress(100 * k + shown[0], 100 * of, detail)
-
-    return told
 
 
 def unfinished(done: int, of: int) -> tuple[str, ...]:

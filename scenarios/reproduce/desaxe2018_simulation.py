@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 
+from scenarios.progress import Progress
 from scenarios.report.drawing import ESTIMATED, TRUE
 from scenarios.reproduce.desaxe2018_drive import unfinished
 from scenarios.reproduce.desaxe2018_outcomes import (
@@ -29,7 +30,7 @@ from scenarios.reproduce.desaxe2018_outcomes import (
     outcomes,
     over,
 )
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction
 
 _THIRD: Final = "#5b8c3a"
 

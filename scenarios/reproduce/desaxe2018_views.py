@@ -7,7 +7,7 @@ Dynamics, 2018, section 4.2.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,11 +20,12 @@ from estimators.odometry.viso2_matching import circular_matches, pair_features
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.session import Session
 from scenarios.options.scenario import load_scenario
+from scenarios.progress import Progress, part_of
 from scenarios.report.drawing import ESTIMATED
 from scenarios.reproduce.desaxe2018_drive import with_source
 from scenarios.reproduce.desaxe2018_field import Facing, field_case
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.results.log import Log, Signal
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
@@ -49,7 +50,7 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
     """One stereo pair of the left roundabout, rear- and side-facing, with matched features."""
     until = _QUICK if quick else _WHEN
     sides: tuple[Facing, ...] = ("rear", "left")
-    views = [_seen(facing, until, _part(progress, k)) for k, facing in enumerate(sides)]
+    views = [_seen(facing, until, part_of(progress, k, len(sides), "driving")) for k, facing in enumerate(sides)]
     progress(100, 100, "")
     return Reproduction(
         name="desaxe2018-fig13",
@@ -74,10 +75,6 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
     )
 
 
-def _part(progress: Progress, k: int) -> Callable[[int], None]:
-    return lambda done: progress(50 * k + done, 100, "driving")
-
-
 class Latest:
     """In the place of an off-tracking estimator, keeps the newest frames; nothing is steered by it.
 
@@ -96,8 +93,8 @@ class Latest:
         return None, None
 
 
-def _seen(facing: Facing, until: float, told: Callable[[int], None]) -> View:
-    """The last pair of the roundabout's first ``until`` seconds; ``told`` is how many of 50 parts are done."""
+def _seen(facing: Facing, until: float, progress: Progress) -> View:
+    """The last pair of the roundabout's first ``until`` seconds."""
     case = field_case("left roundabout", facing, 0.5, quick=True)
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
@@ -108,7 +105,7 @@ def _seen(facing: Facing, until: float, told: Callable[[int], None]) -> View:
     try:
         while session.outcome is None and session.tick * TICK < until:
             session.advance()
-            told(int(50 * session.tick * TICK / until))
+            progress(min(session.tick * TICK, until), until)
     finally:
         session.close()
         parts.cameras.renderer.close()

@@ -16,7 +16,6 @@ from scenarios.report.drawing import STYLE
 from scenarios.results.log import Log, write_log
 from scenarios.results.run import appearing_at_once, versions
 
-Progress = Callable[[int, int, str], None]  # steps done, steps in all, what is being done
 _DPI: Final = 150
 
 

@@ -18,9 +18,10 @@ from matplotlib.figure import Figure
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.reference import LaserSlip
 from estimators.slip.wheel_trace.ftrace import FTrace
+from scenarios.progress import Progress
 from scenarios.randomness import stream
 from scenarios.report.drawing import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.results.log import Log, Signal
 from sensors.instruments.rover_navigation import LaserTracker
 from sensors.sand.rig import nominal_rig

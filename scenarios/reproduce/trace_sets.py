@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from estimators.estimates import SlipAngle
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.progress import Progress
+from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
 from scenarios.results.log import Log, Signal
 from scenarios.studies.pool import as_finished, default_jobs

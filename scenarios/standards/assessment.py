@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Any, Final
 
+from scenarios.progress import Progress, no_progress
 from scenarios.standards.lane_change import lane_change
 from scenarios.standards.levels import Judgement, judged
 from scenarios.standards.manoeuvre import Figures, Manoeuvre
@@ -20,8 +21,6 @@ from scenarios.standards.theory import linear_figures
 from scenarios.standards.tilt import tilt
 from scenarios.standards.turn import turn
 from vehicle.combination.description import Vehicle
-
-Progress = Callable[[int, int, str], None]  # done, of how many, the one that was just finished
 
 MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # as they are reported
 _LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
@@ -74,24 +73,24 @@ class Assessment:
 
 
 def assess(
-    vehicle: Vehicle, *, trailer_steering: str = "none", progress: Progress | None = None, processes: int | None = None
+    vehicle: Vehicle, *, trailer_steering: str = "none", progress: Progress = no_progress, processes: int | None = None
 ) -> Assessment:
     """The combination driven through every standard manoeuvre.
 
     Args:
         vehicle: the combination, laden as its file says.
         trailer_steering: law for the last unit's steered axles, fed with the exact off-tracking; "none" holds them.
-        progress: told when a manoeuvre is finished.
+        progress: callback with the number of finished manoeuvres and the title of the last one.
         processes: to drive them in; as many as there are cores, if not given.
 
     Raises:
         ValueError: one line, if the vehicle has nothing that such a law could steer, or can not be driven.
     """
     done: dict[str, Manoeuvre] = {}
+    progress(0, len(MANOEUVRES))
     for manoeuvre in _driven(vehicle, trailer_steering, processes or os.cpu_count() or 1):
         done[manoeuvre.key] = manoeuvre
-        if progress:
-            progress(len(done), len(MANOEUVRES), manoeuvre.title)
+        progress(len(done), len(MANOEUVRES), manoeuvre.title)
     return Assessment(
         vehicle=vehicle,
         trailer_steering=trailer_steering,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any, Final, NamedTuple, Protocol, cast
 
@@ -17,14 +17,13 @@ from scenarios.environments.domain import Domain
 from scenarios.environments.law_pilot import LawPilot
 from scenarios.environments.surrogate import load_surrogate
 from scenarios.environments.trailer_steering import TrailerSteering
+from scenarios.progress import Progress
 from scenarios.training.plan import COURSES, DOMAIN, ENVIRONMENT, Plan
 from vehicle.combination.description import load_vehicle
 
 POLICY: Final = "policy"
 LAWS: Final = ("none", "command_steer", "path_preview")
 _SEED: Final = 1_000_000  # far from those that episodes of a training begin with
-
-Told = Callable[[float, str], None]  # share of the evaluation that is done, and what is being looked at
 
 
 class Condition(NamedTuple):
@@ -79,20 +78,20 @@ class NetworkPilot:
         return self._network(seen.astype(np.float64)).astype(np.float32)
 
 
-def evaluate(plan: Plan, network: Network, episodes: int, told: Told) -> dict[str, dict[str, Score]]:
+def evaluate(plan: Plan, network: Network, episodes: int, progress: Progress) -> dict[str, dict[str, Score]]:
     """Scores by condition and law, the network's first, over so many episodes each.
 
     Raises:
         ValueError: one line, if a law can not steer this vehicle.
     """
     found: dict[str, dict[str, Score]] = {}
-    steps = len(CONDITIONS) * (1 + len(LAWS))
+    laws = (POLICY, *LAWS)
     for condition in CONDITIONS:
         found[condition.name] = {}
-        for law in (POLICY, *LAWS):
-            told(sum(map(len, found.values())) / steps, f"{condition.name}, {law}")
+        for law in laws:
+            progress(sum(map(len, found.values())), len(CONDITIONS) * len(laws), f"{condition.name}, {law}")
             found[condition.name][law] = scored(plan, condition, law, network, episodes)
-    told(1.0, "")
+    progress(1, 1)
     return found
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -21,6 +20,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from controllers.trailer_steering.policy import Network
 from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
+from scenarios.progress import Progress
 from scenarios.training.curve import Point, read_curve, write_curve
 from scenarios.training.plan import (
     ACTION_REPEAT,
@@ -37,8 +37,6 @@ CHECKPOINT: Final = "checkpoint.zip"
 CURVE: Final = "learning_curve.parquet"
 _OURS: Final = ("learning_rate", "lr_schedule")  # of a model, but the watch's: no part of a checkpoint
 _BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
-
-Told = Callable[[float, str], None]  # share of the training that is done, and how it goes
 
 
 class Budget(NamedTuple):
@@ -69,7 +67,7 @@ class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # its types are not 
         return (features - self.mean) / self.scale
 
 
-def learn(plan: Plan, budget: Budget, directory: Path, told: Told) -> Learned:
+def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Learned:
     """Trains to the end of the budget, from the directory's checkpoint where there is one.
 
     Raises:
@@ -78,7 +76,7 @@ def learn(plan: Plan, budget: Budget, directory: Path, told: Told) -> Learned:
     """
     env = sb3_vector(ENVIRONMENT, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
     try:
-        watch = _Watch(budget, directory, told)
+        watch = _Watch(budget, directory, progress)
         model = _model(plan, env, directory, watch)
         left = budget.steps // ACTION_REPEAT - model.num_timesteps
         if left > 0 and watch.share < 1.0:
@@ -128,10 +126,10 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, watch: _Watch) -> Any:
 class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
     """Keeps time, the curve and checkpoints."""
 
-    def __init__(self, budget: Budget, directory: Path, told: Told) -> None:
+    def __init__(self, budget: Budget, directory: Path, progress: Progress) -> None:
         super().__init__()
         self.curve: list[Point] = []
-        self._budget, self._directory, self._told = budget, directory, told
+        self._budget, self._directory, self._progress = budget, directory, progress
         self._ended: list[dict[str, Any]] = []
         self._rewards: list[float] = []
         self._since: float | None = None  # when this process began to learn [s]
@@ -187,7 +185,9 @@ class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
         self.curve.append(self._point())
         self._ended, self._rewards = [], []
         newest = self.curve[-1]
-        self._told(self.share, f"{newest.steps / 1e6:.1f} M steps, {newest.rms_m:.3f} m RMS while exploring")
+        self._progress(
+            min(self.share, 1.0), 1.0, f"{newest.steps / 1e6:.1f} M steps, {newest.rms_m:.3f} m RMS while exploring"
+        )
 
     def _seconds(self) -> float:
         before = self.curve[-1].wall_s if self.curve else 0.0

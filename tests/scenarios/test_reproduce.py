@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 
 from estimators.estimates import SlipAngle, lost_slip
 from scenarios.commands.reproduce import reproduce
+from scenarios.progress import Progress
 from scenarios.reproduce import catalogue, trace_sets
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
-from scenarios.reproduce.figure import Comparison, Progress, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.reina2008_rates import SETS
 from scenarios.reproduce.reina2008_sample import PUBLISHED
 from scenarios.reproduce.trace_sets import Table, TraceSet

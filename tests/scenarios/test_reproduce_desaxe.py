@@ -14,6 +14,7 @@ import pytest
 from scenarios.assembly.adapters import course_of
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
+from scenarios.progress import Progress, no_progress
 from scenarios.reproduce import desaxe2018_drift, desaxe2018_field, desaxe2018_outcomes, desaxe2018_views
 from scenarios.reproduce import desaxe2018_drive as drives
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker
@@ -62,9 +63,9 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
     """Drives that cost nothing, all of them 2 cm off; what was asked for."""
     asked: list[Case] = []
 
-    def drive(case: Case, told: Callable[[float], None]) -> Drive:
+    def drive(case: Case, progress: Progress) -> Drive:
         asked.append(case)
-        told(1.0)
+        progress(1.0, 1.0)
         return made_up(case, lambda time: np.full(len(time), 0.02))
 
     monkeypatch.setattr(drives, "drive", drive)
@@ -74,8 +75,8 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
 
 def make(name: str, *, quick: bool = False) -> Reproduction:
-    """The figure, nobody being told."""
-    return maker(name)(quick, lambda done, total, detail: None)
+    """The figure of this name."""
+    return maker(name)(quick, no_progress)
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -128,10 +129,10 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
     """After two drives somebody presses Ctrl-C: the figure has these two, and says so."""
     finished = drives.drive
 
-    def third_is_interrupted(case: Case, told: Callable[[float], None]) -> Drive:
+    def third_is_interrupted(case: Case, progress: Progress) -> Drive:
         if len(cheap) == 2:
             raise KeyboardInterrupt
-        return finished(case, told)
+        return finished(case, progress)
 
     monkeypatch.setattr(drives, "drive", third_is_interrupted)
     made = make("desaxe2018-fig6")
@@ -142,14 +143,14 @@ def test_interrupt_keeps_the_finished_drives(cheap: list[Case], monkeypatch: pyt
 
 def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is finished first, and every case once."""
-    monkeypatch.setattr(drives, "drive", lambda case, told: 10 * case.seed)
+    monkeypatch.setattr(drives, "drive", lambda case, progress: 10 * case.seed)
     monkeypatch.setattr(drives, "default_jobs", lambda: 2)
     monkeypatch.setattr(drives, "_DRIVEN", {})
     cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
     steps: list[tuple[int, int]] = []
-    assert drives.driven(cases, lambda done, total, detail: steps.append((done, total))) == [30, 10, 20, 10]
+    assert drives.driven(cases, lambda done, total, note="": steps.append((done, total))) == [30, 10, 20, 10]
     assert steps == [(0, 300), (100, 300), (200, 300), (300, 300), (300, 300)]
-    assert drives.driven(cases, lambda done, total, detail: steps.append((done, total))) == [30, 10, 20, 10]
+    assert drives.driven(cases, lambda done, total, note="": steps.append((done, total))) == [30, 10, 20, 10]
 
 
 def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +166,7 @@ def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pyte
     assert np.mean(matches.current[:, 0] - matches.current[:, 2] == 8.0) > 0.99
     assert np.mean(np.all(matches.current == matches.previous, axis=1)) > 0.99
     view = desaxe2018_views.View(facing="rear", left=frames[0].left, right=frames[0].right, matches=matches)
-    monkeypatch.setattr(desaxe2018_views, "_seen", lambda facing, until, told: view)
+    monkeypatch.setattr(desaxe2018_views, "_seen", lambda facing, until, progress: view)
     made = make("desaxe2018-fig13")
     write_reproduction(made, tmp_path / "made", {})
     data = read_log(tmp_path / "made" / "desaxe2018-fig13.parquet")
