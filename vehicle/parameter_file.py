@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -106,5 +106,12 @@ def _model_in(annotation: Any) -> type[BaseModel]:
 def _unit_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
     *path, name = (part for part in location if isinstance(part, str))  # an entry of a list has the list's unit
     field = _fields_at(model, tuple(path)).get(name)
-    extra = field.json_schema_extra if field is not None else None
-    return f" [{extra['unit']}]" if isinstance(extra, dict) and "unit" in extra else ""
+    extras = [] if field is None else [field.json_schema_extra, *_extras_in(field.annotation)]
+    units = [extra["unit"] for extra in extras if isinstance(extra, dict) and "unit" in extra]
+    return f" [{units[0]}]" if units else ""
+
+
+def _extras_in(annotation: Any) -> Iterator[Any]:
+    """Schema extras of the fields inside ``tuple[Annotated[...], ...]``."""
+    for inner in getattr(annotation, "__args__", ()):
+        yield from (getattr(entry, "json_schema_extra", None) for entry in getattr(inner, "__metadata__", ()))

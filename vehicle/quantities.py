@@ -7,9 +7,12 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field
 
 
-def quantity(unit: str, *, ge: float | None = None, gt: float | None = None, le: float) -> Any:
-    """The limits of a number and the unit that a complaint about it names."""
-    return Field(ge=ge, gt=gt, le=le, strict=True, allow_inf_nan=False, json_schema_extra={"unit": unit})
+def quantity(
+    unit: str, *, ge: float | None = None, gt: float | None = None, le: float, meaning: str | None = None
+) -> Any:
+    """Pydantic field of a number: its limits, the unit that error messages name, and a line about its meaning."""
+    extra: dict[str, Any] = {"unit": unit}
+    return Field(ge=ge, gt=gt, le=le, strict=True, allow_inf_nan=False, json_schema_extra=extra, description=meaning)
 
 
 # The limits are those of road vehicles from a hand cart to the largest road train: they catch slips of unit and sign.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, model_validator
@@ -239,8 +238,16 @@ def load_vehicle(name_or_path: str) -> Vehicle:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
     path = _VEHICLES.file(name_or_path)
-    plain = without_sources(read_toml(path))
-    return checked(Vehicle, _with_tyres(plain, path), str(path))
+    return vehicle_from(without_sources(read_toml(path)), str(path))
+
+
+def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
+    """Build a vehicle from the contents of its file, sources removed.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit.
+    """
+    return checked(Vehicle, _with_tyres(contents, file), file)
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:
@@ -252,35 +259,33 @@ def vehicle_sources(name_or_path: str) -> dict[str, str]:
     return sources(read_toml(_VEHICLES.file(name_or_path)))
 
 
-def _with_tyres(plain: dict[str, Any], path: Path) -> dict[str, Any]:
-    """The contents with each axle's ``tyre = "name"`` replaced by what the table ``[tyres.name]`` says."""
-    tables = plain.pop("tyres", {})
+def _with_tyres(contents: dict[str, Any], file: str) -> dict[str, Any]:
+    """The contents with the data of table ``[tyres.name]`` in place of each axle's ``tyre = "name"``."""
+    tables = contents.get("tyres", {})
     if not isinstance(tables, dict):
-        raise ValueError(f"{path}: tyres: must be tables [tyres.name]")
-    tyres = {name: _tyre(table, path, f"tyres.{name}") for name, table in tables.items()}
-    for key, axle in _axles(plain):
-        said = axle.get("tyre")
-        if isinstance(said, dict):
-            axle["tyre"] = _tyre(said, path, f"{key}.tyre")
-        elif isinstance(said, str):
-            if said not in tyres:
-                raise ValueError(
-                    f"{path}: {key}.tyre = '{said}': there is no table [tyres.{said}]{nearest(said, tyres)}"
-                )
-            axle["tyre"] = tyres[said]
-    return plain
+        raise ValueError(f"{file}: tyres: must be tables [tyres.name]")
+    tyres = {name: _tyre(table, file, f"tyres.{name}", name) for name, table in tables.items()}
+    for key, axle in _axles(contents):
+        tyre = axle.get("tyre")
+        if isinstance(tyre, dict):
+            axle["tyre"] = _tyre(tyre, file, f"{key}.tyre")
+        elif isinstance(tyre, str):
+            if tyre not in tyres:
+                raise ValueError(f"{file}: {key}.tyre = '{tyre}': no table [tyres.{tyre}]{nearest(tyre, tyres)}")
+            axle["tyre"] = tyres[tyre]
+    return {key: value for key, value in contents.items() if key != "tyres"}
 
 
-def _tyre(table: Any, path: Path, key: str) -> Tyre:
-    """The tyre that a table describes, by the law that it names."""
+def _tyre(table: object, file: str, key: str, name: str = "") -> Tyre:
+    """Tyre data from a table, by the law that it names."""
     if not isinstance(table, dict):
-        raise ValueError(f"{path}: {key}: must be a table")
+        raise ValueError(f"{file}: {key}: must be a table")
     if "model" not in table:
-        raise ValueError(f"{path}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
+        raise ValueError(f"{file}: key '{key}.model' is missing: one of {', '.join(TYRES)}")
     model = table["model"]
     if model not in TYRES:
-        raise ValueError(f"{path}: {key}.model = {model!r} is no tyre law{nearest(str(model), TYRES)}")
-    return checked(TYRES[model], table, str(path), key)
+        raise ValueError(f"{file}: {key}.model = {model!r} is not a tyre law{nearest(str(model), TYRES)}")
+    return checked(TYRES[model], {"name": name, **table}, file, key)
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -17,8 +17,9 @@ Slip = Annotated[float, quantity("-", gt=0.0, le=5.0)]
 
 
 class _Carcass(Frozen):
-    """What every law has in common."""
+    """Data common to every law."""
 
+    name: str = ""  # of its table in the vehicle file
     nominal_load: Annotated[float, quantity("N", gt=0.0, le=1e6)]  # per wheel
     relaxation_length: Annotated[float, quantity("m", gt=0.0, le=3.0)]
     damping: Annotated[float, quantity("s", ge=0.0, le=0.2)]  # of the carcass: damping over stiffness
@@ -30,6 +31,10 @@ class _Linear(_Carcass):
     cornering_stiffness: Annotated[float, quantity("1/rad", gt=0.0, le=60.0)]  # at the nominal load
     longitudinal_stiffness: Stiffness  # at the nominal load
     load_sensitivity: Annotated[float, quantity("-", ge=0.0, le=1.0)]  # relative loss of stiffness, per nominal load
+
+    def with_cornering_scaled(self, factor: float) -> dict[str, object]:
+        """Fields of this tyre with the cornering stiffness multiplied by ``factor``, for validation."""
+        return self.model_dump() | {"cornering_stiffness": factor * self.cornering_stiffness}
 
 
 class LinearTyre(_Linear):
@@ -89,6 +94,20 @@ class TmeasyTyre(_Carcass):
     reference_friction: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # of the ground the curves are given for
     lateral: TmeasyCurve
     longitudinal: TmeasyCurve
+
+    def with_cornering_scaled(self, factor: float) -> dict[str, object]:
+        """Fields of this tyre with the lateral initial slopes multiplied by ``factor``, for validation.
+
+        The slips of peak and sliding are divided by it, as in the other laws: the curve is compressed along the slip
+        axis, and keeps its shape and its forces.
+        """
+        curve = self.lateral
+        lateral = curve.model_dump() | {
+            "initial_slope": [factor * slope for slope in curve.initial_slope],
+            "peak_slip": [slip / factor for slip in curve.peak_slip],
+            "sliding_slip": [slip / factor for slip in curve.sliding_slip],
+        }
+        return self.model_dump() | {"lateral": lateral}
 
 
 Tyre: TypeAlias = Annotated[

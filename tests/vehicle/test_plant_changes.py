@@ -1,0 +1,219 @@
+"""Changes of the plant's numbers: what each scales, what it leaves, and how wrong ones are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
+from vehicle.combination.layout import wheels
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plant_changes import NamedChanges, changed_vehicle, number_paths
+from vehicle.parameter_library import Shipped
+from vehicle.quantities import Frozen
+from vehicle.tyres import Planar, grip, steady_force, stiffness
+from vehicle.tyres.data import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre, Tyre
+
+_LINEAR = {
+    "nominal_load": 30e3,
+    "relaxation_length": 0.5,
+    "damping": 0.01,
+    "rolling_resistance": 0.006,
+    "pneumatic_trail": 0.04,
+    "cornering_stiffness": 6.0,
+    "longitudinal_stiffness": 12.0,
+    "load_sensitivity": 0.2,
+}
+
+
+@pytest.fixture(scope="module")
+def steered() -> Vehicle:
+    return load_vehicle("b_double_steered")
+
+
+def tyres_of_every_law(steered: Vehicle) -> dict[str, Tyre]:
+    tyres: dict[str, Tyre] = {
+        "linear": LinearTyre(model="linear", **_LINEAR),
+        "brush": BrushTyre(model="brush", **_LINEAR),
+        "magic_formula": MagicFormulaTyre(model="magic_formula", shape=1.3, curvature=-1.0, **_LINEAR),
+        "tmeasy": steered.units[0].axles[0].tyre,
+    }
+    assert tyres.keys() == TYRES.keys()
+    return tyres
+
+
+def on_tyre(vehicle: Vehicle, tyre: Tyre) -> Vehicle:
+    """The vehicle on tyres of one kind."""
+    units = tuple(
+        unit.model_copy(update={"axles": tuple(axle.model_copy(update={"tyre": tyre}) for axle in unit.axles)})
+        for unit in vehicle.units
+    )
+    return vehicle.model_copy(update={"units": units})
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_scales_of_one_leave_every_vehicle_equal(name: str) -> None:
+    vehicle = load_vehicle(name)
+    ones = {key: 1.0 for key in NamedChanges.model_fields if key.endswith("_scale")}
+    assert changed_vehicle(vehicle, ones) == vehicle
+    assert changed_vehicle(vehicle, {}) == vehicle
+
+
+def test_static_axle_loads_scale_with_the_masses(steered: Vehicle) -> None:
+    heavier = changed_vehicle(steered, {"mass_scale": 1.2})
+    for loads, before in zip(static_axle_loads(heavier), static_axle_loads(steered), strict=True):
+        assert loads == pytest.approx([1.2 * load for load in before], rel=1e-12)  # rounding
+    for unit, was in zip(heavier.units, steered.units, strict=True):
+        assert (unit.mass, unit.yaw_inertia) == pytest.approx((1.2 * was.mass, 1.2 * was.yaw_inertia), rel=1e-15)
+        assert unit.axles == was.axles
+
+
+def test_inertia_and_height_scale_alone(steered: Vehicle) -> None:
+    changed = changed_vehicle(steered, {"mass_scale": 0.5, "inertia_scale": 1.5, "cg_height_scale": 1.1})
+    for unit, was in zip(changed.units, steered.units, strict=True):
+        assert unit.yaw_inertia == pytest.approx(0.75 * was.yaw_inertia, rel=1e-15)
+        assert unit.cg_height == pytest.approx(1.1 * was.cg_height, rel=1e-15)
+        assert (unit.cg_x, unit.roll_axis_height) == (was.cg_x, was.roll_axis_height)
+
+
+def test_brakes_share_by_the_changed_loads(steered: Vehicle) -> None:
+    """More mass on the last unit alone: its wheels take a larger share of the brake force, the tractor's a smaller."""
+    before = wheels(steered)
+    after = wheels(changed_vehicle(steered, {"units.semitrailer.mass": 1.3 * steered.units[2].mass}))
+    assert after[-1].brake_share > before[-1].brake_share
+    assert after[0].brake_share < before[0].brake_share
+    assert sum(wheel.brake_share for wheel in after) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("law", TYRES)
+def test_initial_slope_scales_and_peak_friction_stays(steered: Vehicle, law: str) -> None:
+    """All laws are functions of the slip's linear force; so at 1/0.8 of the slip the softer tyre gives the same."""
+    tyre = tyres_of_every_law(steered)[law]
+    softer = changed_vehicle(on_tyre(steered, tyre), {"cornering_stiffness_scale": 0.8}).units[0].axles[0].tyre
+    F_z = 25e3
+    assert float(stiffness(F_z, softer).y) == pytest.approx(0.8 * float(stiffness(F_z, tyre).y), rel=1e-12)
+    assert float(stiffness(F_z, softer).x) == float(stiffness(F_z, tyre).x)
+    assert float(grip(softer, F_z, 0.7, Planar(0.0, 0.0), 1.0).limit) == float(
+        grip(tyre, F_z, 0.7, Planar(0.0, 0.0), 1.0).limit
+    )
+    for slip in (0.02, 0.1, 0.4, 1.5):  # up to sliding all over
+        force, soft = (
+            float(steady_force(Planar(0.0, s), F_z, 0.7, t).y) for s, t in ((slip, tyre), (slip / 0.8, softer))
+        )
+        assert soft == pytest.approx(force, rel=1e-9)
+
+
+def test_steer_lag_is_that_of_towed_units(steered: Vehicle) -> None:
+    changed = changed_vehicle(steered, {"steer_lag": 0.3, "steer_lag_scale": 0.5})
+    lags = [unit.steering.lag for unit in changed.units if unit.steering is not None]
+    assert lags == [0.1, 0.15, 0.15]
+    scaled = changed_vehicle(steered, {"steer_lag_scale": 1.2})
+    assert scaled.units[2].steering is not None
+    assert scaled.units[2].steering.lag == pytest.approx(0.18, rel=1e-12)
+    one_by_path = changed_vehicle(steered, {"steer_lag": 0.3, "units.1.steering.lag": 0.2})
+    assert [unit.steering.lag for unit in one_by_path.units if unit.steering is not None] == [0.1, 0.2, 0.3]
+
+
+@pytest.mark.parametrize("change", ["steer_lag", "steer_lag_scale"])
+def test_steer_lag_without_steered_trailers_is_refused(change: str) -> None:
+    with pytest.raises(ValueError, match=rf"^plant\.{change}: no towed unit of us_5_axle is steered$"):
+        changed_vehicle(load_vehicle("us_5_axle"), {change: 0.3})
+
+
+EDITS = [  # path, its line in the file, the same with another number
+    ("units.semitrailer.mass", "mass = { value = 29625.0", 27000.0),
+    ("units.2.mass", "mass = { value = 29625.0", 27000.0),
+    ("units.lead_trailer.cg_x", "cg_x = { value = -3.619567", -3.7),
+    ("drive.max_power", "max_power = { value = 400000.0", 350000.0),
+    ("units.0.axles.0.track", "track = { value = 2.04", 2.1),
+    ("units.tractor.steering.limit_deg", "limit_deg = { value = 42.0", 40.0),
+    ("tyres.steer.nominal_load", "nominal_load = { value = 15450.0", 16000.0),
+    ("tyres.twin.nominal_load", "nominal_load = { value = 28450.0", 29000.0),
+]
+
+
+@pytest.mark.parametrize(("path", "written", "value"), EDITS, ids=[edit[0] for edit in EDITS])
+def test_a_path_sets_what_an_edit_of_the_file_sets(
+    steered: Vehicle, tmp_path: Path, path: str, written: str, value: float
+) -> None:
+    text = Shipped("vehicle", "parameters").file("b_double_steered").read_text()
+    assert text.count(written) == 1
+    edited = tmp_path / "edited.toml"
+    edited.write_text(text.replace(written, f"{written.rpartition(' ')[0]} {value}"))
+    changed = changed_vehicle(steered, {path: value})
+    assert changed == load_vehicle(str(edited))
+    assert changed != steered
+
+
+def test_nested_tables_are_paths(steered: Vehicle) -> None:
+    nested = changed_vehicle(steered, {"mass_scale": 1.1, "units": {"semitrailer": {"mass": 27000.0, "cg_x": -5.9}}})
+    dotted = changed_vehicle(
+        steered, {"units.semitrailer.mass": 27000.0, "units.semitrailer.cg_x": -5.9, "mass_scale": 1.1}
+    )
+    assert nested == dotted
+    assert nested.units[2].mass == pytest.approx(1.1 * 27000.0)  # values first, then scales
+
+
+def test_a_bogie_s_name_stands_for_its_axles(steered: Vehicle) -> None:
+    changed = changed_vehicle(steered, {"units.tractor.axles.tandem.track": 1.9})
+    assert [axle.track for axle in changed.units[0].axles] == [2.04, 1.9, 1.9]
+
+
+def test_axles_count_as_in_the_file_lifted_ones_included() -> None:
+    name = next(name for name in vehicle_names() if any(unit.lifted_axles for unit in load_vehicle(name).units))
+    vehicle = load_vehicle(name)
+    i = next(i for i, unit in enumerate(vehicle.units) if unit.lifted_axles)
+    in_file = sorted((*vehicle.units[i].axles, *vehicle.units[i].lifted_axles), key=lambda axle: -axle.x)
+    k = in_file.index(vehicle.units[i].lifted_axles[0])
+    lowered = changed_vehicle(vehicle, {f"units.{i}.axles.{k}.lifted": False})
+    assert lowered.units[i].lifted_axles == vehicle.units[i].lifted_axles[1:]
+    assert lowered.units[i].axles[k].x == in_file[k].x
+
+
+BAD = [
+    ({"mas_scale": 1.1}, "unknown change 'plant.mas_scale'; did you mean 'plant.mass_scale'?"),
+    ({"units.semitrailr.mass": 1.0}, "did you mean 'plant.units.semitrailer.mass'?"),
+    ({"units.1.steering.lagg": 1.0}, "did you mean 'plant.units.1.steering.lag'?"),
+    ({"tyres.stear.damping": 0.1}, "did you mean 'plant.tyres.steer.damping'?"),
+    ({"units.0.name": 1.0}, "unknown change 'plant.units.0.name'"),
+    ({"zzz": 1.0}, "known: mass_scale, inertia_scale"),
+    ({"mass_scale": 11.0}, "plant.mass_scale = 11.0 must be less than or equal to 3 [-]"),
+    ({"steer_lag": 0.0}, "plant.steer_lag = 0.0 must be greater than 0 [s]"),
+    ({"units": {"semitrailer": {"mass": -5.0}}}, "plant.units.semitrailer.mass = -5.0 must be greater than 0 [kg]"),
+    ({"units.2.mass": float("nan")}, "plant.units.2.mass = nan must be a finite number [kg]"),
+    ({"units.2.follow_x": 1.0}, "plant.units.2: follow_x = 1 m must be below 0 m, behind the hitch"),
+    (
+        {"tyres.twin.lateral.initial_slope.0": 100.0},
+        "plant.tyres.twin.lateral.initial_slope.0 = 100.0 must be less than or equal to 60 [-]",
+    ),
+    ({"tyres.twin.lateral.initial_slope.0": 1.0}, "plant.tyres.twin.lateral: initial_slope = 1 must be at least"),
+    (
+        {"mass_scale": 3.0, "units.2.mass": 1e5},
+        "plant.units.2.mass = 300000.0 must be less than or equal to 200000 [kg]",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "complaint"), BAD, ids=[complaint for _, complaint in BAD])
+def test_bad_changes_are_refused_in_one_line(steered: Vehicle, changes: dict[str, float], complaint: str) -> None:
+    with pytest.raises(ValueError, match=r"plant\.") as refusal:
+        changed_vehicle(steered, changes)
+    assert complaint in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_every_number_path_is_accepted_with_its_own_value(steered: Vehicle) -> None:
+    values = {path: value for path, value in number_paths(steered).items() if ".tandem." not in path}  # two axles each
+    assert {"units.1.mass", "units.lead_trailer.mass", "tyres.twin.lateral.peak_force.1"} <= values.keys()
+    assert changed_vehicle(steered, values) == steered
+
+
+def test_each_named_change_has_unit_range_default_and_meaning() -> None:
+    assert issubclass(NamedChanges, Frozen)
+    for name, field in NamedChanges.model_fields.items():
+        extra = field.json_schema_extra
+        assert isinstance(extra, dict), name
+        assert extra["unit"] in ("-", "s"), name
+        assert field.description, name
+        assert field.default in (1.0, None), name

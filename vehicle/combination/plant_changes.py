@@ -1,0 +1,210 @@
+"""Changes of a vehicle's numbers for the simulated plant: model errors that controllers do not know of.
+
+A change is one of ``NamedChanges``, or the path of a number in the vehicle file with its new value: ``units.1.mass``,
+``units.semitrailer.axles.0.track``, ``tyres.steer.relaxation_length``. Units have an index and a name (spaces become
+underscores); axles have an index and the names of their bogie and steer group. A name selects all parts that bear it.
+Absolute values are set first, then scales multiply. Loads and brake shares follow from the changed numbers.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from typing import Annotated, Any, Final, TypeAlias
+
+from vehicle.combination.description import Vehicle, vehicle_from
+from vehicle.parameter_file import checked
+from vehicle.quantities import Frozen, quantity
+
+Change: TypeAlias = "float | Sequence[float] | Mapping[str, Change]"  # a mapping nests paths
+_TEXTS: Final = frozenset({"bogie", "steer_group"})  # names, or None
+_Keys: TypeAlias = tuple[str | int, ...]  # of a value in the contents of a vehicle file
+
+
+class NamedChanges(Frozen):
+    """Changes that concern several numbers of a vehicle at once."""
+
+    mass_scale: Annotated[
+        float,
+        quantity(
+            "-",
+            ge=0.2,
+            le=3.0,
+            meaning="Factor on the mass and yaw inertia of every unit; "
+            "wheel inertias, suspension frequencies and roll and pitch gradients stay.",
+        ),
+    ] = 1.0
+    inertia_scale: Annotated[
+        float, quantity("-", ge=0.1, le=5.0, meaning="Further factor on the yaw inertia of every unit.")
+    ] = 1.0
+    cg_height_scale: Annotated[
+        float, quantity("-", ge=0.2, le=2.0, meaning="Factor on the height of every unit's centre of gravity.")
+    ] = 1.0
+    cornering_stiffness_scale: Annotated[
+        float,
+        quantity(
+            "-",
+            ge=0.2,
+            le=3.0,
+            meaning="Factor on the initial slope of every tyre's lateral force; "
+            "longitudinal stiffness and peak friction stay.",
+        ),
+    ] = 1.0
+    steer_lag: Annotated[
+        float | None, quantity("s", gt=0.0, le=5.0, meaning="Lag of the towed units' steering actuators.")
+    ] = None  # None: as in the vehicle file
+    steer_lag_scale: Annotated[
+        float, quantity("-", ge=0.1, le=10.0, meaning="Factor on the lag of the towed units' steering actuators.")
+    ] = 1.0
+
+
+def changed_vehicle(vehicle: Vehicle, changes: Mapping[str, Change]) -> Vehicle:
+    """The vehicle with these changes, validated as if they stood in its file.
+
+    Raises:
+        ValueError: one line naming ``plant.<path>``, and the limit with its unit or the nearest known path.
+    """
+    values = dict(_flat(changes))
+    by_name = {key: value for key, value in values.items() if key in NamedChanges.model_fields}
+    by_path = {key: value for key, value in values.items() if key not in by_name}
+    try:
+        named = checked(NamedChanges, by_name, "plant")
+    except ValueError as error:
+        raise _plant_error(error, {}) from None
+    return _scaled(_with_values(vehicle, named.steer_lag, by_path), named)
+
+
+def number_paths(vehicle: Vehicle) -> dict[str, Any]:
+    """Every path of a number or flag of the vehicle, by indices and by names, to its value (None: not in the file)."""
+    contents = _contents(vehicle)
+    return {path: _value_at(contents, keys) for path, keys in _paths(contents)}
+
+
+def _with_values(vehicle: Vehicle, steer_lag: float | None, by_path: Mapping[str, Any]) -> Vehicle:
+    contents = _contents(vehicle)
+    if steer_lag is not None:
+        for steering in _trailer_steering(vehicle, contents, "steer_lag"):
+            steering["lag"] = steer_lag
+    known: dict[str, list[_Keys]] = {}
+    for path, keys in _paths(contents) if by_path else ():
+        known.setdefault(path, []).append(keys)
+    renamed: dict[str, str] = {}  # location in an error message to the path that was given
+    for path, value in by_path.items():
+        if path not in known:
+            raise ValueError(f"unknown change 'plant.{path}'{_hint(path, known)}")
+        for keys in known[path]:
+            _value_at(contents, keys[:-1])[keys[-1]] = deepcopy(value)
+            renamed |= _locations(keys, path.split("."))
+    return _validated(contents, renamed)
+
+
+def _scaled(vehicle: Vehicle, named: NamedChanges) -> Vehicle:
+    contents = _contents(vehicle)
+    for unit, table in zip(vehicle.units, contents["units"], strict=True):
+        table["mass"] = named.mass_scale * unit.mass
+        table["yaw_inertia"] = named.mass_scale * named.inertia_scale * unit.yaw_inertia
+        table["cg_height"] = named.cg_height_scale * unit.cg_height
+        axles = sorted((*unit.axles, *unit.lifted_axles), key=lambda axle: -axle.x)
+        for axle, axle_table in zip(axles, table["axles"], strict=True):
+            axle_table["tyre"] = axle.tyre.with_cornering_scaled(named.cornering_stiffness_scale)
+    if named.steer_lag_scale != 1.0:
+        for steering in _trailer_steering(vehicle, contents, "steer_lag_scale"):
+            steering["lag"] *= named.steer_lag_scale
+    return _validated(contents, {})
+
+
+def _trailer_steering(vehicle: Vehicle, contents: dict[str, Any], change: str) -> list[dict[str, Any]]:
+    tables = [unit["steering"] for unit in contents["units"][1:] if unit["steering"] is not None]
+    if not tables:
+        raise ValueError(f"plant.{change}: no towed unit of {vehicle.name} is steered")
+    return tables
+
+
+def _contents(vehicle: Vehicle) -> dict[str, Any]:
+    """The contents of a file that describes the vehicle, with the data of its tyre in every axle."""
+    contents: dict[str, Any] = _with_lists(vehicle.model_dump())
+    for unit in contents["units"]:
+        lifted = unit.pop("lifted_axles")
+        unit["axles"] = sorted([*unit["axles"], *lifted], key=lambda axle: -float(axle["x"]))
+    return contents
+
+
+def _with_lists(node: Any) -> Any:
+    if isinstance(node, dict):
+        return {key: _with_lists(child) for key, child in node.items()}
+    return [_with_lists(child) for child in node] if isinstance(node, tuple) else node
+
+
+def _validated(contents: dict[str, Any], renamed: Mapping[str, str]) -> Vehicle:
+    try:
+        return vehicle_from(contents, "plant")
+    except ValueError as error:
+        raise _plant_error(error, renamed) from None
+
+
+def _plant_error(error: ValueError, renamed: Mapping[str, str]) -> ValueError:
+    location, space, complaint = str(error).removeprefix("plant: ").partition(" ")
+    colon = ":" if location.endswith(":") else ""
+    location = location.removesuffix(":")
+    return ValueError(f"plant.{renamed.get(location, location)}{colon}{space}{complaint}")
+
+
+def _locations(keys: _Keys, path: Sequence[str]) -> dict[str, str]:
+    """The value's location by indices, and those of the tables it lies in, to the given path and its beginnings."""
+    return {
+        ".".join(str(key) for key in keys[: len(keys) - cut]): ".".join(path[: len(path) - cut])
+        for cut in range(len(path) - 1)
+    }
+
+
+def _flat(changes: Mapping[str, Change], before: str = "") -> Iterator[tuple[str, float | Sequence[float]]]:
+    for key, value in changes.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+def _paths(contents: dict[str, Any]) -> Iterator[tuple[str, _Keys]]:
+    """Every path of a value, with the keys that lead to it; a path by name may lead to several values."""
+    yield from _paths_below(contents, "", ())
+    for i, unit in enumerate(contents["units"]):
+        for k, axle in enumerate(unit["axles"]):
+            if axle["tyre"]["name"]:
+                keys = ("units", i, "axles", k, "tyre")
+                yield from _paths_below(axle["tyre"], f"tyres.{axle['tyre']['name']}.", keys)
+
+
+def _paths_below(node: dict[str, Any] | list[Any], before: str, keys: _Keys) -> Iterator[tuple[str, _Keys]]:
+    for key, child in node.items() if isinstance(node, dict) else enumerate(node):
+        for name in (key, *_names(child)) if isinstance(node, list) else (key,):
+            if isinstance(child, dict | list):
+                yield from _paths_below(child, f"{before}{name}.", (*keys, key))
+            if not (isinstance(child, dict | str) or key in _TEXTS or _is_tables(child)):
+                yield f"{before}{name}", (*keys, key)
+
+
+def _is_tables(part: Any) -> bool:
+    return isinstance(part, list) and any(isinstance(entry, dict) for entry in part)
+
+
+def _names(part: Any) -> set[str]:
+    """Names by which a part of a list is known: of a unit its own, of an axle its bogie's and steer group's."""
+    names = (part.get(key) for key in ("name", "bogie", "steer_group")) if isinstance(part, dict) else ()
+    return {name.replace(" ", "_") for name in names if name}
+
+
+def _value_at(contents: dict[str, Any], keys: Iterable[str | int]) -> Any:
+    value: Any = contents
+    for key in keys:
+        value = value[key]
+    return value
+
+
+def _hint(path: str, known: Iterable[str]) -> str:
+    everything = [*NamedChanges.model_fields, *known]
+    close = difflib.get_close_matches(path, everything, n=1, cutoff=0.5)
+    if close:
+        return f"; did you mean 'plant.{close[0]}'?"
+    return f"; known: {', '.join(NamedChanges.model_fields)}, or the path of a number in the vehicle file"
