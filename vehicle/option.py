@@ -1,0 +1,90 @@
+"""Declared parameters of a replaceable part: default, unit, limits and meaning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from vehicle.parameter_file import nearest
+
+Parameter: TypeAlias = bool | int | float | str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Option:
+    """One parameter of a replaceable part, such as a steering law or an estimator."""
+
+    name: str
+    default: Parameter | None  # None: required, or derived by the part; ``default_text`` says which
+    meaning: str  # one line
+    unit: str = "-"
+    low: float = -math.inf
+    high: float = math.inf
+    tune: tuple[float, float] | None = None  # range that `offtrack tune` searches; None: not tuned
+    choices: tuple[str, ...] = ()  # of a text; none: any text
+    type_without_default: type[Parameter] = float
+    default_text: str = ""
+
+    @property
+    def kind(self) -> type[Parameter]:
+        """Type of the values; a float accepts an integer."""
+        return self.type_without_default if self.default is None else type(self.default)
+
+    @property
+    def limits(self) -> str:
+        """Limits with their unit, for messages and help: ``between 0 and 2 rad/m``; empty without limits."""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        if math.isfinite(self.low) and math.isfinite(self.high):
+            return f"between {self.low:g} and {self.high:g}{unit}"
+        if math.isfinite(self.low):
+            return f"at least {self.low:g}{unit}"
+        return f"at most {self.high:g}{unit}" if math.isfinite(self.high) else ""
+
+    def check(self, value: Parameter, key: str) -> None:
+        """Check type, choices and limits of a value.
+
+        Raises:
+            ValueError: one line with key, value, limits and unit.
+        """
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        accepted = (int, float) if self.kind is float else self.kind
+        if not isinstance(value, accepted) or (isinstance(value, bool) and self.kind is not bool):
+            kind = f"of type {self.kind.__name__}" if self.kind is not float or not self.limits else ""
+            raise ValueError(f"{key} = {value!r}{unit} must be {', '.join(filter(None, (self.limits, kind)))}")
+        if isinstance(value, str):
+            if self.choices and value not in self.choices:
+                raise ValueError(f"{key} = '{value}'{nearest(value, self.choices)}")
+        elif not (self.low <= value <= self.high and math.isfinite(value)):
+            raise ValueError(f"{key} = {value}{unit} must be {self.limits or 'finite'}")
+
+
+def check_options(options: Sequence[Option], given: Mapping[str, Parameter], prefix: str = "") -> None:
+    """Check that the given values belong to options and keep their limits.
+
+    Args:
+        options: of one part.
+        given: values by name.
+        prefix: of the names in messages: ``prefix.name``; empty: the name alone.
+
+    Raises:
+        ValueError: one line that names the first unknown option, or the first wrong value with its limits and unit.
+    """
+    known = {option.name: option for option in options}
+    for name, value in given.items():
+        key = f"{prefix}.{name}" if prefix else name
+        if name not in known:
+            raise ValueError(f"unknown option '{key}'{nearest(name, tuple(known))}")
+        known[name].check(value, key)
+
+
+def option_values(options: Sequence[Option], given: Mapping[str, Parameter], prefix: str) -> dict[str, Parameter]:
+    """Values of all options: the given ones, and the others' defaults; those without either are left out.
+
+    Raises:
+        ValueError: as `check_options`.
+    """
+    check_options(options, given, prefix)
+    defaults = {option.name: option.default for option in options if option.default is not None}
+    return {**defaults, **given}
