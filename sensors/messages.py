@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ NearnessImage = NDArray[np.float32]  # (height, width) inverse depth along the o
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StereoFrame:
     """A stereo pair, grey. Once rectified, row v of both images sees the same epipolar line."""
+
+    IMAGES: ClassVar[tuple[str, ...]] = ("left", "right")
 
     tick: int
     left: GreyImage
@@ -73,7 +76,9 @@ class CombinationSignals:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverView:
-    """What a rover has of one moment to estimate its slip from: a ground image, encoders and compass."""
+    """Ground image, encoders and compass of a rover at one tick: the input of slip estimation."""
+
+    IMAGES: ClassVar[tuple[str, ...]] = ("image",)
 
     tick: int
     image: GreyImage  # of the ground behind the left rear wheel

@@ -16,7 +16,7 @@ from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from scenarios.randomness import stream
-from sensors.faults.wrappers import faulty
+from sensors.faults.faulty_sensor import with_faults
 from sensors.instruments.combination import CombinationSensors
 from sensors.instruments.navigation import ExactPose
 from sensors.messages import BodyPose, CombinationSignals, StereoFrame
@@ -153,10 +153,12 @@ def _own(vehicle: Vehicle, unit: int) -> str:
 def _with_faults(
     sensor: Any, scenario: Scenario, seed: int, vehicle: Vehicle, unit: int, cameras: Cameras | None
 ) -> Sensor:
-    """The sensor as the scenario's faults leave it, the first of them nearest to it."""
-    calibration = cameras.calibration if cameras else None
-    for k, options in enumerate(scenario.faults):
-        rng = stream(seed, f"fault {k}{_own(vehicle, unit)}")
-        sensor = faulty(sensor, options.fault(), unit=unit, calibration=calibration, rng=rng)
-    faulted: Sensor = sensor
-    return faulted
+    """The sensor with the scenario's faults, the first of them nearest to it."""
+    faulty: Sensor = with_faults(
+        sensor,
+        [options.fault() for options in scenario.faults],
+        camera=cameras.calibration if cameras else None,
+        unit=unit,
+        rng=lambda k: stream(seed, f"fault {k}{_own(vehicle, unit)}"),
+    )
+    return faulty

@@ -1,8 +1,12 @@
-"""Faults of the cameras, or of the reference unit in their place, as a scenario file describes them.
+"""Faults of the sensor as a scenario file describes them.
 
 Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
-``dropout:0.1@5+2``; amounts of several numbers are separated by commas, several faults in one text by semicolons.
-``sensors.faults.fault`` tells the kinds and their amounts.
+``dropout:0.1@5+2``: kind, amount, start [s] and duration [s]. All but the kind may be left out. Amounts of several
+numbers are separated by commas, several faults in one text by semicolons.
+
+``sensors.faults.catalogue`` names the kinds. A kind of one's own is named by its import path: ``mymod:Flicker``, with
+amount and times ``mymod:Flicker:0.2@5+1``. A word after the first colon that begins with a letter is the class, a
+number is the amount; a name of the catalogue before the first colon is always that kind.
 """
 
 from __future__ import annotations
@@ -12,11 +16,17 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, model_validator
 
+from scenarios.catalogue import resolve
 from scenarios.options.base import Options, quantity
-from sensors.faults.fault import KINDS, Fault, Kind
+from sensors.faults.catalogue import FAULTS, checked_kind
+from sensors.faults.fault import Fault
 from vehicle.parameter_file import nearest
 
-_TEXT = re.compile(r"(?P<kind>[^:@]+)(:(?P<amount>[^@]*))?(@(?P<start>[^+]*)(\+(?P<duration>.*))?)?")
+_NAMES = "|".join(FAULTS)
+_TEXT = re.compile(
+    rf"(?P<kind>(?:{_NAMES})(?=[:@]|$)|[A-Za-z_][\w.]*(?::[A-Za-z_]\w*)?)"
+    r"(:(?P<amount>[^@]*))?(@(?P<start>[^+]*)(\+(?P<duration>.*))?)?"
+)
 
 
 def _numbers(amount: Any) -> Any:
@@ -26,8 +36,8 @@ def _numbers(amount: Any) -> Any:
 class FaultOptions(Options):
     """One fault."""
 
-    kind: Kind
-    amount: Annotated[tuple[float, ...], BeforeValidator(_numbers)] = ()
+    kind: str  # a name of the catalogue, or package.module:Name
+    amount: Annotated[tuple[float, ...], BeforeValidator(_numbers)] = ()  # empty: the kind's default
     start: float = quantity(0.0, "s", ge=0.0, le=1e5)
     duration: float | None = quantity(None, "s", ge=0.001, le=1e5)
 
@@ -37,12 +47,14 @@ class FaultOptions(Options):
         return self
 
     def fault(self) -> Fault:
-        """In the words of the sensors."""
-        return Fault(kind=self.kind, amount=self.amount, start=self.start, duration=self.duration)
+        """The fault that these options describe."""
+        _check_name(self.kind)
+        kind = checked_kind(self.kind, resolve("kind", self.kind, FAULTS))
+        return Fault(name=self.kind, kind=kind, amount=self.amount, start=self.start, duration=self.duration)
 
 
 def _tables(faults: Any) -> Any:
-    """Texts as tables; whatever else is left to the validation."""
+    """Texts as tables; anything else is left to the validation."""
     if isinstance(faults, str):
         return tuple(_table(text.strip()) for text in faults.split(";") if text.strip() not in ("", "none"))
     if isinstance(faults, list | tuple):
@@ -52,13 +64,18 @@ def _tables(faults: Any) -> Any:
 
 def _table(text: str) -> dict[str, Any]:
     match = _TEXT.fullmatch(text)
-    if match is None or match["kind"] not in KINDS:
-        kind = text if match is None else match["kind"]
-        raise ValueError(f"unknown fault '{kind}'{nearest(kind, KINDS)}; expected kind:amount@start+duration")
+    if match is None:
+        raise ValueError(f"fault '{text}' must be written as kind:amount@start+duration")
+    _check_name(match["kind"])
     table: dict[str, Any] = {"kind": match["kind"]}
     if match["amount"]:
         table["amount"] = tuple(match["amount"].split(","))
     return table | {key: match[key] for key in ("start", "duration") if match[key]}
+
+
+def _check_name(kind: str) -> None:
+    if kind not in FAULTS and ":" not in kind:
+        raise ValueError(f"unknown fault '{kind}'{nearest(kind, FAULTS)} (or package.module:Name)")
 
 
 Faults = Annotated[tuple[FaultOptions, ...], BeforeValidator(_tables)]

@@ -53,6 +53,11 @@ class CameraModel:
         self._check_fold()
 
     @property
+    def focal_length(self) -> float:
+        """Mean of both focal lengths [px]."""
+        return 0.5 * (self.fx + self.fy)
+
+    @property
     def matrix(self) -> FloatArray:
         """K (3, 3), from rays (x, y, 1) to pixels (u, v, 1) if there were no distortion."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])

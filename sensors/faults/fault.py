@@ -1,74 +1,142 @@
-"""A fault of a sensor or of its wires as plain data; ``sensors.faults.wrappers`` makes it happen.
+"""Faults as plain data, and the protocol of a fault kind.
 
-| kind          | amount (default)                       | what happens                                              |
-|---------------|----------------------------------------|-----------------------------------------------------------|
-| dropout       | share of messages (0.1)                | messages are lost, each by chance                         |
-| duplicate     | share of messages (0.1)                | the message before is sent again under the new time       |
-| freeze        |                                        | the last message before is sent again and again           |
-| delay         | captures (1)                           | messages come late, under the time of their capture       |
-| desync        | lag [s] (0.01)                         | the right camera exposes later than the left one          |
-| decalibration | roll, yaw, pitch [deg] (-0.15, 0.1, 0) | the right camera is knocked askew                         |
-| dirt          | share of the lens (0.3)                | a splash of dirt on both lenses                           |
-| glare         | of the sun (1)                         | a veil of light around a spot in the upper half           |
-| blackout      |                                        | images are black                                          |
-
-Each begins at ``start`` and ends after ``duration``. The last five befall cameras only.
+``sensors.faults.catalogue`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
+classes in ``message_kinds`` and ``image_kinds`` define most of them.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import ClassVar, Protocol, TypeVar
 
+import numpy as np
+
+from sensors.sensor import Message, Sensor, Stamped
 from vehicle.clock import to_ticks
 
-Kind = Literal["dropout", "duplicate", "freeze", "delay", "desync", "decalibration", "dirt", "glare", "blackout"]
-KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
-# Amounts: their default, and what each must lie between.
-_AMOUNTS: Final[dict[Kind, tuple[tuple[float, ...], float, float]]] = {
-    "dropout": ((0.1,), 0.0, 1.0),
-    "duplicate": ((0.1,), 0.0, 1.0),
-    "freeze": ((), 0.0, 0.0),
-    "delay": ((1.0,), 1.0, 50.0),
-    "desync": ((0.01,), 0.001, 0.09),
-    "decalibration": ((-0.15, 0.1, 0.0), -5.0, 5.0),
-    "dirt": ((0.3,), 0.0, 1.0),
-    "glare": ((1.0,), 0.0, 5.0),
-    "blackout": ((), 0.0, 0.0),
-}
+T = TypeVar("T", bound=Stamped)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Amount:
+    """One number that sets the severity of a fault, with its default and limits."""
+
+    name: str
+    unit: str  # "-" if it has none
+    default: float
+    low: float
+    high: float
+    whole: bool = False  # True: whole numbers only
+
+    def check(self, value: float) -> None:
+        """Refuse a value outside the limits.
+
+        Raises:
+            ValueError: one line with value, limits and unit.
+        """
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        if not self.low <= value <= self.high:
+            raise ValueError(f"{self.name} = {value:g}{unit} must be {self.low:g} to {self.high:g}{unit}")
+        if self.whole and value % 1.0:
+            raise ValueError(f"{self.name} = {value:g}{unit} must be a whole number")
+
+
+class Pinhole(Protocol):
+    """Size and intrinsics of images; a ``StereoCalibration`` or a ``CameraModel`` will do."""
+
+    @property
+    def width(self) -> int:
+        """Columns [px]."""
+
+    @property
+    def height(self) -> int:
+        """Rows [px]."""
+
+    @property
+    def focal_length(self) -> float:
+        """Focal length [px]."""
+
+    @property
+    def cx(self) -> float:
+        """Principal point, column [px]."""
+
+    @property
+    def cy(self) -> float:
+        """Principal point, row [px]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultContext:
+    """Properties of the faulty sensor, handed to a fault kind's constructor."""
+
+    message: type[Message]  # class of its messages
+    camera: Pinhole | None  # of its images; None: it sends none
+    unit: int  # that carries it: 0 for the tractor or a rover
+    rng: np.random.Generator  # of this fault alone
+
+
+class FaultKind(Protocol):
+    """One kind of fault. The first line of the class's docstring is its description in listings."""
+
+    amounts: ClassVar[tuple[Amount, ...]]
+    needs: ClassVar[str]  # sensors it applies to, as errors name them, e.g. "a stereo camera"
+
+    def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
+        """A fault of this severity: one number for each of ``amounts``."""
+
+    @classmethod
+    def applies_to(cls, message: type[Message]) -> bool:
+        """Test whether sensors of such messages can have this fault."""
+
+    def sample(self, sensor: Sensor[T, Message], truth: T, active: bool) -> Message | None:
+        """Message of the faulty sensor, or None if none arrives.
+
+        It is called at every capture, also while the fault is not active. Then it returns the sound sensor's message.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """One fault: its kind, how much of it, and when.
+    """A fault of given kind, severity and time.
 
     Raises:
-        ValueError: naming what is out of range.
+        ValueError: one line naming what is out of range.
     """
 
-    kind: Kind
-    amount: tuple[float, ...] = ()  # see the table above; none: the default
+    name: str  # of the kind, for errors
+    kind: type[FaultKind]
+    amount: tuple[float, ...] = ()  # one number for each of the kind's ``amounts``; empty: their defaults
     start: float = 0.0  # [s]
-    duration: float | None = None  # [s]; None: to the end
+    duration: float | None = None  # [s]; None: to the end of the run
 
     def __post_init__(self) -> None:
-        default, low, high = _AMOUNTS[self.kind]
-        if len(self.amount) not in (0, len(default)) or not all(low <= value <= high for value in self.amount):
-            needed = f"{len(default)} of {low:g} to {high:g}" if default else "none"
-            raise ValueError(f"{self.kind}: amount = {list(self.amount)} must be {needed}")
-        if self.kind == "delay" and self.amount and self.amount[0] % 1.0:
-            raise ValueError(f"delay: amount = {self.amount[0]:g} must be a whole number of captures")
+        amounts = self.kind.amounts
+        if len(self.amount) not in (0, len(amounts)):
+            needed = ", ".join(f"{amount.name} [{amount.unit}]" for amount in amounts) or "no number"
+            raise ValueError(f"{self.name}: amount = {list(self.amount)} must be {needed}")
+        try:
+            for amount, value in zip(amounts, self.amount, strict=False):
+                amount.check(value)
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}") from error
         if self.start < 0.0 or (self.duration is not None and self.duration <= 0.0):
-            raise ValueError(f"{self.kind}: start = {self.start} s and duration = {self.duration} s must be positive")
+            raise ValueError(f"{self.name}: start = {self.start} s and duration = {self.duration} s must be positive")
 
-    @property
-    def amounts(self) -> tuple[float, ...]:
-        """How much, the default filled in."""
-        return self.amount or _AMOUNTS[self.kind][0]
+    def built(self, context: FaultContext) -> FaultKind:
+        """The fault kind's object for one sensor.
 
-    def at(self, tick: int) -> bool:
-        """Whether it prevails at a tick."""
-        begin = to_ticks(self.start, f"{self.kind}: start")
-        end = math.inf if self.duration is None else begin + to_ticks(self.duration, f"{self.kind}: duration")
+        Raises:
+            ValueError: one line, if sensors of such messages cannot have this fault.
+        """
+        if not self.kind.applies_to(context.message):
+            raise ValueError(
+                f"faults: {self.name} needs {self.kind.needs}; the sensor of this run sends {context.message.__name__}"
+            )
+        return self.kind(self.amount or tuple(amount.default for amount in self.kind.amounts), context)
+
+    def active(self, tick: int) -> bool:
+        """Test whether the fault is active at a tick."""
+        begin = to_ticks(self.start, f"{self.name}: start")
+        end = math.inf if self.duration is None else begin + to_ticks(self.duration, f"{self.name}: duration")
         return begin <= tick < end

@@ -34,6 +34,8 @@ def scenario(*settings: str) -> Scenario:
         ("dropout:0.2", "dropout", (0.2,), 0.0, None),
         ("freeze@3", "freeze", (), 3.0, None),
         ("blackout@3.5+0.5", "blackout", (), 3.5, 0.5),
+        ("sensors.faults.image_kinds:Dirt:0.2@5+1", "sensors.faults.image_kinds:Dirt", (0.2,), 5.0, 1.0),
+        ("sensors.faults.image_kinds:Dirt@5", "sensors.faults.image_kinds:Dirt", (), 5.0, None),
         ("decalibration:-0.15,0.1,0@2", "decalibration", (-0.15, 0.1, 0.0), 2.0, None),
         ('[{kind = "dirt", amount = 0.4, duration = 2}]', "dirt", (0.4,), 0.0, 2.0),
         ('["desync:0.02"]', "desync", (0.02,), 0.0, None),
@@ -60,7 +62,10 @@ def test_several_faults_survive_being_written_down() -> None:
     ("setting", "complaint"),
     [
         ("faults=dropuot:0.1", "faults: unknown fault 'dropuot'; did you mean 'dropout'"),
-        ("faults=dropout:1.5", r"faults.0: dropout: amount = \[1.5\] must be 1 of 0 to 1"),
+        ("faults=dropout:1.5", "faults.0: dropout: share of messages = 1.5 must be 0 to 1"),
+        ("faults=nowhere:Flicker:0.2@5", "faults.0: kind = nowhere:Flicker: no module nowhere"),
+        ("faults=sensors.messages:BodyPose", "faults.0: sensors.messages:BodyPose is no fault kind"),
+        ("faults=dropout:much", "faults.0.amount.0 = 'much' must be a valid number"),
         ("faults=dropout@soon", "faults.0.start = 'soon' must be a valid number"),
         ('faults=[{kind = "dropout", amuont = 1}]', "unknown key 'faults.0.amuont'; did you mean 'faults.amount'"),
         ("rig.misrotation_deg=[9, 0, 0]", r"rig.misrotation_deg.0 = 9 must be less than or equal to 5 \[deg\]"),
@@ -128,7 +133,7 @@ def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_pat
 
 def test_faults_of_images_need_images() -> None:
     """The reference unit has no lens to get dirty."""
-    with pytest.raises(ValueError, match="fault dirt: the off-tracking is not estimated from cameras"):
+    with pytest.raises(ValueError, match="faults: dirt needs a camera; the sensor of this run sends BodyPose"):
         assemble(scenario("faults=dirt:0.3", "off_tracking=truth"), seed=1)
 
 

@@ -1,21 +1,27 @@
-"""What faults do to messages, when, and to which."""
+"""Faults: their effect on messages, their time, and the sensors that they apply to."""
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from sensors.camera.lens import mount_rotation
+from sensors.camera.lens import CameraModel, mount_rotation
 from sensors.camera.rig import StereoRig
-from sensors.faults.fault import KINDS, Fault, Kind
-from sensors.faults.wrappers import Message, faulty
+from sensors.faults.catalogue import FAULTS, checked_kind
+from sensors.faults.fault import Amount, Fault, FaultContext, Pinhole, T
+from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.image_kinds import ImageFault
+from sensors.faults.message_kinds import AnySensorFault
 from sensors.instruments.navigation import ExactPose
-from sensors.messages import BodyPose, StereoFrame
+from sensors.messages import BodyPose, GreyImage, RoverView, SlipReading, StereoFrame
+from sensors.sensor import Message, Sensor, Stamped, message_type
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
@@ -24,26 +30,70 @@ PERIOD = 100  # [ticks]
 CALIBRATION = StereoRig(
     facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5
 ).calibration()
-IMAGE_KINDS: tuple[Kind, ...] = ("desync", "decalibration", "dirt", "glare", "blackout")
+STEREO_KINDS = ("desync", "decalibration")
+IMAGE_KINDS = ("dirt", "glare", "blackout")
+MESSAGE_KINDS = tuple(name for name in FAULTS if name not in STEREO_KINDS + IMAGE_KINDS)
 
 
-def scene() -> NDArray[np.uint8]:
+def fault(name: str, amount: tuple[float, ...] = (), *, start: float = 0.0, duration: float | None = None) -> Fault:
+    module, _, kind = FAULTS[name].partition(":")
+    part = checked_kind(name, getattr(importlib.import_module(module), kind))
+    return Fault(name=name, kind=part, amount=amount, start=start, duration=duration)
+
+
+def scene() -> GreyImage:
     """Soft blobs of all brightnesses."""
     white = np.random.default_rng(1).uniform(0.0, 255.0, (CALIBRATION.height, CALIBRATION.width))
     smooth = cv2.GaussianBlur(white, (0, 0), 6.0)
-    return np.asarray(cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX), dtype=np.uint8)
+    return np.asarray(cv2.normalize(smooth, np.empty_like(smooth), 0, 255, cv2.NORM_MINMAX), dtype=np.uint8)
 
 
 SCENE = scene()
 
 
 class Counting:
-    """Cameras whose images tell the tick, and where they are, by the whole image's shift in columns."""
+    """Stereo cameras whose images are shifted by one column per centimetre driven."""
 
     def sample(self, truth: Truth) -> StereoFrame:
         column = round(float(truth.bodies[0, 0, 3]) * 100.0)
         left = np.roll(SCENE, column, axis=1)
         return StereoFrame(tick=truth.tick, left=left, right=left, colour=np.zeros((*SCENE.shape, 3), dtype=np.uint8))
+
+
+@dataclass(frozen=True)
+class Time:
+    """All of the truth that the sensors of a rover need here."""
+
+    tick: int
+
+
+class CountingRover:
+    """A rover's camera and instruments; the scene moves one column per tick."""
+
+    def sample(self, truth: Time) -> RoverView:
+        return RoverView(
+            tick=truth.tick,
+            image=np.roll(SCENE, truth.tick, axis=1),
+            heading=0.001 * truth.tick,
+            wheel_speeds=np.zeros(4),
+            steer=np.zeros(4),
+            colour=np.zeros((*SCENE.shape, 3), dtype=np.uint8),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Echo:
+    """The message of a user's own sensor."""
+
+    tick: int
+    distance: float
+
+
+class Sonar:
+    """A user's own sensor; it hears nothing at odd captures."""
+
+    def sample(self, truth: Stamped) -> Echo | None:
+        return Echo(tick=truth.tick, distance=0.1 * truth.tick) if truth.tick // PERIOD % 2 == 0 else None
 
 
 def at(k: int) -> FloatArray:
@@ -53,31 +103,42 @@ def at(k: int) -> FloatArray:
     return X
 
 
-def sent(truth_of: TruthOf, fault: Fault, captures: int, *, seed: int = 0) -> list[Message | None]:
-    """What arrives of so many captures."""
-    rng = np.random.default_rng(seed)
-    sensor = faulty(Counting(), fault, unit=0, calibration=CALIBRATION, rng=rng)
+def generators(seed: int) -> Callable[[int], np.random.Generator]:
+    return lambda k: np.random.default_rng((seed, k))
+
+
+def stereo(*faults: Fault, seed: int = 0) -> Sensor[Truth, StereoFrame]:
+    return with_faults(Counting(), faults, camera=CALIBRATION, unit=0, rng=generators(seed))
+
+
+def on_rover(*faults: Fault, camera: Pinhole | None = CALIBRATION) -> Sensor[Time, RoverView]:
+    return with_faults(CountingRover(), faults, camera=camera, unit=0, rng=generators(0))
+
+
+def sent(truth_of: TruthOf, fault: Fault, captures: int, *, seed: int = 0) -> list[StereoFrame | None]:
+    """Messages that arrive of this many captures."""
+    sensor = stereo(fault, seed=seed)
     return [sensor.sample(truth_of(PERIOD * k, at(k))) for k in range(captures)]
 
 
-def ticks(messages: list[Message | None]) -> list[int | None]:
-    return [message and message.tick for message in messages]
+def ticks(messages: list[StereoFrame | None]) -> list[int | None]:
+    return [None if message is None else message.tick for message in messages]
 
 
-def image(message: Message | None) -> NDArray[np.uint8]:
-    assert isinstance(message, StereoFrame)
+def image(message: StereoFrame | None) -> GreyImage:
+    assert message is not None
     return message.left
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_no_fault_does_anything_outside_its_time(truth_of: TruthOf, kind: Kind) -> None:
+@pytest.mark.parametrize("kind", FAULTS)
+def test_no_fault_does_anything_outside_its_time(truth_of: TruthOf, kind: str) -> None:
     """From 0.5 s for 0.3 s: captures before and after it are those of a sound sensor."""
-    messages = sent(truth_of, Fault(kind=kind, start=0.5, duration=0.3), 12)
-    sound = sent(truth_of, Fault(kind="dropout", amount=(0.0,)), 12)
+    messages = sent(truth_of, fault(kind, start=0.5, duration=0.3), 12)
+    sound = sent(truth_of, fault("dropout", (0.0,)), 12)
     for k in (*range(5), *range(8, 12)):
         got, expected = messages[k], sound[k]
-        assert isinstance(got, StereoFrame)
-        assert isinstance(expected, StereoFrame)
+        assert got is not None
+        assert expected is not None
         assert got.tick == expected.tick
         assert np.array_equal(got.left, expected.left)
         assert np.array_equal(got.right, expected.right)
@@ -85,50 +146,49 @@ def test_no_fault_does_anything_outside_its_time(truth_of: TruthOf, kind: Kind) 
 
 def test_dropout_loses_its_share(truth_of: TruthOf) -> None:
     """Of 500 messages a fifth, give or take four standard deviations; the same ones with the same seed."""
-    fault = Fault(kind="dropout", amount=(0.2,))
-    lost = [message is None for message in sent(truth_of, fault, 500)]
+    losing = fault("dropout", (0.2,))
+    lost = [message is None for message in sent(truth_of, losing, 500)]
     assert sum(lost) == pytest.approx(100, abs=4.0 * math.sqrt(500 * 0.2 * 0.8))
-    assert lost == [message is None for message in sent(truth_of, fault, 500)]
-    assert lost != [message is None for message in sent(truth_of, fault, 500, seed=1)]
+    assert lost == [message is None for message in sent(truth_of, losing, 500)]
+    assert lost != [message is None for message in sent(truth_of, losing, 500, seed=1)]
 
 
 def test_a_frozen_sensor_repeats_its_last_message_under_new_times(truth_of: TruthOf) -> None:
-    """What it sends looks alive to whoever reads only the stamps."""
-    messages = sent(truth_of, Fault(kind="freeze", start=0.3, duration=0.2), 6)
+    """The stamps alone do not show the fault."""
+    messages = sent(truth_of, fault("freeze", start=0.3, duration=0.2), 6)
     assert ticks(messages) == [0, 100, 200, 300, 400, 500]
     same = [np.array_equal(image(messages[2]), image(message)) for message in messages]
     assert same == [False, False, True, True, True, False]
 
 
 def test_duplicates_repeat_the_message_before(truth_of: TruthOf) -> None:
-    """Of 200 messages a fifth is what was sent before."""
-    messages = sent(truth_of, Fault(kind="duplicate", amount=(0.2,)), 200)
+    """Of 200 messages a fifth is the one sent before."""
+    messages = sent(truth_of, fault("duplicate", (0.2,)), 200)
     twice = sum(np.array_equal(image(a), image(b)) for a, b in zip(messages[1:], messages[:-1], strict=True))
     assert twice == pytest.approx(40, abs=4.0 * math.sqrt(200 * 0.2 * 0.8))  # four standard deviations
     assert ticks(messages) == [PERIOD * k for k in range(200)]
 
 
 def test_delayed_messages_keep_the_time_of_their_capture(truth_of: TruthOf) -> None:
-    """Two captures late from 0.3 s on: two gaps, and then old news that say how old they are."""
-    messages = sent(truth_of, Fault(kind="delay", amount=(2.0,), start=0.3), 8)
+    """Two captures late from 0.3 s on: two gaps, then old messages with their old stamps."""
+    messages = sent(truth_of, fault("delay", (2.0,), start=0.3), 8)
     assert ticks(messages) == [0, 100, 200, None, None, 300, 400, 500]
 
 
 def test_a_late_right_camera_sees_where_the_body_will_be(truth_of: TruthOf) -> None:
     """50 ms at 2 m/s: 10 cm, ten columns of these images; the left camera is on time."""
-    messages = sent(truth_of, Fault(kind="desync", amount=(0.05,), start=0.3), 6)
-    last = messages[-1]
-    assert isinstance(last, StereoFrame)
+    last = sent(truth_of, fault("desync", (0.05,), start=0.3), 6)[-1]
+    assert last is not None
     assert last.tick == 500
     assert np.array_equal(last.left, np.roll(SCENE, 100, axis=1))
     assert np.array_equal(last.right, np.roll(SCENE, 110, axis=1))
 
 
 def test_a_knocked_camera_can_be_set_right_by_the_papers_homography(truth_of: TruthOf) -> None:
-    """Only the right image turns, by the angles that were asked for."""
+    """Only the right image turns, by the given angles."""
     angles = (-0.5, 0.4, 0.2)
-    (message,) = sent(truth_of, Fault(kind="decalibration", amount=angles), 1)
-    assert isinstance(message, StereoFrame)
+    (message,) = sent(truth_of, fault("decalibration", angles), 1)
+    assert message is not None
     c = CALIBRATION
     K = np.array([[c.focal_length, 0.0, c.cx], [0.0, c.focal_length, c.cy], [0.0, 0.0, 1.0]])
     H = K @ mount_rotation(*np.radians(angles)) @ np.linalg.inv(K)
@@ -138,17 +198,17 @@ def test_a_knocked_camera_can_be_set_right_by_the_papers_homography(truth_of: Tr
     assert np.abs(message.right.astype(float) - SCENE)[10:-10, 10:-10].mean() > 5.0
 
 
-def test_what_spoils_images_is_seen_by_people_too(truth_of: TruthOf) -> None:
-    """Their picture would otherwise hide the fault."""
-    for kind in ("dirt", "glare", "blackout", "decalibration"):
-        (message,) = sent(truth_of, Fault(kind=kind), 1)
-        assert isinstance(message, StereoFrame)
-        assert message.colour is None
+@pytest.mark.parametrize("kind", [*IMAGE_KINDS, "decalibration"])
+def test_faulty_images_come_without_the_colour_picture(truth_of: TruthOf, kind: str) -> None:
+    """The picture for people would otherwise hide the fault."""
+    (message,) = sent(truth_of, fault(kind), 1)
+    assert message is not None
+    assert message.colour is None
 
 
 def test_blackout_glare_and_dirt(truth_of: TruthOf) -> None:
     """Nothing at all; more light everywhere and white somewhere; a share of each lens in the dark."""
-    (black,), (veiled,), (dirty,) = (sent(truth_of, Fault(kind=kind), 1) for kind in ("blackout", "glare", "dirt"))
+    (black,), (veiled,), (dirty,) = (sent(truth_of, fault(kind), 1) for kind in ("blackout", "glare", "dirt"))
     assert not image(black).any()
     assert (image(veiled) >= SCENE).all()
     assert (image(veiled) == 255).sum() > (SCENE == 255).sum() + 500
@@ -157,51 +217,161 @@ def test_blackout_glare_and_dirt(truth_of: TruthOf) -> None:
 
 def test_faults_add_up(truth_of: TruthOf) -> None:
     """A frozen sensor whose messages get lost as well."""
-    rng = np.random.default_rng(0)
-    frozen = faulty(Counting(), Fault(kind="freeze", start=0.2), unit=0, calibration=CALIBRATION, rng=rng)
-    both = faulty(frozen, Fault(kind="dropout", amount=(1.0,), start=0.4), unit=0, calibration=CALIBRATION, rng=rng)
+    both = stereo(fault("freeze", start=0.2), fault("dropout", (1.0,), start=0.4))
     messages = [both.sample(truth_of(PERIOD * k, at(k))) for k in range(6)]
     assert ticks(messages) == [0, 100, 200, 300, None, None]
     assert np.array_equal(image(messages[3]), image(messages[1]))
 
 
 def test_late_messages_that_are_not_lost_keep_their_time(truth_of: TruthOf) -> None:
-    """The wrapper around another one does not make old news new."""
-    rng = np.random.default_rng(0)
-    late = faulty(Counting(), Fault(kind="delay"), unit=0, calibration=CALIBRATION, rng=rng)
-    both = faulty(late, Fault(kind="dropout", amount=(0.3,)), unit=0, calibration=CALIBRATION, rng=rng)
+    """The outer fault does not stamp old messages anew."""
+    both = stereo(fault("delay"), fault("dropout", (0.3,)))
     for k in range(20):
         message = both.sample(truth_of(PERIOD * k, at(k)))
         assert message is None or message.tick == PERIOD * (k - 1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_reference_unit_can_fail_but_not_be_dirty(truth_of: TruthOf, kind: Kind) -> None:
-    """Faults of messages befall any sensor; those of images are refused where there are none."""
-    sensor, rng = ExactPose(0), np.random.default_rng(0)
-    if kind in IMAGE_KINDS:
-        with pytest.raises(ValueError, match=f"fault {kind}: .* not estimated from cameras"):
-            faulty(sensor, Fault(kind=kind), unit=0, calibration=None, rng=rng)
-        return
-    ailing = faulty(sensor, Fault(kind=kind), unit=0, calibration=None, rng=rng)
-    messages = [ailing.sample(truth_of(PERIOD * k, at(k))) for k in range(60)]
+@pytest.mark.parametrize("kind", MESSAGE_KINDS)
+def test_a_reference_unit_can_fail(truth_of: TruthOf, kind: str) -> None:
+    """Faults of transmission apply to poses: some of them arrive, and not all of these are exact."""
+    faulty = with_faults(ExactPose(0), [fault(kind)], camera=None, unit=0, rng=generators(0))
+    messages = [faulty.sample(truth_of(PERIOD * k, at(k))) for k in range(60)]
     assert any(isinstance(message, BodyPose) for message in messages)
     exact = [message is not None and np.array_equal(message.X_WB, at(k)) for k, message in enumerate(messages)]
     assert not all(exact)
 
 
+@pytest.mark.parametrize("kind", MESSAGE_KINDS)
+def test_a_users_own_sensor_can_fail(kind: str) -> None:
+    """Any dataclass with a tick is a message; captures without one stay without one, or repeat an old one."""
+    faulty = with_faults(Sonar(), [fault(kind)], camera=None, unit=0, rng=generators(0))
+    messages = [faulty.sample(Time(PERIOD * k)) for k in range(60)]
+    sound = [Sonar().sample(Time(PERIOD * k)) for k in range(60)]
+    assert any(isinstance(message, Echo) for message in messages)
+    assert messages != sound
+
+
+@pytest.mark.parametrize("kind", [*MESSAGE_KINDS, *IMAGE_KINDS])
+def test_a_rovers_camera_can_fail(kind: str) -> None:
+    """Faults of transmission and of single images apply to its view; the compass stays as it is in the latter case."""
+    camera = CameraModel(width=672, height=240, fx=280.0, fy=282.0, cx=335.5, cy=119.5)
+    faulty = on_rover(fault(kind), camera=camera)
+    views = [faulty.sample(Time(PERIOD * k)) for k in range(60)]
+    sound = [CountingRover().sample(Time(PERIOD * k)) for k in range(60)]
+    pairs = [(a, b) for a, b in zip(views, sound, strict=True) if a is not None]
+    assert len(pairs) >= 40
+    assert len(pairs) < 60 or any(not np.array_equal(a.image, b.image) for a, b in pairs)
+    if kind in IMAGE_KINDS:
+        assert [a.heading for a, _ in pairs] == [b.heading for _, b in pairs]
+        assert all(a.colour is None for a, _ in pairs)
+
+
+@pytest.mark.parametrize("kind", STEREO_KINDS)
+def test_faults_of_a_pair_are_refused_for_a_single_camera(kind: str) -> None:
+    """One line that names the fault, what it needs and what there is."""
+    line = f"^faults: {kind} needs a stereo camera; the sensor of this run sends RoverView$"
+    with pytest.raises(ValueError, match=line):
+        on_rover(fault(kind))
+
+
+@pytest.mark.parametrize("kind", [*STEREO_KINDS, *IMAGE_KINDS])
+def test_faults_of_images_are_refused_where_there_are_none(kind: str) -> None:
+    """A reference unit has no lens."""
+    with pytest.raises(ValueError, match=rf"^faults: {kind} needs a (stereo )?camera; .* sends BodyPose$"):
+        with_faults(ExactPose(0), [fault(kind)], camera=None, unit=0, rng=generators(0))
+
+
+class Flicker(ImageFault):
+    """Images are white at random: a user's own kind."""
+
+    amounts: ClassVar[tuple[Amount, ...]] = (Amount(name="share", unit="-", default=0.5, low=0.0, high=1.0),)
+
+    def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
+        (self._share,), self._rng = amount, context.rng
+
+    def degraded(self, image: GreyImage, camera: int) -> GreyImage:
+        return np.full_like(image, 255) if self._rng.random() < self._share else image
+
+
+class Scrambled(AnySensorFault):
+    """A faulty fault: it returns another sensor's message."""
+
+    def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
+        pass
+
+    def sample(self, sensor: Sensor[T, Message], truth: T, active: bool) -> Message | None:
+        return SlipReading(tick=truth.tick, slip_angle=0.0, wheel_slip=0.0)
+
+
+def test_a_kind_of_ones_own_works_like_the_others() -> None:
+    """About half of the images are white, the others untouched."""
+    faulty = on_rover(Fault(name="own:Flicker", kind=Flicker))
+    images = [view.image for k in range(100) if (view := faulty.sample(Time(k))) is not None]
+    white = [bool((image == 255).all()) for image in images]
+    assert len(white) == 100
+    assert sum(white) == pytest.approx(50, abs=4.0 * math.sqrt(100 * 0.25))  # four standard deviations
+    assert all(np.array_equal(image, np.roll(SCENE, k, axis=1)) for k, image in enumerate(images) if not white[k])
+
+
+def test_a_kind_that_returns_another_message_is_stopped() -> None:
+    """Its estimator would fail later and less clearly."""
+    faulty = on_rover(Fault(name="own:Scrambled", kind=Scrambled))
+    with pytest.raises(ValueError, match="own:Scrambled returned SlipReading instead of RoverView"):
+        faulty.sample(Time(0))
+
+
+def test_a_class_that_is_no_fault_kind_is_refused() -> None:
+    """The line names the missing members."""
+    with pytest.raises(ValueError, match="own:Sonar is no fault kind: amounts, needs, applies_to missing"):
+        checked_kind("own:Sonar", Sonar)
+
+
+def test_the_message_of_a_sensor_is_read_from_its_annotation() -> None:
+    """Also from an optional one; a sensor without a stamped message is refused."""
+
+    class Mute:
+        def sample(self, truth: Stamped) -> None: ...
+
+    assert message_type(Counting()) is StereoFrame
+    assert message_type(Sonar()) is Echo
+    with pytest.raises(ValueError, match=r"Mute\.sample must be annotated with the message it returns"):
+        message_type(Mute())
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_kind_describes_itself(name: str) -> None:
+    """Defaults lie within the limits, and the class says in one line what it does."""
+    kind = fault(name).kind
+    for amount in kind.amounts:
+        amount.check(amount.default)
+        assert amount.name
+        assert amount.unit
+    assert kind.needs.startswith("a ")
+    assert (kind.__doc__ or "").splitlines()[0].endswith(".")
+
+
 @pytest.mark.parametrize(
-    ("fault", "complaint"),
+    ("name", "amount", "start", "duration", "complaint"),
     [
-        ({"kind": "dropout", "amount": (1.2,)}, r"dropout: amount = \[1.2\] must be 1 of 0 to 1"),
-        ({"kind": "decalibration", "amount": (0.1,)}, "decalibration: .* must be 3 of -5 to 5"),
-        ({"kind": "blackout", "amount": (0.5,)}, "blackout: .* must be none"),
-        ({"kind": "delay", "amount": (1.5,)}, "whole number of captures"),
-        ({"kind": "freeze", "start": -1.0}, "start = -1.0 s"),
-        ({"kind": "freeze", "duration": 0.0}, "duration = 0.0 s"),
+        ("dropout", (1.2,), 0.0, None, "dropout: share of messages = 1.2 must be 0 to 1"),
+        ("desync", (0.1,), 0.0, None, "desync: lag = 0.1 s must be 0.001 to 0.09 s"),
+        (
+            "decalibration",
+            (0.1,),
+            0.0,
+            None,
+            r"amount = \[0.1\] must be roll \[deg\], yaw \[deg\], pitch",
+        ),
+        ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6 deg must be -5 to 5 deg"),
+        ("blackout", (0.5,), 0.0, None, "blackout: .* must be no number"),
+        ("delay", (1.5,), 0.0, None, "delay = 1.5 captures must be a whole number"),
+        ("freeze", (), -1.0, None, "start = -1.0 s"),
+        ("freeze", (), 0.0, 0.0, "duration = 0.0 s"),
     ],
 )
-def test_faults_that_can_not_be_are_refused(fault: dict[str, object], complaint: str) -> None:
+def test_faults_out_of_range_are_refused(
+    name: str, amount: tuple[float, ...], start: float, duration: float | None, complaint: str
+) -> None:
     """One line with the kind, the value and its limits."""
     with pytest.raises(ValueError, match=complaint):
-        Fault(**fault)
+        fault(name, amount, start=start, duration=duration)
