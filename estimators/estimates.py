@@ -5,17 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-
-Reads: TypeAlias = Literal["stereo", "ground", "poses", "signals"]
-"""What an off-tracking estimator is fed and constructed for, as its class says in ``reads``: stereo frames (so without
-it), frames of cameras under the trailer, poses of a unit on it, or what the combination's sensors say."""
 
 
 class Health(Enum):
@@ -81,6 +76,14 @@ class OffTracking:
     def age(self, tick: int) -> float:
         """How old the measurement is at ``tick`` [s]."""
         return (tick - self.tick) * TICK
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraOffTracking:
+    """Off-tracking and the camera motion it was updated with."""
+
+    off_tracking: OffTracking
+    motion: Motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

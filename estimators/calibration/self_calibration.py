@@ -20,7 +20,8 @@ from estimators.calibration.right_rotation import RightRotation, straightened
 from estimators.calibration.rotation_fit import Estimate, from_motion, from_rows
 from estimators.calibration.rotation_views import FEWEST, View, new_view, seen_again
 from estimators.estimates import Health, Motion
-from estimators.odometry.protocol import Memory, Odometry
+from estimators.odometry.protocol import Odometry
+from estimators.protocol import Memory
 from estimators.rigid_motion import chained, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

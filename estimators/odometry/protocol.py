@@ -1,26 +1,17 @@
-"""What any odometry of a stereo rig is: the motions between its frames, from init and step alone."""
+"""Interface of stereo odometry: the motion from frame to frame."""
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from estimators.estimates import Motion
+from estimators.protocol import Estimator, Memory
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 
-Memory = TypeVar("Memory")
 
-
-class Odometry(Protocol[Memory]):
-    """Motion of the left camera from frame to frame; all that it remembers is in the memory handed in and out."""
-
-    def init(self) -> Memory:
-        """Memory before the first frame."""
-        ...
-
-    def step(self, memory: Memory, frame: StereoFrame) -> tuple[Memory, Motion | None]:
-        """Memory with the frame in it, and the motion that ends at it; None for the first frame."""
-        ...
+class Odometry(Estimator[Memory, StereoFrame, Motion], Protocol[Memory]):
+    """Motion of the left camera from frame to frame, constructed from a `StereoCalibration`; None for the first."""
 
 
 def above_ground(calibration: StereoCalibration) -> StereoCalibration:

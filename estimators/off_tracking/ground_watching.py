@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from estimators.estimates import Health, Motion, OffTracking, Reads
+from estimators.context import TrailerContext
+from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.ground_motion import ground_motion
 from estimators.off_tracking.ground_view import GroundView, ground_cameras, viewed
@@ -26,7 +27,7 @@ from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from estimators.off_tracking.path_closure import closed
 from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, positions_now
-from estimators.off_tracking.viso_ot import VisoOtEstimate
+from estimators.protocol import Option
 from estimators.rigid_motion import UncertainMotion, rotation_vector, seen_from
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -73,7 +74,8 @@ class GroundMemory(NamedTuple):
 class GroundWatching:
     """Off-tracking from two cameras that watch the ground under the trailer."""
 
-    reads: ClassVar[Reads] = "ground"
+    sensor: ClassVar[str] = "ground_cameras"
+    options: ClassVar[tuple[Option, ...]] = ()
     _single = False
 
     def __init__(self, calibration: StereoCalibration, follow_distance: float) -> None:
@@ -89,11 +91,16 @@ class GroundWatching:
         self._follow_distance = follow_distance
         self._buffer = OffTrackingBuffer(follow_distance)
 
+    @classmethod
+    def of(cls, context: TrailerContext) -> Self:
+        """Estimator with the context's cameras."""
+        return cls(context.stereo(), context.follow_distance)
+
     def init(self) -> GroundMemory:
         """Memory before the first frame."""
         return GroundMemory(self._buffer.init())
 
-    def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, VisoOtEstimate | None]:
+    def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, CameraOffTracking | None]:
         """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
         views = self._viewed(frame, memory.heading + memory.yaw)
         if memory.views is None:
@@ -116,7 +123,7 @@ class GroundWatching:
         unrest = max(moved.disagreement, _SUBSIDES * memory.unrest)
         memory = _moved_on(memory, frame.tick, views, body.X_PC)._replace(buffer=buffer, unrest=unrest)
         memory, off_tracking = self._closed(memory, views, off_tracking)
-        return memory, VisoOtEstimate(off_tracking=off_tracking, motion=self._message(body, seen))
+        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, seen))
 
     def _viewed(self, frame: StereoFrame, heading: float) -> Views:
         front, rear = self._cameras
@@ -124,7 +131,7 @@ class GroundWatching:
 
     def _lost(
         self, memory: GroundMemory, tick: int, views: Views, seen: list[Pairs]
-    ) -> tuple[GroundMemory, VisoOtEstimate]:
+    ) -> tuple[GroundMemory, CameraOffTracking]:
         """The frame shows nothing of the one before; it is passed over, or if that is too long ago begins anew."""
         lost = BodyMotion(
             tick=tick,
@@ -137,7 +144,7 @@ class GroundWatching:
         memory = memory._replace(buffer=buffer)
         if tick - memory.tick >= _LONGEST_SPAN:
             memory = memory._replace(tick=tick, views=views, yaw=0.0, since=math.inf)
-        return memory, VisoOtEstimate(off_tracking=off_tracking, motion=self._message(lost, seen))
+        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(lost, seen))
 
     def _closed(
         self, memory: GroundMemory, views: Views, off_tracking: OffTracking

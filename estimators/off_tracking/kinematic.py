@@ -13,12 +13,14 @@ Dynamics, 2018.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking, Reads
+from estimators.context import TrailerContext
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.protocol import Option
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -54,7 +56,8 @@ class KinematicMemory(NamedTuple):
 class KinematicOffTracking:
     """The off-tracking of one trailer under the assumption that the tractor's rear axle does not slip."""
 
-    reads: ClassVar[Reads] = "signals"
+    sensor: ClassVar[str] = "combination_signals"
+    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float) -> None:
         """For the ``unit`` of a vehicle whose follow point is ``follow_distance`` [m] behind its hitch.
@@ -68,6 +71,11 @@ class KinematicOffTracking:
         self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
         self._unit, self._follow_distance = unit, follow_distance
         self._buffer = OffTrackingBuffer(follow_distance)
+
+    @classmethod
+    def of(cls, context: TrailerContext) -> Self:
+        """Estimator for the context's trailer."""
+        return cls(context.vehicle, context.unit, context.follow_distance)
 
     def init(self) -> KinematicMemory:
         """Memory before the first signals."""

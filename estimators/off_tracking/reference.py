@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking, Reads
+from estimators.context import TrailerContext
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.protocol import Option
 from sensors.messages import BodyPose, GnssIns
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
 
@@ -22,7 +24,8 @@ class ReferenceMemory(NamedTuple):
 class ReferenceOffTracking:
     """The off-tracking that the poses of a reference unit show; its own errors are not modelled in ``std``."""
 
-    reads: ClassVar[Reads] = "poses"
+    sensor: ClassVar[str] = "reference_pose"
+    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, follow_distance: float) -> None:
         """For a follow point ``follow_distance`` [m] behind the hitch.
@@ -31,6 +34,11 @@ class ReferenceOffTracking:
             ValueError: if ``follow_distance`` is not positive.
         """
         self._buffer = OffTrackingBuffer(follow_distance)
+
+    @classmethod
+    def of(cls, context: TrailerContext) -> Self:
+        """Estimator for the context's trailer."""
+        return cls(context.follow_distance)
 
     def init(self) -> ReferenceMemory:
         """Memory before the first pose."""

@@ -6,24 +6,17 @@ Dynamics, 2018.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Generic, NamedTuple
+from typing import ClassVar, Generic, NamedTuple, Self
 
-from estimators.estimates import Anchor, Health, Motion, OffTracking, Reads
-from estimators.odometry.protocol import Memory, Odometry
+from estimators.context import TrailerContext
+from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
+from estimators.odometry.protocol import Odometry
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.protocol import Memory, Option, option_values
 from estimators.rigid_motion import UncertainMotion, seen_from
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class VisoOtEstimate:
-    """Off-tracking and the camera motion it was updated with."""
-
-    off_tracking: OffTracking
-    motion: Motion
 
 
 class VisoOtMemory(NamedTuple, Generic[Memory]):
@@ -36,8 +29,18 @@ class VisoOtMemory(NamedTuple, Generic[Memory]):
 class VisoOt(Generic[Memory]):
     """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
 
-    reads: ClassVar[Reads] = "stereo"
-    buffer_options: ClassVar[bool] = True  # it is constructed with those of the buffer
+    sensor: ClassVar[str] = "stereo_camera"
+    options: ClassVar[tuple[Option, ...]] = (
+        Option(name="smoothing", default=False, meaning="Kalman filter on the motions that fill the path buffer"),
+        Option(
+            name="reversing_distance",
+            default=REVERSING,
+            unit="m",
+            low=0.0,
+            high=200.0,
+            meaning="path kept behind the follow point for a trailer that reverses",
+        ),
+    )
 
     def __init__(
         self,
@@ -59,19 +62,31 @@ class VisoOt(Generic[Memory]):
         self._odometry = odometry
         self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
 
+    @classmethod
+    def of(cls, context: TrailerContext) -> Self:
+        """Estimator with the context's cameras, odometry and options."""
+        values = option_values(cls.options, context.options, "viso_ot")
+        return cls(
+            context.stereo(),
+            context.follow_distance,
+            context.stereo_odometry(),
+            reversing_distance=float(values["reversing_distance"]),
+            smoothing=bool(values["smoothing"]),
+        )
+
     def init(self) -> VisoOtMemory[Memory]:
         """Memory before the first frame."""
         return VisoOtMemory(self._odometry.init(), self._buffer.init())
 
     def step(
         self, memory: VisoOtMemory[Memory], frame: StereoFrame
-    ) -> tuple[VisoOtMemory[Memory], VisoOtEstimate | None]:
+    ) -> tuple[VisoOtMemory[Memory], CameraOffTracking | None]:
         """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
         odometry, motion = self._odometry.step(memory.odometry, frame)
         if motion is None:
             return VisoOtMemory(odometry, memory.buffer), None
         buffer, off_tracking = self._buffer.step(memory.buffer, body_motion(self._X_SC, motion))
-        return VisoOtMemory(odometry, buffer), VisoOtEstimate(off_tracking=off_tracking, motion=motion)
+        return VisoOtMemory(odometry, buffer), CameraOffTracking(off_tracking=off_tracking, motion=motion)
 
 
 def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:

@@ -7,11 +7,13 @@ and planetary rovers", ICRA 2008.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
+from estimators.context import RoverContext
 from estimators.estimates import Health, SlipAngle
+from estimators.protocol import Option
 from sensors.messages import LaserFix, SlipReading
 from vehicle.clock import TICK
 from vehicle.frames import wrap
@@ -21,7 +23,15 @@ _LEAST_WAY: Final = 0.05  # shorter ways show the tracker's noise, not a directi
 
 
 class ReferenceSlip:
-    """The slip that an exact instrument reads."""
+    """Slip angle that an exact instrument reads."""
+
+    sensor: ClassVar[str] = "slip_reading"
+    options: ClassVar[tuple[Option, ...]] = ()
+
+    @classmethod
+    def of(cls, context: RoverContext) -> Self:
+        """Estimator that needs nothing of the context."""
+        return cls()
 
     def init(self) -> None:
         """Nothing to remember."""

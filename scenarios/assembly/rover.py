@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 
 from controllers.path import Path
 from controllers.rover_driver import RoverDriver
-from estimators.estimates import SlipAngle
+from estimators.context import RoverContext, SlipEstimator
 from estimators.slip.rover_odometry import RoverGeometry
 from scenarios.assembly.rover_courses import rover_path
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
@@ -33,16 +32,6 @@ _GRID, _LEVEL, _SLOPING, _BESIDE = 0.1, 1.0, 20.0, 20.0  # of ground whose slope
 _ROUTE = 0.1  # between points of the way that the ground is laid out along [m]
 
 
-class SlipSource(Protocol):
-    """A slip angle estimator."""
-
-    def init(self) -> Any:
-        """Memory before the first message."""
-
-    def step(self, memory: Any, message: Any) -> tuple[Any, SlipAngle]:
-        """New memory and the estimate."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverAssembly:
     """The parts of one run."""
@@ -57,7 +46,7 @@ class RoverAssembly:
     schedule: Schedule  # of the camera, or of an exact instrument in its place
     instruments: RoverInstruments
     laser: LaserTracker
-    source: SlipSource
+    source: SlipEstimator
     rig: TraceRig
     world: SandWorld | None  # None: nothing is looked at
     camera: TraceCamera | None
@@ -76,8 +65,8 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
     terrain = terrain_of(options)
     soil = None if options.soil == "none" else load_soil(options.soil)
     driver = RoverDriver(geometry, path, scenario.speed, compensation=scenario.slip_compensation)
-    estimator = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
-    sees = scenario.slip_estimator != "truth"
+    estimator: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
+    sees = estimator.sensor == "trace_camera"
     if sees and soil is None:
         raise ValueError(
             f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) takes no trace"
@@ -95,7 +84,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         schedule=trace_schedule(scenario.rig),
         instruments=RoverInstruments(rng=stream(seed, "rover instruments"), scale=scenario.signals.noise),
         laser=LaserTracker(rng=stream(seed, "laser tracker"), scale=scenario.signals.noise),
-        source=estimator(rig) if sees else estimator(),
+        source=estimator.of(RoverContext(rover=geometry, rig=rig, rng=stream(seed, "slip estimator"), options={})),
         rig=rig,
         world=world,
         camera=trace_camera(world, rig, scenario.rig, stream(seed, "camera noise")) if world else None,

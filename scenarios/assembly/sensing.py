@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from controllers.trailer import TrailerGeometry
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
-from estimators.estimates import Reads
+from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
 from scenarios.assembly.adapters import rig_on
 from scenarios.assembly.board_calibration import Told
 from scenarios.assembly.ground_cameras import opened_ground_cameras
@@ -36,16 +36,6 @@ class Sensor(Protocol):
 
     def sample(self, truth: Truth) -> Message | None:
         """The message of this moment."""
-
-
-class OffTrackingSource(Protocol):
-    """An off-tracking estimator, with the odometry (if any) that feeds it."""
-
-    def init(self) -> Any:
-        """Memory before the first message."""
-
-    def step(self, memory: Any, message: Any) -> tuple[Any, Any]:
-        """New memory and the estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,17 +84,17 @@ def opened_sensing(
         ValueError: one line, for whatever of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
-    estimator = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
+    estimator: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     odometry = resolve("odometry", scenario.odometry, ODOMETRY)
-    reads: Reads = getattr(estimator, "reads", "stereo")
-    sees = reads in ("stereo", "ground")
-    settings = scenario.viso_ot.model_dump() if getattr(estimator, "buffer_options", False) else {}
+    sees = estimator.sensor in ("stereo_camera", "ground_cameras")
+    declared = {option.name for option in estimator.options}
+    settings = {name: value for name, value in scenario.viso_ot.model_dump().items() if name in declared}
     if not settings and scenario.viso_ot != VisoOtOptions():
         raise ValueError(f"viso_ot: off_tracking = {scenario.off_tracking} has none of these options, viso_ot has")
     cameras: Cameras | None = None
     if sees or record:
         noise = stream(seed, f"camera noise{_own(vehicle, unit)}")
-        if reads == "ground":
+        if estimator.sensor == "ground_cameras":
             cameras = opened_ground_cameras(
                 scenario, views, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
             )
@@ -120,28 +110,36 @@ def opened_sensing(
                 keep_colour=keep_colour,
                 calibrating=calibrating,
             )
-    if reads == "signals":
-        heard = _with_faults(signals, scenario, seed, vehicle, unit, None)
-        source = estimator(vehicle, unit, trailer.follow_distance)
-        return Sensing(sensor=heard, schedule=_SIGNALS, source=source, cameras=cameras, sees=False)
-    if cameras is None or not sees:
-        sensor = _with_faults(ExactPose(unit), scenario, seed, vehicle, unit, None)
-        drawing = getattr(estimator, "random", False)  # errors of its own
-        own_errors = [stream(seed, f"surrogate{_own(vehicle, unit)}")] if drawing else []
-        source = estimator(trailer.follow_distance, *own_errors)
-        return Sensing(sensor=sensor, schedule=schedule, source=source, cameras=cameras, sees=False)
-    arguments = [cameras.calibration, trailer.follow_distance]
-    if reads == "stereo":
-        measuring = odometry(cameras.calibration)
-        own = scenario.rig.self_calibration
-        arguments.append(SelfCalibratedOdometry(cameras.calibration, measuring) if own else measuring)
-    source = estimator(*arguments, **settings)
+    sensor: Sensor = ExactPose(unit)
+    if estimator.sensor == "combination_signals":
+        sensor, schedule = signals, _SIGNALS
+    elif sees and cameras is not None:
+        sensor = cameras.camera
+    sensor = _with_faults(sensor, scenario, seed, vehicle, unit, cameras if sees else None)
+    calibration, measuring = (cameras.calibration if cameras and sees else None), None
+    if calibration is not None and estimator.sensor == "stereo_camera":
+        measuring = odometry(calibration)
+        if scenario.rig.self_calibration:
+            measuring = SelfCalibratedOdometry(calibration, measuring)
+    source = estimator.of(
+        TrailerContext(
+            vehicle=vehicle,
+            unit=unit,
+            follow_distance=trailer.follow_distance,
+            calibration=calibration,
+            odometry=measuring,
+            rng=stream(seed, f"{scenario.off_tracking}{_own(vehicle, unit)}"),
+            options=settings,
+            sensor=sensor,
+        )
+    )
+    rectifier = cameras.rectifier if cameras and sees else None
     return Sensing(
-        sensor=_with_faults(cameras.camera, scenario, seed, vehicle, unit, cameras),
+        sensor=sensor,
         schedule=schedule,
-        source=Rectified(source, cameras.rectifier) if cameras.rectifier else source,
+        source=Rectified(source, rectifier) if rectifier else source,
         cameras=cameras,
-        sees=True,
+        sees=sees,
     )
 
 

@@ -13,6 +13,7 @@ from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
+from estimators.context import OffTrackingSource
 from scenarios.assembly.adapters import (
     course_of,
     surface_of,
@@ -24,7 +25,7 @@ from scenarios.assembly.adapters import (
 from scenarios.assembly.board_calibration import Told
 from scenarios.assembly.courses import Course
 from scenarios.assembly.recorded_drive import read_trace
-from scenarios.assembly.sensing import OffTrackingSource, Sensing, Sensor, opened_sensing
+from scenarios.assembly.sensing import Sensing, Sensor, opened_sensing
 from scenarios.assembly.stereo_cameras import Cameras, Views, built_world, traffic_around
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.options.course import ConstantSlipOptions

@@ -146,7 +146,9 @@ def slip(
     Writes slip.csv and .parquet, report.html, a video and summary.json. An image that is missing or broken is
     dropped and reported.
     """
+    from estimators.context import RoverContext
     from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+    from scenarios.randomness import stream
     from scenarios.recordings.rover_recording import open_rover_recording
     from scenarios.recordings.slip_estimation import estimate_slip
     from scenarios.recordings.slip_files import write_slip_estimation
@@ -157,10 +159,11 @@ def slip(
         check_run_directory(results)
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording's images do not hold the truth; use ftrace or ftrace_plus")
-        source = resolve("--estimator", estimator, SLIP_ESTIMATOR)
+        part = resolve("--estimator", estimator, SLIP_ESTIMATOR)
         recording = open_rover_recording(directory, rig)
+        source = part.of(RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={}))
         with progress_display(shown=not (quiet or as_json)) as display:
-            estimation = estimate_slip(recording, estimator, source(recording.rig), progress_bar(display, "slip angle"))
+            estimation = estimate_slip(recording, estimator, source, progress_bar(display, "slip angle"))
             numbers = write_slip_estimation(
                 estimation,
                 results,

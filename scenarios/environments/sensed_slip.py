@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
 
 from controllers.path import Path
+from estimators.context import RoverContext, SlipEstimator
 from estimators.estimates import Health, SlipAngle
-from scenarios.assembly.rover import sand_world, trace_camera, trace_schedule
+from scenarios.assembly.rover import rover_geometry, sand_world, trace_camera, trace_schedule
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
 from scenarios.options.rover import RoverScenario
 from scenarios.randomness import stream
@@ -59,10 +60,13 @@ class SensedSlip:
         self._camera = trace_camera(self._world, self._rig, scenario.rig, stream(seed, "camera noise"))
         scale = signal_noise * scenario.signals.noise
         self._instruments = RoverInstruments(rng=stream(seed, "rover instruments"), scale=scale)
-        self._source: Any = None
+        self._source: SlipEstimator | None = None
         if estimates:
-            self._source = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)(self._rig)
-        self._memory = self._source.init() if estimates else None
+            context = RoverContext(
+                rover=rover_geometry(rover), rig=self._rig, rng=stream(seed, "slip estimator"), options={}
+            )
+            self._source = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR).of(context)
+        self._memory: object = self._source.init() if self._source else None
         self._in_flight: Pipe[SlipAngle] = Pipe()
         self._good: SlipAngle | None = None  # the newest estimate with health
         self._image: tuple[int, GreyImage] | None = None  # the newest, with the tick of its capture
@@ -100,7 +104,8 @@ class SensedSlip:
                     steer=readings.steer,
                 )
                 self._memory, estimate = self._source.step(self._memory, view)
-                self._in_flight = self._in_flight.put(tick + self._schedule.latency, estimate)
+                if estimate is not None:
+                    self._in_flight = self._in_flight.put(tick + self._schedule.latency, estimate)
         self._in_flight, due = self._in_flight.deliver(tick)
         for estimate in due:
             if estimate.health is not Health.LOST:

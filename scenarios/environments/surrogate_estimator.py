@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from estimators.estimates import Health, OffTracking, Reads
+from estimators.context import TrailerContext
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.reference import ReferenceMemory, ReferenceOffTracking
+from estimators.protocol import Option
 from scenarios.environments.surrogate import SurrogateParameters, drifted, load_surrogate
 from sensors.messages import BodyPose
 from vehicle.clock import TICK
@@ -33,8 +35,8 @@ class SurrogateMemory(NamedTuple):
 class SurrogateOffTracking:
     """Off-tracking from exact poses, with the errors and losses of ``surrogate.SurrogateParameters`` on it."""
 
-    reads: ClassVar[Reads] = "poses"
-    random: ClassVar[bool] = True  # it is constructed with a generator of its errors
+    sensor: ClassVar[str] = "reference_pose"
+    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(
         self, follow_distance: float, rng: np.random.Generator, parameters: SurrogateParameters | None = None
@@ -50,6 +52,11 @@ class SurrogateOffTracking:
         self._bias, self._first_drift = rng.standard_normal(2) * [self._parameters.bias, self._parameters.drift]
         self._normal = rng.standard_normal((_FRAMES, 5))
         self._chance = rng.random(_FRAMES)
+
+    @classmethod
+    def of(cls, context: TrailerContext) -> Self:
+        """Estimator for the context's trailer, with errors from its random stream."""
+        return cls(context.follow_distance, context.rng)
 
     def init(self) -> SurrogateMemory:
         """Memory before the first pose."""

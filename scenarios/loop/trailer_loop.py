@@ -15,8 +15,7 @@ from typing import Literal
 import numpy as np
 
 from controllers.trailer import SteerCommand
-from estimators.estimates import OffTracking
-from estimators.off_tracking.viso_ot import VisoOtEstimate
+from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.sensing import Message
 from scenarios.assembly.trailer import WatchedTrailer
 from scenarios.results.trailer_signals import Estimate
@@ -68,6 +67,6 @@ class TrailerLoop:
         """What the estimator makes of a message; called in the worker, one message after the other."""
         with self._timed("odometry"):
             self._source, estimate = self.watched.sensing.source.step(self._source, message)
-        if isinstance(estimate, VisoOtEstimate):
+        if isinstance(estimate, CameraOffTracking):
             return Estimate(estimate.off_tracking, estimate.motion)
         return None if estimate is None else Estimate(estimate)

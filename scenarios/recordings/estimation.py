@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.context import OffTrackingSource
 from estimators.estimates import Health, Motion, OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
-from scenarios.assembly.sensing import OffTrackingSource
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.images import Dropped, stream
 from scenarios.recordings.recording import Recording

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimators.context import SlipEstimator
 from estimators.estimates import Health, SlipAngle
-from scenarios.assembly.rover import SlipSource
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_recording import RoverRecording
 from scenarios.results import metrics
@@ -47,7 +47,7 @@ class SlipEstimation:
 
 
 def estimate_slip(
-    recording: RoverRecording, name: str, source: SlipSource, progress: Progress = no_progress
+    recording: RoverRecording, name: str, source: SlipEstimator, progress: Progress = no_progress
 ) -> SlipEstimation:
     """The slip angle of every view; an interrupt ends it early and keeps what there is.
 

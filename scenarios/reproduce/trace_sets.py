@@ -12,9 +12,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from estimators.context import RoverContext, SlipEstimator
 from estimators.estimates import SlipAngle
+from scenarios.assembly.rover import rover_geometry
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
 from scenarios.progress import Progress
+from scenarios.randomness import stream
 from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
 from scenarios.results.log import Log, Signal
@@ -169,7 +172,8 @@ def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Jud
     of = sets[one.trace_set]
     rover = load_rover("el_dorado_ii")
     rig = nominal_rig(rover)
-    tracker = resolve("slip_estimator", estimator, SLIP_ESTIMATOR)(rig)
+    context = RoverContext(rover=rover_geometry(rover), rig=rig, rng=stream(one.seed, "slip estimator"), options={})
+    tracker: SlipEstimator = resolve("slip_estimator", estimator, SLIP_ESTIMATOR).of(context)
     memory = tracker.init()
     estimates: list[SlipAngle] = []
     truths: list[TraceTruth] = []

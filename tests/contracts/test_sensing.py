@@ -1,92 +1,182 @@
-"""What every odometry and every off-tracking source of the catalogue must keep, on rendered frames."""
+"""Contracts of every odometry, off-tracking estimator and slip estimator of the catalogue, on rendered images."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import pickle
-from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
-from estimators.estimates import Health
+from estimators.context import OffTrackingEstimator, RoverContext, SlipEstimator, TrailerContext
+from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking, SlipAngle
+from estimators.odometry.protocol import Odometry
+from estimators.protocol import Estimator
+from scenarios.assembly.rover import rover_geometry
 from scenarios.assembly.trailer import Assembly, assemble
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, resolve
 from scenarios.options.scenario import load_scenario
+from sensors.camera.rig import StereoCalibration
 from sensors.instruments.navigation import ExactPose
-from sensors.messages import BodyPose, StereoFrame
+from sensors.instruments.rover_navigation import ExactSlip
+from sensors.messages import StereoFrame
+from sensors.sand.rig import nominal_rig
+from sensors.sand.sequence import Labelled, labelled_sequence
 from vehicle.combination.plant import VehicleCommand
+from vehicle.rover.description import load_rover
 
 FRAMES = 8  # too few to fill the buffer at 0.5 m each, enough for a steady odometry
 STEP = 0.5  # 5 m/s at 10 Hz [m]
+SIGNALS = 20  # between two messages of the combination's sensors [ticks]
 # Share of the step that an increment may be off. A tenth of 2 % would already be a millimetre a frame. VISO2-S matches
 # whole pixels: 2.44 % of the distance (de Saxe 2018, section 2.1), and here of images of half the size, twice that.
 ACCURACY = {"circular": 0.02, "keyframe": 0.02, "viso2": 0.05}
 SETTINGS = ("rig.width=672", "rig.height=240", "world.scenery_density=0.5")
+VIEWS = 8  # of a rover: the trace is found in the second, and followed in all others
 
 
-@pytest.fixture(scope="module")
-def parts() -> Iterator[Assembly]:
-    assembly = assemble(load_scenario("constant-slip", SETTINGS), seed=3)
-    yield assembly
-    assert assembly.cameras is not None
-    assembly.cameras.renderer.close()
+class Drive(NamedTuple):
+    """Messages of one short drive, by the sensor that an estimator class names."""
+
+    assembly: Assembly
+    calibration: StereoCalibration
+    messages: dict[str, list[Any]]
 
 
-def driven(parts: Assembly) -> tuple[list[StereoFrame], list[BodyPose]]:
-    """What the cameras and an exact reference unit say of a short drive; the renderer is closed after it."""
+def driven(*settings: str) -> Drive:
+    """Straight drive at a constant slip; there is one renderer at a time, so it is closed in the end."""
+    parts = assemble(load_scenario("constant-slip", [*SETTINGS, *settings]), seed=3)
     assert parts.cameras is not None
     state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
-    frames, poses = [], []
-    for k in range(FRAMES):
-        truth = parts.motive.observe(state, 100 * k)
-        frame = parts.sensor.sample(truth)
-        assert isinstance(frame, StereoFrame)
-        frames.append(frame)
-        poses.append(ExactPose(parts.trailer_unit).sample(truth))
-        state = parts.motive.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), 100)
+    frames: list[StereoFrame] = []
+    poses, signals = [], []
+    for tick in range(0, 100 * FRAMES, SIGNALS):
+        truth = parts.motive.observe(state, tick)
+        signals.append(parts.trailers[-1].signals.sample(truth))
+        if tick % 100 == 0:
+            frame = parts.sensor.sample(truth)
+            assert isinstance(frame, StereoFrame)
+            frames.append(frame)
+            poses.append(ExactPose(parts.trailer_unit).sample(truth))
+        state = parts.motive.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
     parts.cameras.renderer.close()
-    return frames, poses
+    camera: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor
+    messages: dict[str, list[Any]] = {camera: frames, "reference_pose": poses, "combination_signals": signals}
+    return Drive(parts, parts.cameras.calibration, messages)
 
 
 @pytest.fixture(scope="module")
-def messages(parts: Assembly) -> tuple[list[StereoFrame], list[BodyPose]]:
-    return driven(parts)
+def drive() -> Drive:
+    return driven()
 
 
 @pytest.fixture(scope="module")
-def under_the_trailer(messages: Any) -> tuple[Assembly, list[StereoFrame]]:
-    """The same drive with downward cameras; there is one renderer at a time, so it waits for the other one's end."""
-    settings = [*SETTINGS, "world.scenery_density=0", "off_tracking=ground_watching"]
-    assembly = assemble(load_scenario("constant-slip", settings), seed=3)
-    return assembly, driven(assembly)[0]
+def under_the_trailer(drive: Drive) -> Drive:
+    """The same drive with downward cameras."""
+    return driven("world.scenery_density=0", "off_tracking=ground_watching")
+
+
+@pytest.fixture(scope="module")
+def trace() -> list[Labelled]:
+    """A rover on pebbles."""
+    return list(labelled_sequence("pebbles", seed=71, frames=VIEWS, rover=load_rover("el_dorado_ii"), bare=0.0))
 
 
 @pytest.fixture(params=sorted(ODOMETRY))
 def odometry_name(request: pytest.FixtureRequest) -> str:
-    name: str = request.param
-    return name
+    return str(request.param)
 
 
 @pytest.fixture
-def odometry(odometry_name: str, parts: Assembly) -> Any:
-    return resolve("odometry", odometry_name, ODOMETRY)(parts.cameras.calibration)
+def odometry(odometry_name: str, drive: Drive) -> Odometry[Any]:
+    part: Odometry[Any] = resolve("odometry", odometry_name, ODOMETRY)(drive.calibration)
+    return part
 
 
-def motions(odometry: Any, frames: list[StereoFrame]) -> list[Any]:
-    memory, found = odometry.init(), []
-    for frame in frames:
-        memory, motion = odometry.step(memory, frame)
-        found.append(motion)
-    return found
+@pytest.fixture(params=sorted(OFF_TRACKING))
+def off_tracking(
+    request: pytest.FixtureRequest, drive: Drive, under_the_trailer: Drive
+) -> tuple[OffTrackingEstimator, list[Any]]:
+    """An estimator of the catalogue and its messages."""
+    part: type[OffTrackingEstimator] = resolve("off_tracking", request.param, OFF_TRACKING)
+    source = under_the_trailer if part.sensor == "ground_cameras" else drive
+    parts = source.assembly
+    context = TrailerContext(
+        vehicle=parts.vehicle,
+        unit=parts.trailer_unit,
+        follow_distance=parts.trailer.follow_distance,
+        calibration=source.calibration,
+        odometry=resolve("odometry", parts.scenario.odometry, ODOMETRY)(drive.calibration),
+        rng=np.random.default_rng(3),
+        options={},
+        sensor=parts.sensor,
+    )
+    return part.of(context), source.messages[part.sensor]
 
 
-def test_odometry_measures_the_step_between_frames(odometry: Any, odometry_name: str, messages: Any) -> None:
+@pytest.fixture(params=sorted(SLIP_ESTIMATOR))
+def slip(request: pytest.FixtureRequest, trace: list[Labelled]) -> tuple[SlipEstimator, list[Any]]:
+    """An estimator of the catalogue and its messages."""
+    part: type[SlipEstimator] = resolve("slip_estimator", request.param, SLIP_ESTIMATOR)
+    rover = load_rover("el_dorado_ii")
+    context = RoverContext(
+        rover=rover_geometry(rover), rig=nominal_rig(rover), rng=np.random.default_rng(3), options={}
+    )
+    messages: dict[str, list[Any]] = {
+        "trace_camera": [moment.view for moment in trace],
+        "slip_reading": [ExactSlip().sample(moment.truth) for moment in trace],
+    }
+    return part.of(context), messages[part.sensor]
+
+
+def run(estimator: Estimator[Any, Any, Any], messages: Sequence[Any], *, travelling: bool = False) -> list[Any]:
+    """Memory and estimate after every message; ``travelling``: the memory is pickled between any two."""
+    memory, results = estimator.init(), []
+    for message in messages:
+        if travelling:
+            memory = pickle.loads(pickle.dumps(memory))
+        memory, estimate = estimator.step(memory, message)
+        results.append((memory, estimate))
+    return results
+
+
+def estimates(estimator: Estimator[Any, Any, Any], messages: Sequence[Any]) -> list[Any]:
+    return [estimate for _, estimate in run(estimator, messages)]
+
+
+def assert_same(a: Any, b: Any) -> None:
+    """Equal to the bit, down to the fields of tuples and dataclasses and the entries of arrays."""
+    assert type(a) is type(b)
+    if dataclasses.is_dataclass(a):
+        for field in dataclasses.fields(a):
+            assert_same(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, tuple | list):
+        assert len(a) == len(b)
+        for one, other in zip(a, b, strict=True):
+            assert_same(one, other)
+    elif isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+    else:
+        assert a == b or (a != a and b != b)  # two NaNs are the same
+
+
+def assert_memory_travels(estimator: Estimator[Any, Any, Any], messages: Sequence[Any]) -> None:
+    """All steps from unpickled memories are those from the memories themselves."""
+    kept, travelled = run(estimator, messages), run(estimator, messages, travelling=True)
+    assert any(estimate is not None for _, estimate in kept)
+    assert_same(kept, travelled)
+
+
+def test_odometry_measures_the_step_between_frames(odometry: Odometry[Any], odometry_name: str, drive: Drive) -> None:
     """Half a metre a frame, every one of them."""
-    first, *others = motions(odometry, messages[0])
+    first, *others = estimates(odometry, drive.messages["stereo_camera"])
     assert first is None
     for motion in others:
+        assert isinstance(motion, Motion)
         assert motion.health is not Health.LOST
         assert np.linalg.norm(motion.X_PC[:3, 3]) == pytest.approx(STEP, rel=ACCURACY[odometry_name])
         assert (np.linalg.eigvalsh(motion.covariance) > 0.0).all()
@@ -94,54 +184,74 @@ def test_odometry_measures_the_step_between_frames(odometry: Any, odometry_name:
         assert motion.tracks.shape == (motion.inliers, 4)
 
 
-def test_odometry_is_deterministic_and_its_memory_travels(odometry: Any, messages: Any) -> None:
-    """The same frames give the same motion to the bit, also through a pickled memory."""
-    frames = messages[0]
-    memory, _ = odometry.step(odometry.init(), frames[0])
-    memory, _ = odometry.step(memory, frames[1])
-    _, motion = odometry.step(memory, frames[2])
-    _, again = odometry.step(pickle.loads(pickle.dumps(memory)), frames[2])
-    np.testing.assert_array_equal(motion.X_PC, again.X_PC)
-    np.testing.assert_array_equal(motion.covariance, again.covariance)
+def test_odometry_is_deterministic_and_its_memory_travels(odometry: Odometry[Any], drive: Drive) -> None:
+    """The same frames give the same motion to the bit, also through pickled memories."""
+    assert_memory_travels(odometry, drive.messages["stereo_camera"])
 
 
-def test_a_blinded_camera_is_lost_and_found_again(odometry: Any, messages: Any) -> None:
+def test_off_tracking_is_deterministic_and_its_memory_travels(
+    off_tracking: tuple[OffTrackingEstimator, list[Any]],
+) -> None:
+    """The same messages give the same off-tracking to the bit, also through pickled memories."""
+    assert_memory_travels(*off_tracking)
+
+
+def test_slip_is_deterministic_and_its_memory_travels(slip: tuple[SlipEstimator, list[Any]]) -> None:
+    """The same views give the same slip to the bit, also through pickled memories; and there is a slip to compare."""
+    assert_memory_travels(*slip)
+    last = estimates(*slip)[-1]
+    assert isinstance(last, SlipAngle)
+    assert last.health is Health.OK
+
+
+def test_a_blinded_camera_is_lost_and_found_again(odometry: Odometry[Any], drive: Drive) -> None:
     """A black frame carries no motion: it must say so, finitely, and the frames after it must work."""
-    frames = list(messages[0])
+    frames = list(drive.messages["stereo_camera"])
     black = np.zeros_like(frames[4].left)
-    frames[4] = replace(frames[4], left=black, right=black)
-    found = motions(odometry, frames)
-    assert found[4].health is Health.LOST
-    assert np.isfinite(found[4].X_PC).all()
-    assert found[-1].health is not Health.LOST
-    assert np.isfinite(found[-1].X_PC).all()
+    frames[4] = dataclasses.replace(frames[4], left=black, right=black)
+    motions = estimates(odometry, frames)
+    assert motions[4].health is Health.LOST
+    assert np.isfinite(motions[4].X_PC).all()
+    assert motions[-1].health is not Health.LOST
+    assert np.isfinite(motions[-1].X_PC).all()
 
 
-# kinematic works on signals, not on images: tests/estimators/test_kinematic.py
-@pytest.mark.parametrize("name", sorted(OFF_TRACKING.keys() - {"kinematic"}))
-def test_a_source_knows_nothing_before_a_trailer_length_is_travelled(
-    name: str, parts: Assembly, messages: Any, under_the_trailer: Any
+def test_off_tracking_is_lost_before_a_trailer_length_is_travelled(
+    off_tracking: tuple[OffTrackingEstimator, list[Any]],
 ) -> None:
     """4 m of path do not reach back 14 m: the value is 0 and lost, not a guess; the path is what there is."""
-    build = resolve("off_tracking", name, OFF_TRACKING)
-    frames, poses = messages
-    if build.reads == "poses":
-        own_errors = [np.random.default_rng(3)] if getattr(build, "random", False) else []
-        source, given = build(parts.trailer.follow_distance, *own_errors), poses
-    elif build.reads == "ground":
-        assembly, given = under_the_trailer
-        source = build(assembly.cameras.calibration, parts.trailer.follow_distance)
-    else:
-        odometry = resolve("odometry", parts.scenario.odometry, ODOMETRY)(parts.cameras.calibration)
-        source, given = build(parts.cameras.calibration, parts.trailer.follow_distance, odometry), frames
-    memory = source.init()
-    for message in given:
-        memory, estimate = source.step(memory, message)
+    estimator, messages = off_tracking
+    last: OffTracking | None = None
+    for message, estimate in zip(messages, estimates(estimator, messages), strict=True):
         if estimate is not None:
-            off_tracking = getattr(estimate, "off_tracking", estimate)
-            assert off_tracking.tick == message.tick
-            assert off_tracking.health is Health.LOST
-            assert off_tracking.value == 0.0
-    way = (FRAMES - 1) * STEP
-    assert np.linalg.norm(off_tracking.path[-1]) == pytest.approx(way, rel=0.02)
-    assert off_tracking.v_x == pytest.approx(5.0 * np.cos(np.radians(14.0)), rel=0.02)
+            last = estimate.off_tracking if isinstance(estimate, CameraOffTracking) else estimate
+            assert last.tick == message.tick
+            assert last.health is Health.LOST
+            assert last.value == 0.0
+    assert last is not None
+    assert np.linalg.norm(last.path[-1]) == pytest.approx((FRAMES - 1) * STEP, rel=0.02)
+    assert last.v_x == pytest.approx(5.0 * math.cos(math.radians(14.0)), rel=0.02)
+
+
+def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
+    """Estimators of images say in one line that they have none."""
+    parts = drive.assembly
+    context = TrailerContext(
+        vehicle=parts.vehicle,
+        unit=parts.trailer_unit,
+        follow_distance=parts.trailer.follow_distance,
+        calibration=None,
+        odometry=None,
+        rng=np.random.default_rng(3),
+        options={},
+        sensor=None,
+    )
+    parts_of_images = [
+        part
+        for part in (resolve("off_tracking", name, OFF_TRACKING) for name in OFF_TRACKING)
+        if part.sensor in ("stereo_camera", "ground_cameras")
+    ]
+    assert parts_of_images
+    for part in parts_of_images:
+        with pytest.raises(ValueError, match="needs a calibrated stereo pair"):
+            part.of(context)

@@ -8,14 +8,14 @@ import pytest
 from estimators.estimates import Health, OffTracking
 from estimators.odometry.circular import CircularOdometry
 from estimators.off_tracking.reference import ReferenceOffTracking
-from estimators.off_tracking.viso_ot import VisoOt, VisoOtEstimate
+from estimators.off_tracking.viso_ot import CameraOffTracking, VisoOt
 from sensors.messages import BodyPose
 
 FOLLOW_DISTANCE = 7.0  # shorter than a trailer, so that a short drive fills the buffer [m]
 
 
 @pytest.fixture(scope="module")
-def estimates(drive) -> list[VisoOtEstimate]:
+def estimates(drive) -> list[CameraOffTracking]:
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
     memory, results = viso_ot.init(), []
     for frame in drive.frames:
@@ -37,7 +37,7 @@ def references(drive) -> list[OffTracking]:
 
 
 def test_off_tracking_from_images_is_that_of_the_exact_poses(
-    estimates: list[VisoOtEstimate], references: list[OffTracking]
+    estimates: list[CameraOffTracking], references: list[OffTracking]
 ) -> None:
     """The whole chain over a turn with shake: within 10 mm, as the paper has it in simulation (0.01 to 0.04 m)."""
     assert [e.off_tracking.tick for e in estimates] == [reference.tick for reference in references]
@@ -52,7 +52,7 @@ def test_off_tracking_from_images_is_that_of_the_exact_poses(
 
 
 def test_path_and_velocity_are_those_of_the_hitch(
-    estimates: list[VisoOtEstimate], references: list[OffTracking]
+    estimates: list[CameraOffTracking], references: list[OffTracking]
 ) -> None:
     """Lever arm and axes: a rear camera 14 m behind sees the hitch go forwards at 5 m/s."""
     for estimate, reference in list(zip(estimates, references, strict=True))[20:40]:
@@ -74,7 +74,7 @@ def test_first_frame_and_first_pose_have_no_estimate(drive) -> None:
     assert reference.step(reference.init(), BodyPose(tick=0, X_WB=drive.bodies[0]))[1] is None
 
 
-def test_lost_frame_is_without_health_and_leaves_no_trace(drive, estimates: list[VisoOtEstimate]) -> None:
+def test_lost_frame_is_without_health_and_leaves_no_trace(drive, estimates: list[CameraOffTracking]) -> None:
     """A dark frame in mid-turn: no value at its tick; the next motion spans the gap and the buffer is whole again."""
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
     memory, results = viso_ot.init(), []

@@ -9,11 +9,13 @@ are this project's own.
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
+from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
+from estimators.protocol import Option
 from estimators.slip.rover_odometry import rolled, wheel_places
 from estimators.slip.trace_tracker import histories, path_line
 from estimators.slip.trace_tracker.acquisition import best_straight
@@ -58,11 +60,19 @@ class TraceMemory(NamedTuple):
 class FTracePlus:
     """Tracker of the left rear wheel's trace; ``init`` and ``step`` are pure."""
 
+    sensor: ClassVar[str] = "trace_camera"
+    options: ClassVar[tuple[Option, ...]] = ()
+
     def __init__(self, rig: TraceRig, templates: Templates | None = None) -> None:
         self._rig = rig
         self._patch = GroundPatch(rig=rig)
         self._wheels = wheel_places(rig.wheelbase, rig.tread)
         self._templates = shipped_templates() if templates is None else templates
+
+    @classmethod
+    def of(cls, context: RoverContext) -> Self:
+        """Estimator for the context's camera."""
+        return cls(context.rig)
 
     def init(self) -> TraceMemory:
         """Before the first view."""

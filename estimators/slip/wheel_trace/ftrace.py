@@ -15,11 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
+from estimators.context import RoverContext
 from estimators.estimates import Health, SlipAngle, lost_slip
+from estimators.protocol import Option
 from estimators.slip.body_slip import (
     Heading,
     Pointing,
@@ -82,6 +84,9 @@ class Explanation:
 class FTrace:
     """Detector of the left rear wheel's trace; ``init`` and ``step`` are pure."""
 
+    sensor: ClassVar[str] = "trace_camera"
+    options: ClassVar[tuple[Option, ...]] = ()
+
     def __init__(self, rig: TraceRig, breakpoints: Breakpoints = BREAKPOINTS) -> None:
         """A detector for a calibrated camera; ``breakpoints`` of the membership functions."""
         self._rig = rig
@@ -89,6 +94,11 @@ class FTrace:
         self._edges = TraceEdges(rig)
         self._view = GroundLines(rig)
         self._visible = self._view.visible()
+
+    @classmethod
+    def of(cls, context: RoverContext) -> Self:
+        """Estimator for the context's camera."""
+        return cls(context.rig)
 
     def init(self) -> FTraceMemory:
         """Before the first view."""
