@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from estimators.calibration.board_views import BoardView, Corners
+from estimators.calibration.single_thread import single_thread
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, so3_exp
@@ -93,6 +94,7 @@ class _Fit(NamedTuple):
     tilts: FloatArray  # (n,) of the board from frontal [rad]
 
 
+@single_thread()
 def _fitted(used: Sequence[BoardView], size: tuple[int, int], board: Checkerboard) -> _Fit:
     _, K, distortion, turns, _, std, _, errors = cv2.calibrateCameraExtended(
         [board.corners.astype(np.float32)] * len(used),

@@ -19,6 +19,7 @@ from estimators.calibration.single_camera import (
     corners_of,
     error_limit,
 )
+from estimators.calibration.single_thread import single_thread
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.lens import CameraModel
@@ -108,6 +109,7 @@ class _PairFit(NamedTuple):
     errors: FloatArray  # (n,) RMS of each pair [px]
 
 
+@single_thread()
 def _pair_fitted(
     pairs: Sequence[_Pair], cameras: tuple[CameraCalibration, CameraCalibration], board: Checkerboard, flags: int
 ) -> _PairFit:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+import cv2
 import numpy as np
 import pytest
 
@@ -119,6 +120,30 @@ def test_the_right_camera_is_found_in_the_left_one(seed: int) -> None:
     assert found.rotation_std < np.radians(0.015)
     assert found.left.fx == pytest.approx(LEFT.fx, rel=1e-3)
     assert found.right.fx == pytest.approx(RIGHT.fx, rel=1e-3)
+
+
+@pytest.fixture
+def four_threads() -> Iterator[None]:
+    """OpenCV on four threads, whatever the machine has."""
+    usual = cv2.getNumThreads()
+    cv2.setNumThreads(4)
+    yield
+    cv2.setNumThreads(usual)
+
+
+@pytest.mark.usefixtures("four_threads")
+def test_the_same_photographs_give_the_same_calibration_to_the_bit() -> None:
+    """Sums of OpenCV's threads differ in their last bits from call to call; those of a calibration may not."""
+    rng, held_at = np.random.default_rng(0), poses(0, 20)
+    left = [view(f"l{k}", LEFT, X, rng) for k, X in enumerate(held_at)]
+    right = [view(f"r{k}", RIGHT, inverse(X_CLCR) @ X, rng) for k, X in enumerate(held_at)]
+    results = set()
+    for _ in range(6):
+        cameras = calibrated(left, BOARD), calibrated(right, BOARD)
+        pair = calibrated_pair(left, right, cameras, BOARD)
+        results.add((cameras[0].camera, cameras[1].camera, pair.left, pair.right, pair.X_ClCr.tobytes()))
+    assert len(results) == 1
+    assert cv2.getNumThreads() == 4
 
 
 def test_photographs_end_to_end() -> None:
