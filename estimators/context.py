@@ -10,11 +10,12 @@ import numpy as np
 
 from estimators.estimates import CameraOffTracking, OffTracking, SlipAngle
 from estimators.odometry.protocol import Odometry
-from estimators.protocol import Estimator, Option, Parameter
+from estimators.protocol import Estimator
 from estimators.slip.rover_odometry import RoverGeometry
 from sensors.camera.rig import StereoCalibration
 from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import Vehicle
+from vehicle.option import Option, Parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -27,11 +27,11 @@ from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from estimators.off_tracking.path_closure import closed
 from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, positions_now
-from estimators.protocol import Option
 from estimators.rigid_motion import UncertainMotion, rotation_vector, seen_from
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse
+from vehicle.option import Option
 
 _STILL = 5e-4  # a motion of less is a standstill: views are kept, so that their noise does not add up [m]
 _LONGEST_SPAN = 500  # between two frames; a truck has then gone on beyond what it saw [ticks]

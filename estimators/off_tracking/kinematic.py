@@ -20,11 +20,11 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.protocol import Option
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
+from vehicle.option import Option
 
 _PUBLISHED = 100  # as often as a camera would [ticks]
 _LONGEST_GAP = 500  # without signals for longer, the way between them is not known [ticks]

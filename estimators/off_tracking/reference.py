@@ -9,9 +9,9 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.protocol import Option
 from sensors.messages import BodyPose, GnssIns
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+from vehicle.option import Option
 
 
 class ReferenceMemory(NamedTuple):

@@ -12,11 +12,12 @@ from estimators.context import TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
 from estimators.odometry.protocol import Odometry
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.protocol import Memory, Option, option_values
+from estimators.protocol import Memory
 from estimators.rigid_motion import UncertainMotion, seen_from
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
+from vehicle.option import Option, option_values
 
 
 class VisoOtMemory(NamedTuple, Generic[Memory]):

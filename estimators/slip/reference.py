@@ -13,10 +13,10 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import Health, SlipAngle
-from estimators.protocol import Option
 from sensors.messages import LaserFix, SlipReading
 from vehicle.clock import TICK
 from vehicle.frames import wrap
+from vehicle.option import Option
 
 _SPAN: Final = 4.0  # of fixes and headings that a direction of travel is fitted to: 0.3 m of way [s]
 _LEAST_WAY: Final = 0.05  # shorter ways show the tracker's noise, not a direction [m]

@@ -14,11 +14,11 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.reference import ReferenceMemory, ReferenceOffTracking
-from estimators.protocol import Option
 from scenarios.environments.surrogate import SurrogateParameters, drifted, load_surrogate
 from sensors.messages import BodyPose
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 _FRAMES = 4096  # of random numbers: several minutes; a longer run meets them again
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from estimators.protocol import Option
 from estimators.slip.rover_odometry import rolled, wheel_places
 from estimators.slip.trace_tracker import histories, path_line
 from estimators.slip.trace_tracker.acquisition import best_straight
@@ -32,6 +31,7 @@ from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 from vehicle.rover.command import REAR_LEFT
 
 _FOUND: Final = 0.36  # likeness of a rut found: sand under moving shadows reaches this once in a hundred pictures

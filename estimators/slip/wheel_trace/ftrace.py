@@ -21,7 +21,6 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import Health, SlipAngle, lost_slip
-from estimators.protocol import Option
 from estimators.slip.body_slip import (
     Heading,
     Pointing,
@@ -40,6 +39,7 @@ from estimators.slip.wheel_trace.poses import GroundLines, turn_between
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 from vehicle.rover.command import REAR_LEFT
 
 CANDIDATES: Final = 10  # (Reina 2008, section II-A.2)
