@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 
 class Linkage(NamedTuple):
@@ -88,3 +89,10 @@ class TrailerSteering(Protocol, Generic[Memory]):
     ) -> tuple[Memory, SteerCommand]:
         """New memory and command at ``tick``; ``off_tracking`` is the newest estimate, None before the first."""
         ...
+
+
+class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
+    """A steering law with its declarations; those of the catalogue inherit from it."""
+
+    uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
+    options: ClassVar[tuple[Option, ...]] = ()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,7 +13,7 @@ from vehicle.parameter_file import nearest
 Parameter: TypeAlias = bool | int | float | str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Option:
     """One parameter of a replaceable part, such as a steering law or an estimator."""
 
@@ -24,11 +25,11 @@ class Option:
     high: float = math.inf
     tune: tuple[float, float] | None = None  # range that `offtrack tune` searches; None: not tuned
     choices: tuple[str, ...] = ()  # of a text; none: any text
-    type_without_default: type[Parameter] = float
+    type_without_default: type[object] = float
     default_text: str = ""
 
     @property
-    def kind(self) -> type[Parameter]:
+    def kind(self) -> type[object]:
         """Type of the values; a float accepts an integer."""
         return self.type_without_default if self.default is None else type(self.default)
 
@@ -50,7 +51,7 @@ class Option:
         """
         unit = "" if self.unit == "-" else f" {self.unit}"
         accepted = (int, float) if self.kind is float else self.kind
-        if not isinstance(value, accepted) or (isinstance(value, bool) and self.kind is not bool):
+        if not isinstance(value, accepted) or (isinstance(value, bool) and self.kind in (int, float)):
             kind = f"of type {self.kind.__name__}" if self.kind is not float or not self.limits else ""
             raise ValueError(f"{key} = {value!r}{unit} must be {', '.join(filter(None, (self.limits, kind)))}")
         if isinstance(value, str):
@@ -88,3 +89,28 @@ def option_values(options: Sequence[Option], given: Mapping[str, Parameter], pre
     check_options(options, given, prefix)
     defaults = {option.name: option.default for option in options if option.default is not None}
     return {**defaults, **given}
+
+
+def declared_options(part: Callable[..., object], skip: Collection[str] = ()) -> tuple[Option, ...]:
+    """Options of a part's class: its ``options``, or else what its constructor's signature shows.
+
+    Args:
+        part: class, constructed with one positional argument and keywords.
+        skip: keywords that are no options.
+    """
+    declared = getattr(part, "options", None)
+    if isinstance(declared, tuple) and all(isinstance(option, Option) for option in declared):
+        return declared
+    keywords = [
+        p for p in inspect.signature(part).parameters.values() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+    ]
+    return tuple(_undeclared(keyword) for keyword in keywords[1:] if keyword.name not in skip)
+
+
+def _undeclared(keyword: inspect.Parameter) -> Option:
+    """Option that any value is accepted for."""
+    default = keyword.default
+    if isinstance(default, int | float) and not isinstance(default, bool):
+        return Option(keyword.name, float(default), "")
+    text = "required" if default is keyword.empty else repr(default)
+    return Option(keyword.name, None, "", type_without_default=object, default_text=text)

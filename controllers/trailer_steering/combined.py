@@ -7,11 +7,11 @@ command. In between, where a low-speed law would swing and a trailer is damped w
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry, TrailerSteering
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.ct_at import CtAt
 from controllers.trailer_steering.lateral_design import KMH
@@ -22,14 +22,17 @@ from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
-from vehicle.parameter_file import nearest
+from vehicle.option import Option
 
-_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], TrailerSteering[Any]]]] = {
+_LOW_SPEED: Final[dict[str, Callable[[TrailerGeometry, Combination], SteeringLaw[Any]]]] = {
     "command_steer": lambda trailer, combination: CommandSteer(trailer, combination=combination),
     "ct_at": lambda trailer, combination: CtAt(trailer, combination=combination),
     "path_preview": lambda trailer, combination: PathPreview(trailer),
     "virtual_driver": lambda trailer, combination: VirtualDriver(trailer),
 }
+_LOW_SPEED_OPTION: Final = Option(
+    "low_speed", "path_preview", "name of the law at low speed", choices=tuple(_LOW_SPEED)
+)
 
 # assumed: between a tight turn's speed and a road's; path preview, command steer and the like swing at 50 km/h [m/s].
 _WHOLE, _GONE = 25.0 * KMH, 45.0 * KMH
@@ -44,8 +47,10 @@ class CombinedMemory(NamedTuple):
     demand: tuple[float, ...]  # last command [rad]
 
 
-class Combined:
+class Combined(SteeringLaw[CombinedMemory]):
     """A low-speed law and the LQR, each at its speeds."""
+
+    options: ClassVar[tuple[Option, ...]] = (_LOW_SPEED_OPTION, *Lqr.options)
 
     def __init__(
         self,
@@ -63,9 +68,7 @@ class Combined:
         Raises:
             ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
         """
-        if low_speed not in _LOW_SPEED:
-            hint = nearest(low_speed, tuple(_LOW_SPEED))
-            raise ValueError(f"low_speed = '{low_speed}'{hint} (known: {', '.join(_LOW_SPEED)})")
+        _LOW_SPEED_OPTION.check(low_speed, "low_speed")
         self._trailer = trailer
         self._high = Lqr(
             trailer,

@@ -16,20 +16,25 @@ tractor's rear axle adds comes from tractor speed and gyro, else L' = L_f/2 woul
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import replace
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.option import Option
 
 _CREEP = 0.2  # slower, the direction of travel is the sensors' noise, and a linkage turns nothing on the spot [m/s]
-_SHORTEST = 0.1  # of the follow distance: beyond it no axle could turn far enough
+_SHORTEST, _LONGEST = 0.1, 2.0  # of the follow distance: no axle could turn far enough for a shorter one
+_RIGID_LENGTH: Final = Option(
+    "rigid_length", None, "hitch to the emulated rigid axle", "m", 0.1, 40.0, default_text="half the follow distance"
+)
 
 
 class CommandSteerMemory(NamedTuple):
@@ -39,10 +44,11 @@ class CommandSteerMemory(NamedTuple):
     demand: tuple[float, ...]  # last command [rad]
 
 
-class CommandSteer:
+class CommandSteer(SteeringLaw[CommandSteerMemory]):
     """Angles that follow the articulation; the off-tracking is not used."""
 
-    uses_off_tracking = False
+    uses_off_tracking: ClassVar[bool] = False
+    options: ClassVar[tuple[Option, ...]] = (_RIGID_LENGTH,)
 
     def __init__(
         self, trailer: TrailerGeometry, *, combination: Combination, rigid_length: float | None = None
@@ -54,8 +60,8 @@ class CommandSteer:
         """
         check_steered("command_steer", trailer)
         length = 0.5 * trailer.follow_distance if rigid_length is None else rigid_length
-        limits = (_SHORTEST * trailer.follow_distance, 2.0 * trailer.follow_distance, "m")
-        check_limits({"rigid_length": length}, {"rigid_length": limits})
+        low, high = _SHORTEST * trailer.follow_distance, _LONGEST * trailer.follow_distance
+        replace(_RIGID_LENGTH, low=low, high=high).check(length, "rigid_length")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
         self._beyond = trailer.follow_distance / length - 1.0  # how far the follow point lies behind L', in L'

@@ -18,24 +18,24 @@ steady off-tracking of about follow distance times slip over gain remains: the k
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
 from estimators.estimates import OffTracking
 from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option, check_options
 
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _REACH = 0.5  # half window of the fit of the heading to the path [m]
-_LIMITS = {"heading_gain": (0.0, 5.0, "-"), "preview": (0.0, 1.0, "s")}
 
 
 class CtAtMemory(NamedTuple):
@@ -46,8 +46,13 @@ class CtAtMemory(NamedTuple):
     demand: tuple[float, ...]  # last command [rad]
 
 
-class CtAt:
+class CtAt(SteeringLaw[CtAtMemory]):
     """Angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("heading_gain", 1.5, "turn of the follow point per heading error", "-", 0.0, 5.0),
+        Option("preview", None, "time ahead of the heading", "s", 0.0, 1.0, default_text="the actuators' lag"),
+    )
 
     def __init__(
         self,
@@ -63,15 +68,14 @@ class CtAt:
             trailer: to be steered.
             combination: what it is part of.
             heading_gain: turn of the follow point per heading error against the reference trailer [-]; 0: none.
-            preview: how far ahead the heading is read from the path, to make up for the actuators' lag, which it is
-                by default [s].
+            preview: time ahead at which the heading is read from the path, against the actuators' lag [s].
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("ct_at", trailer)
         self._gain, self._preview = heading_gain, trailer.actuator_lag if preview is None else preview
-        check_limits({"heading_gain": self._gain, "preview": self._preview}, _LIMITS)
+        check_options(self.options, {"heading_gain": self._gain, "preview": self._preview})
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.command_steer import CommandSteer, CommandSteerMemory
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
@@ -19,10 +19,10 @@ _WHOLE: Final = 8.3
 _GONE: Final = 13.9
 
 
-class Fallback:
+class Fallback(SteeringLaw[CommandSteerMemory]):
     """Command steer that follows the hitch in steady turns, fading with speed; or straight wheels at any speed."""
 
-    uses_off_tracking = False
+    uses_off_tracking: ClassVar[bool] = False
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, name: FallbackName) -> None:
         """For a trailer with steered axles."""

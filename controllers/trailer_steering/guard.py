@@ -20,12 +20,13 @@ from controllers.trailer import Combination, SteerCommand, TrailerGeometry, Trai
 from controllers.trailer_steering.command_steer import CommandSteerMemory
 from controllers.trailer_steering.fallback import Fallback, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.limits import check_limits, reachable
+from controllers.trailer_steering.limits import reachable
 from controllers.trailer_steering.plausibility import Limits, Way, jumps, moved_on, moves_as_told, usable
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 _QUICKENING = 1.0  # in which the rate of a change of hands grows by as much as it began with [s]
 _HELD_WAY = 0.25  # of the follow distance: further on, where the hitch goes is a guess [-]
@@ -57,7 +58,8 @@ class Degradation:
     fallback: FallbackName = "command_steer"
 
     def __post_init__(self) -> None:
-        check_limits({name: getattr(self, name) for name in LIMITS}, LIMITS)
+        for name, (low, high, unit) in LIMITS.items():
+            Option(name, 0.0, "", unit, low, high).check(getattr(self, name), name)
 
     @property
     def limits(self) -> Limits:

@@ -1,25 +1,11 @@
-"""What steering laws have in common: parameters within limits, demands that the actuators can follow."""
+"""Checks and limits that steering laws share."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import numpy as np
 
 from controllers.trailer import TrailerGeometry
 from vehicle.frames import FloatArray
-
-
-def check_limits(values: Mapping[str, float], limits: Mapping[str, tuple[float, float, str]]) -> None:
-    """Refuses values outside their limits: lowest, highest, unit.
-
-    Raises:
-        ValueError: naming the first such value, its limits and their unit.
-    """
-    for name, value in values.items():
-        low, high, unit = limits[name]
-        if not isinstance(value, int | float) or not low <= value <= high:  # a scenario may hold a word here
-            raise ValueError(f"{name} = {value} {unit} must be between {low:g} and {high:g} {unit}")
 
 
 def check_steered(law: str, trailer: TrailerGeometry) -> None:

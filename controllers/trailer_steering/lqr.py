@@ -10,28 +10,23 @@ below which a trailer is damped well enough by itself, and runs hardly wide of i
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from controllers.driver import PERIOD
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.lateral_design import KMH, Weights, at_speed, path_nodes, schedule
-from controllers.trailer_steering.limits import check_limits, check_steered
+from controllers.trailer_steering.limits import check_steered
 from controllers.trailer_steering.reckoned_path import ReckonedPath, corrected, moved, straight_behind
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option, check_options
 
 _MOST_PERIODS = 5  # that the filter makes up for in a step; after a longer pause it starts from what is read
-_LIMITS = {
-    "off_tracking_weight": (0.0, 10.0, "rad2/m2"),
-    "acceleration_weight": (0.0, 10.0, "rad2 s4/m2"),
-    "from_speed_kmh": (20.0, 120.0, "km/h"),
-    "full_speed_kmh": (20.0, 130.0, "km/h"),
-}
 
 
 class LqrMemory(NamedTuple):
@@ -44,8 +39,15 @@ class LqrMemory(NamedTuple):
     demand: float  # last angle of the actuators [rad]
 
 
-class Lqr:
+class Lqr(SteeringLaw[LqrMemory]):
     """One angle for all steered axles of the trailer, by state feedback."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("off_tracking_weight", 0.04, "off-tracking against the steer angle", "rad2/m2", 0.0, 10.0),
+        Option("acceleration_weight", 0.03, "trailer's lateral acceleration against it", "rad2 s4/m2", 0.0, 10.0),
+        Option("from_speed_kmh", 45.0, "speed below which the axles are straight", "km/h", 20.0, 120.0),
+        Option("full_speed_kmh", 70.0, "speed from which on the law has full authority", "km/h", 20.0, 130.0),
+    )
 
     def __init__(
         self,
@@ -57,29 +59,19 @@ class Lqr:
         from_speed_kmh: float = 45.0,
         full_speed_kmh: float = 70.0,
     ) -> None:
-        """A controller for the trailer.
-
-        Args:
-            trailer: to be steered.
-            combination: what it is part of.
-            off_tracking_weight: of the follow point's off-tracking against the steer angle [rad2/m2].
-            acceleration_weight: of the trailer's lateral acceleration against the steer angle [rad2 s4/m2].
-            from_speed_kmh: below it the axles are straight [km/h].
-            full_speed_kmh: from it on the law has full authority [km/h].
+        """A controller for the trailer; ``options`` describes the parameters.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("lqr", trailer)
-        check_limits(
-            {
-                "off_tracking_weight": off_tracking_weight,
-                "acceleration_weight": acceleration_weight,
-                "from_speed_kmh": from_speed_kmh,
-                "full_speed_kmh": full_speed_kmh,
-            },
-            _LIMITS,
-        )
+        given = {
+            "off_tracking_weight": off_tracking_weight,
+            "acceleration_weight": acceleration_weight,
+            "from_speed_kmh": from_speed_kmh,
+            "full_speed_kmh": full_speed_kmh,
+        }
+        check_options(self.options, given)
         if not from_speed_kmh < full_speed_kmh:
             raise ValueError(f"full_speed_kmh = {full_speed_kmh} km/h must exceed from_speed_kmh = {from_speed_kmh}")
         self._trailer, self._combination = trailer, combination

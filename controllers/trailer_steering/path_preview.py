@@ -14,21 +14,20 @@ trailer's kinematics know nothing of, are as slow as the estimate is old: the la
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option, check_options
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
@@ -42,31 +41,6 @@ _MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is l
 # The loop with its 0.3 s of delay is well damped at 30 km/h and swings on at 40 km/h: the law is whole up to the one
 # and gone at the other [m/s].
 _WHOLE, _GONE = 7.0, 11.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PathPreviewParameters:
-    """What can be tuned.
-
-    Raises:
-        ValueError: if a value is outside its limits.
-    """
-
-    gain: float  # turn of the follow point towards the path per offset [rad/m]
-    integral: float  # the same per offset and metre travelled [rad/m2]
-    compliance: float  # slip of the axles per lateral acceleration [rad s2/m]
-    slip_distance: float  # low-pass on the rest of the axles' slip [m]
-
-    def __post_init__(self) -> None:
-        check_limits(asdict(self), _LIMITS)
-
-
-_LIMITS = {
-    "gain": (0.0, 2.0, "rad/m"),
-    "integral": (0.0, 0.5, "rad/m2"),
-    "compliance": (0.0, 0.1, "rad s2/m"),
-    "slip_distance": (0.1, 100.0, "m"),
-}
 
 
 class Target(NamedTuple):
@@ -89,15 +63,16 @@ class PathPreviewMemory(NamedTuple):
     bias: float  # integral part of the follow point's turn [rad]
 
 
-class PathPreview:
+class PathPreview(SteeringLaw[PathPreviewMemory]):
     """The axle angles that bring the follow point onto the path of the hitch, and keep it there."""
 
-    tunable: ClassVar[Mapping[str, tuple[float, float]]] = {  # where it is worth looking
-        "gain": (0.15, 1.5),
-        "integral": (0.0, 0.12),
-        "compliance": (0.005, 0.06),
-        "slip_distance": (0.4, 6.0),
-    }
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("gain", 0.77, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
+        Option("integral", 0.06, "the same per offset and metre", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
+        # 1/(4.6 g): cornering stiffness of a truck tyre over its load
+        Option("compliance", 0.022, "slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
+        Option("slip_distance", 0.6, "low-pass on the rest of the slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
+    )
 
     def __init__(
         self,
@@ -105,10 +80,10 @@ class PathPreview:
         *,
         gain: float = 0.77,
         integral: float = 0.06,
-        compliance: float = 0.022,  # 1/(4.6 g): cornering stiffness of a truck tyre over its load
+        compliance: float = 0.022,
         slip_distance: float = 0.6,
     ) -> None:
-        """A controller for the trailer; the parameters are those of `PathPreviewParameters`.
+        """A controller for the trailer; ``options`` describes the parameters.
 
         The defaults come from `offtrack tune`; its study is in scenarios/data/tuning/path_preview.
 
@@ -117,9 +92,10 @@ class PathPreview:
         """
         check_steered("path_preview", trailer)
         self._trailer = trailer
-        self._parameters = PathPreviewParameters(
-            gain=gain, integral=integral, compliance=compliance, slip_distance=slip_distance
-        )
+        given = {"gain": gain, "integral": integral, "compliance": compliance, "slip_distance": slip_distance}
+        check_options(self.options, given)
+        self._gain, self._integral = gain, integral
+        self._compliance, self._slip_distance = compliance, slip_distance
         self._axles = AxleGroup.of(trailer)
         self._predictor = Predictor(trailer, self._axles)
 
@@ -159,7 +135,7 @@ class PathPreview:
         interval = (seen.tick - before.tick) * TICK
         if seen.v_x < _MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
-        return 1.0 - math.exp(-interval / max(self._parameters.slip_distance / seen.v_x, _SLIP_TIME))
+        return 1.0 - math.exp(-interval / max(self._slip_distance / seen.v_x, _SLIP_TIME))
 
     def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, seen: OffTracking) -> float:
         """Mean slip of the axles [-] between two estimates."""
@@ -181,7 +157,7 @@ class PathPreview:
             return memory, share * self._axles.slip_angles(memory.slip)
         slip = memory.other_slip + self._inertial_slip(seen, target)
         bias = self._integrated(memory, share * target.offset * seen.v_x * elapsed)
-        gain = min(self._parameters.gain, _CROSSOVER / seen.v_x)
+        gain = min(self._gain, _CROSSOVER / seen.v_x)
         follow_direction = target.direction + math.atan(gain * target.offset + bias)
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
         return memory._replace(bias=bias), share * angles
@@ -207,10 +183,10 @@ class PathPreview:
         at_hitch = speed * (seen.hitch_direction_rate + seen.yaw_rate)
         at_follow_point = speed**2 * target.curvature
         share = self._axles.centre / self._trailer.follow_distance
-        return -self._parameters.compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
+        return -self._compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
 
     def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
         """The integral part [rad] after ``area`` [m2] more beside the path; it waits while no axle can steer more."""
         if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
             return memory.bias
-        return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._parameters.integral * area))
+        return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._integral * area))

@@ -17,17 +17,18 @@ import zipfile
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import chord_lengths, crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: where along the path from the follow point to the hitch one looks
@@ -103,8 +104,18 @@ class PolicyMemory(NamedTuple):
     demand: tuple[float, ...]  # last command [rad]
 
 
-class Policy:
+class Policy(SteeringLaw[PolicyMemory]):
     """The angles that a trained network demands."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option(
+            "path",
+            None,
+            "file of the network, or the name of a shipped one",
+            default_text="required",
+            type_without_default=str,
+        ),
+    )
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, path: str) -> None:
         """``path`` of the network's file, or the name of a shipped one.

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 
 
-class Unsteered:
+class Unsteered(SteeringLaw[None]):
     """Zero demand on every steered axle, whatever is seen."""
 
-    uses_off_tracking = False
+    uses_off_tracking: ClassVar[bool] = False
 
     def __init__(self, trailer: TrailerGeometry) -> None:
         self._axles = len(trailer.steered_distances)

@@ -21,29 +21,24 @@ the combination leaves the road there.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
-from controllers.trailer_steering.limits import check_limits, check_steered, reachable
+from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import chord_lengths, crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.option import Option, check_options
 
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _SMOOTHING = 0.5  # low-pass on the derivative of the error [m]
 _LEAST_LEVER = 0.5  # of x_c - L_f/2 in the proportional gain, for groups about the middle [m]
 _MOST_BIAS = 0.15  # of the integral: slip on ice, and some more [rad]
-_LIMITS = {
-    "preview": (0.2, 6.0, "m"),
-    "gain": (0.0, 5.0, "-"),
-    "integral": (0.0, 0.5, "rad/m2"),
-    "derivative": (0.0, 3.0, "rad"),
-}
 
 
 class VirtualDriverMemory(NamedTuple):
@@ -57,8 +52,15 @@ class VirtualDriverMemory(NamedTuple):
     demand: tuple[float, ...]  # last command [rad]
 
 
-class VirtualDriver:
+class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
     """Angles by which a driver at the rear would steer the follow point onto the path."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("preview", 1.5, "distance ahead of the follow point at which the driver looks", "m", 0.2, 6.0),
+        Option("gain", 1.0, "proportional part; 1: a steady turn needs no error", "-", 0.0, 5.0),
+        Option("integral", 0.02, "angle per error and metre travelled", "rad/m2", 0.0, 0.5),
+        Option("derivative", 0.1, "angle per change of the error over the distance travelled", "rad", 0.0, 3.0),
+    )
 
     def __init__(
         self,
@@ -69,21 +71,14 @@ class VirtualDriver:
         integral: float = 0.02,
         derivative: float = 0.1,
     ) -> None:
-        """A controller for the trailer.
-
-        Args:
-            trailer: to be steered.
-            preview: how far ahead of the follow point the driver looks [m].
-            gain: proportional part, in multiples of that for which a steady turn needs no error [-].
-            integral: angle per error and metre travelled [rad/m2].
-            derivative: angle per change of the error over the way [rad].
+        """A controller for the trailer; ``options`` describes the parameters.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("virtual_driver", trailer)
-        told = {"preview": preview, "gain": gain, "integral": integral, "derivative": derivative}
-        check_limits(told, _LIMITS)
+        given = {"preview": preview, "gain": gain, "integral": integral, "derivative": derivative}
+        check_options(self.options, given)
         self._trailer, self._axles = trailer, AxleGroup.of(trailer)
         self._preview, self._integral, self._derivative = preview, integral, derivative
         self._x_c = self._axles.second_moment / self._axles.first_moment

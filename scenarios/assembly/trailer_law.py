@@ -1,49 +1,61 @@
-"""A trailer steering law by its name, given its trailer, its parameters and, if it asks, the whole combination."""
+"""Trailer steering laws by name, constructed for a trailer and wrapped against bad estimates and reversing."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Degradation, Guarded
 from controllers.trailer_steering.reverse_lock import ReverseLock
 from scenarios.catalogue import TRAILER_STEERING, resolve
+from vehicle.option import Option, Parameter, declared_options
 from vehicle.parameter_file import nearest
 
-_COMBINATION = "combination"  # the keyword by which a law asks for it
+_COMBINATION: Final = "combination"  # keyword for the data sheet of the whole combination
+
+
+def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
+    """Options of a law's class."""
+    return declared_options(law, skip=(_COMBINATION,))
+
+
+def law_uses_off_tracking(name: str) -> bool:
+    """Test whether the law of that name uses the estimated off-tracking; a law that does not say so does."""
+    return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
 
 
 def trailer_law(
     name: str,
     trailer: TrailerGeometry,
     combination: Combination,
-    parameters: Mapping[str, bool | int | float | str],
+    parameters: Mapping[str, Parameter],
     degradation: Degradation | None = None,
 ) -> TrailerSteering[Any]:
-    """The law of that name, a known one or ``package.module:Name``, for the trailer.
+    """The law of that name, from the catalogue or ``package.module:Name``, for the trailer.
 
     It is guarded against bad estimates, by default as `Degradation` says, unless its class has
-    ``uses_off_tracking = False``; backwards the axles are locked straight.
+    ``uses_off_tracking = False``; in reverse the axles are locked straight.
 
     Raises:
-        ValueError: one line, if there is no such law, it has no such parameter, or it can not be constructed.
+        ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
+            be constructed.
     """
     part = resolve("trailer_steering", name, TRAILER_STEERING)
-    keywords = [p.name for p in inspect.signature(part).parameters.values() if p.kind is not p.VAR_KEYWORD][1:]
-    known = [keyword for keyword in keywords if keyword != _COMBINATION]
-    for parameter in parameters:
-        if parameter not in known:
-            raise ValueError(f"steering.{parameter}: {name} has no such parameter{nearest(parameter, known)}")
-    told: dict[str, Any] = {_COMBINATION: combination} if _COMBINATION in keywords else {}
+    options = {option.name: option for option in law_options(part)}
+    for key, value in parameters.items():
+        if key not in options:
+            raise ValueError(f"steering.{key}: {name} has no such parameter{nearest(key, options)}")
+        options[key].check(value, f"steering.{key}")
+    context = {_COMBINATION: combination} if _COMBINATION in inspect.signature(part).parameters else {}
     try:
-        law: TrailerSteering[Any] = part(trailer, **told, **parameters)
+        law: TrailerSteering[Any] = part(trailer, **context, **parameters)
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
-        raise ValueError(f"trailer_steering = {name}: can not be constructed as {shape}: {error}") from error
+        raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error
     if not trailer.steered_distances:
         return law
-    if getattr(part, "uses_off_tracking", True):
+    if law_uses_off_tracking(name):
         law = Guarded(law, trailer, combination, degradation or Degradation())
     return ReverseLock(law, trailer)

@@ -1,47 +1,48 @@
-"""The parameters that a law can be tuned in: what it says of them itself, or what it is told."""
+"""Parameters in which a steering law can be tuned: declared by the law, or given on the command line."""
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
+from scenarios.assembly.trailer_law import law_options
 from scenarios.studies.study import settings_of
 from scenarios.studies.tuning import Range
 from vehicle.parameter_file import nearest
 
 
-def defaults_of(law: Any) -> dict[str, float]:
-    """The law's numeric parameters with their defaults."""
-    signature = inspect.signature(law).parameters.values()
+def defaults_of(law: Callable[..., object]) -> dict[str, float]:
+    """Numeric parameters of a law's class with their defaults."""
+    defaults = {option.name: option.default for option in law_options(law)}
     return {
-        p.name: float(p.default)
-        for p in signature
-        if isinstance(p.default, int | float) and not isinstance(p.default, bool)
+        name: float(default)
+        for name, default in defaults.items()
+        if isinstance(default, int | float) and not isinstance(default, bool)
     }
 
 
-def ranges_of(name: str, law: Any, told: Sequence[str]) -> dict[str, Range]:
-    """Where the parameters are looked for: as told, NAME=LOW:HIGH, else where the law's ``tunable`` says.
+def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> dict[str, Range]:
+    """Ranges to search, by parameter: the given ones, NAME=LOW:HIGH, or else those that the law declares.
 
     Raises:
-        ValueError: one line, for a parameter that the law does not have, or if nothing says where to look.
+        ValueError: one line, for a parameter that the law does not have, or if there is no range at all.
     """
-    known = [p.name for p in inspect.signature(law).parameters.values()][1:]
-    ranges = {key: _range(text, key) for key, text in settings_of(told, "--range")}
+    options = law_options(law)
+    known = [option.name for option in options]
+    ranges = {key: _range(text, key) for key, text in settings_of(given, "--range")}
     for parameter in ranges:
         if parameter not in known:
             raise ValueError(f"--range {parameter}: {name} has no such parameter{nearest(parameter, known)}")
-    own: Mapping[str, tuple[float, float]] = getattr(law, "tunable", {})
-    found = ranges or {parameter: Range(low=low, high=high) for parameter, (low, high) in own.items()}
-    if not found:
-        raise ValueError(f"--controller {name}: it does not say what can be tuned; use --range PARAMETER=LOW:HIGH")
-    return found
+    ranges = ranges or {
+        option.name: Range(low=option.tune[0], high=option.tune[1]) for option in options if option.tune
+    }
+    if not ranges:
+        raise ValueError(f"--controller {name}: declares no parameters to tune; use --range PARAMETER=LOW:HIGH")
+    return ranges
 
 
 def _range(text: str, parameter: str) -> Range:
-    low, colon, high = text.partition(":")
+    low, _, high = text.partition(":")
     try:
-        return Range(low=float(low), high=float(high if colon else "nan"))
+        return Range(low=float(low), high=float(high or "nan"))
     except ValueError as error:
         raise ValueError(f"--range {parameter}={text}: expected LOW:HIGH, two numbers, LOW below HIGH") from error

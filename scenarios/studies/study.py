@@ -11,7 +11,7 @@ from typing import Any
 import tomli_w
 from pydantic import Field, ValidationError
 
-from scenarios.catalogue import TRAILER_STEERING, resolve
+from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of
 from vehicle.parameter_file import read_toml
@@ -89,9 +89,7 @@ def settings_of(pairs: Sequence[str], option: str) -> Settings:
 def _looks(case: Case) -> bool:
     """Whether the law of a run, if it is an axis, makes use of the off-tracking."""
     law = dict(case.axes).get("trailer_steering")
-    if law is None:
-        return True
-    return bool(getattr(resolve("trailer_steering", law, TRAILER_STEERING), "uses_off_tracking", True))
+    return law is None or law_uses_off_tracking(law)
 
 
 def _typed(text: str) -> Any:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 from typing import Any
 
 import numpy as np
 import pytest
 
-from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
+from controllers.trailer_steering.guard import Guarded
+from controllers.trailer_steering.reverse_lock import ReverseLock
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.trailer_law import trailer_law
-from scenarios.catalogue import TRAILER_STEERING
+from scenarios.catalogue import TRAILER_STEERING, resolve
+from scenarios.studies.parameters import defaults_of
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
+from vehicle.option import Option, Parameter
 
 TRAILER = TrailerGeometry(
     follow_distance=14.0,
@@ -105,6 +110,74 @@ LAWS = sorted(set(TRAILER_STEERING) - {"policy"})
 @pytest.fixture(params=LAWS)
 def law(request: pytest.FixtureRequest) -> TrailerSteering[Any]:
     return trailer_law(request.param, TRAILER, COMBINATION, {})
+
+
+class Plain:
+    """A user's law without declarations."""
+
+    def __init__(self, trailer: TrailerGeometry, *, gain: int = 1, mode: str | None = None, path: str = "") -> None:
+        self.given = gain, mode, path
+
+    def init(self) -> None:
+        return
+
+    def step(
+        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[None, SteerCommand]:
+        return None, SteerCommand(angles=np.zeros(2))
+
+
+class Declared(Plain):
+    """A user's law with declarations that its constructor does not check."""
+
+    options = (Option("gain", 1.0, "gain", "rad/m", 0.0, 2.0),)
+
+
+@pytest.mark.parametrize("name", sorted(TRAILER_STEERING))
+def test_declared_options_are_those_of_the_constructor(name: str) -> None:
+    """Names and defaults stand in both places; each option has a meaning, and its default keeps the limits."""
+    part = resolve("trailer_steering", name, TRAILER_STEERING)
+    assert SteeringLaw in part.__mro__
+    keywords = dict(list(inspect.signature(part).parameters.items())[1:])
+    keywords.pop("combination", None)
+    assert {option.name for option in part.options} == set(keywords)
+    for option in part.options:
+        default = keywords[option.name].default
+        assert option.default == (None if default is inspect.Parameter.empty else default)
+        assert option.meaning
+        if option.default is None:
+            assert option.default_text
+        else:
+            option.check(option.default, option.name)
+        if option.tune:
+            assert option.low <= option.tune[0] < option.tune[1] <= option.high
+
+
+def test_a_law_without_declarations_can_be_used() -> None:
+    """Its parameters are those of its constructor, of any type."""
+    law = trailer_law(f"{__name__}:Plain", TRAILER, COMBINATION, {"gain": 2.5, "mode": "fast"})
+    assert isinstance(law, ReverseLock)
+    assert isinstance(law.law, Guarded)
+    assert isinstance(law.law.law, Plain)
+    assert law.law.law.given == (2.5, "fast", "")
+    assert defaults_of(Plain) == {"gain": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "message"),
+    [
+        ("path_preview", {"gian": 1.0}, r"^steering\.gian: path_preview has no such parameter; did you mean 'gain'\?$"),
+        ("path_preview", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
+        ("mpc", {"tolerance": "small"}, r"^steering\.tolerance = 'small' m must be between 0\.001 and 1 m$"),
+        (f"{__name__}:Declared", {"gain": 3.0}, r"^steering\.gain = 3\.0 rad/m must be between 0 and 2 rad/m$"),
+        (f"{__name__}:Plain", {"gian": 1.0}, r"^steering\.gian: .*; did you mean 'gain'\?$"),
+        ("policy", {}, r"^trailer_steering = policy: cannot be constructed .*'path'$"),
+    ],
+)
+def test_wrong_parameters_are_refused_in_one_line(name: str, parameters: dict[str, Parameter], message: str) -> None:
+    """With key, value, limits and unit, for laws of the catalogue and a user's own."""
+    with pytest.raises(ValueError, match=message):
+        trailer_law(name, TRAILER, COMBINATION, parameters)
 
 
 TURN = {k: estimate(k - CAMERA, turn=0.08) for k in range(CAMERA, 4000, CAMERA)}

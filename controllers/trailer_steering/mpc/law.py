@@ -9,13 +9,13 @@ While the path does not reach back to the follow point yet, the trailer is taken
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
-from controllers.trailer_steering.limits import check_limits, check_steered
+from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer_steering.limits import check_steered
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
 from controllers.trailer_steering.mpc.planning import BLOCKS, STEPS, Limits, Outlook, Planner, Sizes
@@ -28,37 +28,13 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY
 from vehicle.frames import FloatArray
+from vehicle.option import Option, check_options
 
 _CREEP: Final = 0.5  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _HOLD: Final = 2.0  # how long signals alone carry the last estimate on: their bias makes 3 cm of it [s]
 _FADE_RATE: Final = 0.05  # at which the axles go straight after that: a turn is let go of in seconds [rad/s]
 _SLACK: Final = 0.1  # beyond the lag of an actuator, for what more it may be late [s]
 _PULL_TIME: Final = 0.5  # over which side pull is averaged: longer than yaw swings on its tyres [s]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MpcParameters:
-    """What can be tuned.
-
-    Raises:
-        ValueError: if a value is outside its limits.
-    """
-
-    tolerance: float  # off-tracking that weighs as much as steering at the rate ``effort`` [m]
-    effort: float  # [rad/s]
-    tail_swing: float  # soft limit of the rear end's distance from the path [m]
-    cut_in: float  # soft limit of the distance between the path and the middle of hitch and follow point: a kerb [m]
-
-    def __post_init__(self) -> None:
-        check_limits(asdict(self), _LIMITS)
-
-
-_LIMITS = {
-    "tolerance": (0.001, 1.0, "m"),
-    "effort": (0.01, 10.0, "rad/s"),
-    "tail_swing": (0.01, 10.0, "m"),
-    "cut_in": (0.1, 20.0, "m"),
-}
 
 
 class MpcMemory(NamedTuple):
@@ -76,8 +52,15 @@ class MpcMemory(NamedTuple):
     rates: FloatArray  # (n_blocks, n_actuators) last plan [rad/s]
 
 
-class Mpc:
+class Mpc(SteeringLaw[MpcMemory]):
     """The axle angles that a model of the slipping trailer says keep the follow point on the path; one per thread."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("tolerance", 0.004, "off-tracking that costs as much as steering at the rate 'effort'", "m", 0.001, 1.0),
+        Option("effort", 0.25, "steering rate that costs as much as 'tolerance'", "rad/s", 0.01, 10.0),
+        Option("tail_swing", 0.3, "soft limit of the rear end's distance from the path", "m", 0.01, 10.0),
+        Option("cut_in", 5.0, "soft limit of the trailer middle's distance from the path", "m", 0.1, 20.0),
+    )
 
     def __init__(
         self,
@@ -89,19 +72,15 @@ class Mpc:
         tail_swing: float = 0.3,
         cut_in: float = 5.0,
     ) -> None:
-        """A controller for the trailer; the parameters are those of `MpcParameters`.
+        """A controller for the trailer; ``options`` describes the parameters.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
         """
         check_steered("mpc", trailer)
         self._trailer, self._combination = trailer, combination
-        self._parameters = MpcParameters(
-            tolerance=tolerance,
-            effort=effort,
-            tail_swing=tail_swing,
-            cut_in=cut_in,
-        )
+        self._given = {"tolerance": tolerance, "effort": effort, "tail_swing": tail_swing, "cut_in": cut_in}
+        check_options(self.options, self._given)
         unit = combination.vehicle.units[combination.unit]
         self._leaning = 1.0 + GRAVITY * unit.roll_gradient  # of the accelerometer, with its body
         self._max_steer = trailer.max_steer / max(1.0, *map(abs, trailer.steer_ratios))
@@ -110,8 +89,8 @@ class Mpc:
         limits = Limits(self._max_steer, trailer.max_steer_rate, tail_swing, cut_in)
         self._planner = Planner(self._model, trailer, -unit.rear_x, Sizes(tolerance, effort), limits)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (self._trailer, self._combination, self._parameters)  # compiled functions do not travel
+    def __reduce__(self) -> tuple[Callable[..., Mpc], tuple[object, ...]]:
+        return _rebuilt, (self._trailer, self._combination, self._given)  # compiled functions cannot be pickled
 
     def init(self) -> MpcMemory:
         """Nothing seen yet, wheels straight, no tyre deflected."""
@@ -233,5 +212,5 @@ class Mpc:
         return angles
 
 
-def _rebuilt(trailer: TrailerGeometry, combination: Combination, parameters: MpcParameters) -> Mpc:
-    return Mpc(trailer, combination=combination, **asdict(parameters))
+def _rebuilt(trailer: TrailerGeometry, combination: Combination, given: Mapping[str, float]) -> Mpc:
+    return Mpc(trailer, combination=combination, **given)
