@@ -10,7 +10,7 @@ from vehicle.parameter_file import nearest
 
 
 @dataclass(frozen=True, slots=True)
-class Shipped:
+class ParameterLibrary:
     """The files of one kind of thing."""
 
     kind: str  # as people call it: "vehicle"

@@ -15,7 +15,7 @@ from rich.text import Text
 from scenarios.commands.console import one_line_errors
 
 if TYPE_CHECKING:
-    from vehicle.combination.data_sheet import AxleFacts, Facts, Handling, UnitFacts
+    from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet
     from vehicle.combination.description import Vehicle
 
 EXAMPLES = "Examples: offtrack vehicle uk_longer_semitrailer   offtrack vehicle my_truck.toml --out my_truck_sheet"
@@ -56,13 +56,13 @@ def _list_vehicles(*, as_json: bool) -> None:
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
     from scenarios.results.run import appearing_at_once, check_run_directory, next_run_directory
     from scenarios.vehicle_sheet.sheet import draw_sheet
-    from vehicle.combination.data_sheet import facts
+    from vehicle.combination.data_sheet import data_sheet
     from vehicle.combination.description import load_vehicle, vehicle_sources
 
     chosen, sources = load_vehicle(name), vehicle_sources(name)
     directory = out or next_run_directory(f"vehicle-{Path(name).stem}")
     check_run_directory(directory)
-    sheet = facts(chosen)
+    sheet = data_sheet(chosen)
     handling, missing = _handling(chosen, sheet)
     warnings = (*sheet.warnings, *missing)
     assumed = sum(source.startswith("assumed") for source in sources.values())
@@ -77,7 +77,7 @@ def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
         _print(sheet, handling, warnings, note, directory)
 
 
-def _handling(chosen: Vehicle, sheet: Facts) -> tuple[Handling | None, tuple[str, ...]]:
+def _handling(chosen: Vehicle, sheet: DataSheet) -> tuple[Handling | None, tuple[str, ...]]:
     """The handling at 80 km/h, or why there is none."""
     from vehicle.combination.data_sheet import handling_at
 
@@ -89,7 +89,7 @@ def _handling(chosen: Vehicle, sheet: Facts) -> tuple[Handling | None, tuple[str
         return None, (f"no handling figures: {error}",)
 
 
-def _print(sheet: Facts, handling: Handling | None, warnings: tuple[str, ...], note: str, directory: Path) -> None:
+def _print(sheet: DataSheet, handling: Handling | None, warnings: tuple[str, ...], note: str, directory: Path) -> None:
     from scenarios.vehicle_sheet.sheet import axle_rows, handling_rows, steering_rows, unit_rows
 
     console = Console()
@@ -114,7 +114,7 @@ def _print_table(console: Console, head: tuple[str, ...], rows: list[Any], colum
     console.print(table)
 
 
-def _as_json(sheet: Facts, handling: Handling | None, warnings: tuple[str, ...]) -> dict[str, Any]:
+def _as_json(sheet: DataSheet, handling: Handling | None, warnings: tuple[str, ...]) -> dict[str, Any]:
     return {
         "name": sheet.name,
         "summary": sheet.summary,
@@ -128,7 +128,7 @@ def _as_json(sheet: Facts, handling: Handling | None, warnings: tuple[str, ...])
     }
 
 
-def _unit(unit: UnitFacts) -> dict[str, Any]:
+def _unit(unit: UnitSheet) -> dict[str, Any]:
     from vehicle.combination.description import GRAVITY
 
     return {
@@ -142,7 +142,7 @@ def _unit(unit: UnitFacts) -> dict[str, Any]:
     }
 
 
-def _axle(axle: AxleFacts) -> dict[str, Any]:
+def _axle(axle: AxleSheet) -> dict[str, Any]:
     from vehicle.combination.description import GRAVITY
 
     return {

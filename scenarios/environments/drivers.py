@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.driver import PERIOD, TractorGeometry
-from scenarios.environments.fleet import kernel
 from scenarios.environments.tracks import Tracks, Way, on_path
-from vehicle.engine.kernels import Engine
+from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 
 V = TypeVar("V")  # an array (n,), or SX
@@ -37,7 +36,7 @@ class Drive(NamedTuple, Generic[V]):
 
 
 class _Given(NamedTuple, Generic[V]):
-    """What he sees and feels; poses and velocities as in ``fleet.Seen``."""
+    """What he sees and feels; poses and velocities as in ``BatchMotion``."""
 
     x: V
     y: V
@@ -58,7 +57,7 @@ class Drivers:
     def __init__(self, tractor: TractorGeometry, tracks: Tracks, n: int, engine: Engine) -> None:
         """All at the start of the first course until they ``begin``."""
         self._tracks, self._n = tracks, n
-        self._step = kernel(_function(tractor), n, engine)
+        self._step = kernel_for_rows(_function(tractor), n, engine)
         self._course = np.zeros(n, dtype=np.intp)
         self._u = np.zeros((n, len(_Given._fields) + len(Way._fields)))
         self._given = _Given(*(self._u[:, k] for k in range(len(_Given._fields))))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.environments.fleet import Seen
+from vehicle.combination.batch import BatchMotion
 from vehicle.frames import FloatArray
 
 _ARTICULATION, _GYRO = math.radians(0.1), math.radians(0.1)  # as there: biases, 1 sigma [rad], [rad/s]
@@ -31,7 +31,7 @@ class Encoders:
         self._articulation[lanes] = _ARTICULATION * drawn[:, :n_hitches]
         self._gyro[lanes] = _GYRO * drawn[:, n_hitches:]
 
-    def read(self, seen: Seen) -> tuple[FloatArray, FloatArray]:
+    def read(self, seen: BatchMotion) -> tuple[FloatArray, FloatArray]:
         """Articulation (n, N - 1) [rad] and yaw rates (n, N) [rad/s]."""
         psi = seen.poses[:, :, 2]
         return psi[:, :-1] - psi[:, 1:] + self._articulation, seen.velocities[:, :, 2] + self._gyro

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from scenarios.assembly.courses import Course
 from scenarios.environments.core import Feature, Features, observation_space, within
-from scenarios.environments.fleet import Fleet, Seen
-from scenarios.environments.fleet_truth import FleetTruth
 from scenarios.environments.hitch_paths import Beside
 from scenarios.environments.images import reduced, reduced_shape
 from scenarios.environments.knowledge import Start
@@ -29,8 +27,9 @@ from scenarios.environments.trailer_view import stereo_view
 from scenarios.options.scenario import Scenario
 from scenarios.report.canvas import Picture
 from vehicle.clock import TICK
+from vehicle.combination.batch import BatchMotion, LaneObserver, PlantBatch
 from vehicle.combination.description import Vehicle
-from vehicle.combination.ground_inputs import SurfaceUnder
+from vehicle.combination.ground_inputs import SurfaceLookup
 from vehicle.combination.truth import Truth
 from vehicle.surface import Surface
 
@@ -41,7 +40,14 @@ class _Sensed:
     """n trailers with sensors, whatever is made of these."""
 
     def __init__(
-        self, vehicle: Vehicle, fleet: Fleet, courses: Sequence[Course], scenario: Scenario, step: int, *, sees: bool
+        self,
+        vehicle: Vehicle,
+        fleet: PlantBatch,
+        courses: Sequence[Course],
+        scenario: Scenario,
+        step: int,
+        *,
+        sees: bool,
     ) -> None:
         """With the scenario's sensors, for control steps of so many ticks; nothing is opened before the first begins.
 
@@ -56,10 +62,10 @@ class _Sensed:
                 )
         self._vehicle, self._fleet, self._courses, self._scenario = vehicle, fleet, courses, scenario
         self._step, self._sees = step, sees
-        self._truth = FleetTruth(vehicle, fleet)
+        self._truth = LaneObserver(vehicle, fleet)
         self._tick = np.zeros(fleet.n, dtype=np.intp)  # of each, by the clock of its cameras
         self._worker: ThreadPoolExecutor | None = None
-        self._grounds: dict[int, SurfaceUnder] = {}
+        self._grounds: dict[int, SurfaceLookup] = {}
         self.trailers: dict[int, SensedTrailer] = {}  # by their lanes; those that have not begun yet have none
 
     def begin(self, start: Start) -> list[int]:
@@ -83,7 +89,7 @@ class _Sensed:
             )
             self._worker = self._worker or ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")
             sensed = SensedTrailer(self._scenario, self._vehicle, setting, self._worker, sees=self._sees)
-            self.trailers[lane], self._grounds[lane] = sensed, SurfaceUnder(surface, self._vehicle)
+            self.trailers[lane], self._grounds[lane] = sensed, SurfaceLookup(surface, self._vehicle)
             self._tick[lane] = 0
         return lanes
 
@@ -95,13 +101,13 @@ class _Sensed:
 
     def truth(self, lane: int) -> Truth:
         """What is so now."""
-        return self._truth.of(lane, self._grounds[lane], int(self._tick[lane]))
+        return self._truth.truth(lane, self._grounds[lane], int(self._tick[lane]))
 
     def approach(self, lane: int) -> None:
         """Brings one that stands at its start there with its cameras running."""
         speed = float(self.truth(lane).velocities[0, 0])
         there = self.trailers[lane].approach(
-            lambda tick, back: self._truth.of(lane, self._grounds[lane], tick, back=back), speed
+            lambda tick, back: self._truth.truth(lane, self._grounds[lane], tick, back=back), speed
         )
         self._tick[lane] = there
 
@@ -118,7 +124,7 @@ class Estimated:
     """What an estimator makes of what the cameras see, and the combination's own sensors, as a scenario has them."""
 
     def __init__(
-        self, vehicle: Vehicle, fleet: Fleet, courses: Sequence[Course], scenario: Scenario, step: int
+        self, vehicle: Vehicle, fleet: PlantBatch, courses: Sequence[Course], scenario: Scenario, step: int
     ) -> None:
         """With the sensors and the estimator of a scenario, for control steps of so many ticks.
 
@@ -133,13 +139,13 @@ class Estimated:
         self._n = fleet.n
         self._sensed = _Sensed(vehicle, fleet, courses, scenario, step, sees=False)
 
-    def begin(self, start: Start, seen: Seen, beside: Beside) -> None:
+    def begin(self, start: Start, seen: BatchMotion, beside: Beside) -> None:
         """They have come straight to the start, cameras running, so that the way behind is known when it begins."""
         for lane in self._sensed.begin(start):
             self._sensed.approach(lane)
             self._sensed.trailers[lane].look(self._sensed.truth(lane))
 
-    def step(self, seen: Seen, beside: Beside) -> None:
+    def step(self, seen: BatchMotion, beside: Beside) -> None:
         """A control step later."""
         for trailer, truth in self._sensed.step():
             trailer.look(truth)
@@ -169,7 +175,7 @@ class Pictured:
     def __init__(
         self,
         vehicle: Vehicle,
-        fleet: Fleet,
+        fleet: PlantBatch,
         courses: Sequence[Course],
         scenario: Scenario,
         step: int,
@@ -191,12 +197,12 @@ class Pictured:
         self._n = fleet.n
         self._sensed = _Sensed(vehicle, fleet, courses, scenario, step, sees=True)
 
-    def begin(self, start: Start, seen: Seen, beside: Beside) -> None:
+    def begin(self, start: Start, seen: BatchMotion, beside: Beside) -> None:
         """They begin with a picture of the start."""
         for lane in self._sensed.begin(start):
             self._sensed.trailers[lane].take(self._sensed.truth(lane))
 
-    def step(self, seen: Seen, beside: Beside) -> None:
+    def step(self, seen: BatchMotion, beside: Beside) -> None:
         """A control step later."""
         for trailer, truth in self._sensed.step():
             trailer.take(truth)

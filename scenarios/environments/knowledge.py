@@ -13,12 +13,12 @@ from gymnasium import spaces
 from scenarios.environments.core import Feature, Lanes, Observation, observation_space, within
 from scenarios.environments.domain import Circumstances
 from scenarios.environments.encoders import Encoders
-from scenarios.environments.fleet import Seen
 from scenarios.environments.hitch_paths import Beside
 from scenarios.environments.surrogate import Estimate, Surrogate, SurrogateParameters
 from scenarios.environments.trailer_features import features
 from scenarios.report.canvas import Picture
 from vehicle.clock import to_ticks
+from vehicle.combination.batch import BatchMotion
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
@@ -56,10 +56,10 @@ class Knowing(Protocol):
     def observation_space(self) -> spaces.Space[Any]:
         """Of one."""
 
-    def begin(self, start: Start, seen: Seen, beside: Beside) -> None:
+    def begin(self, start: Start, seen: BatchMotion, beside: Beside) -> None:
         """These begin anew, where ``seen`` (n,) has them."""
 
-    def step(self, seen: Seen, beside: Beside) -> None:
+    def step(self, seen: BatchMotion, beside: Beside) -> None:
         """A control step later."""
 
     def observe(self) -> Observation:
@@ -85,9 +85,9 @@ class Told:
         self._surrogate, self._encoders = made, Encoders(n, len(vehicle.units))
         self._n_steered, self._follow = n_steered, np.ones(n)
         self._known: Estimate | None = None  # before the first begins
-        self._seen: Seen | None = None
+        self._seen: BatchMotion | None = None
 
-    def begin(self, start: Start, seen: Seen, beside: Beside) -> None:
+    def begin(self, start: Start, seen: BatchMotion, beside: Beside) -> None:
         """They begin with everything known: the buffer has filled on the way to the start."""
         lanes, generators, error = start.lanes, start.generators, start.drawn.sensor_error
         self._follow[lanes], self._seen = start.follow_distance, seen
@@ -100,7 +100,7 @@ class Told:
         for known, true in zip(self._known, truth, strict=True):
             known[lanes] = true[lanes]
 
-    def step(self, seen: Seen, beside: Beside) -> None:
+    def step(self, seen: BatchMotion, beside: Beside) -> None:
         """A control step later."""
         self._seen, truth = seen, _exact(seen, beside)
         self._known = truth if self._surrogate is None else self._surrogate.step(truth)
@@ -138,7 +138,7 @@ class Told:
         """Nothing is open."""
 
 
-def _exact(seen: Seen, beside: Beside) -> Estimate:
+def _exact(seen: BatchMotion, beside: Beside) -> Estimate:
     """What is so now."""
     n = len(beside.offset)
     velocity = seen.velocities[:, -1]

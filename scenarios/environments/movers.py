@@ -8,9 +8,9 @@ import numpy as np
 
 from controllers.driver import PERIOD
 from scenarios.environments.domain import Circumstances
-from scenarios.environments.fleet import Fleet, Ground, Lanes, Seen
 from scenarios.environments.variation import Variation
 from vehicle.clock import to_ticks
+from vehicle.combination.batch import BatchGround, BatchMotion, Lanes, PlantBatch
 from vehicle.combination.description import Vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
@@ -33,14 +33,14 @@ class Slipping:
 
     def __init__(self, vehicle: Vehicle, n: int, engine: Engine) -> None:
         """All like ``vehicle``."""
-        self._fleet, self._variation = Fleet(vehicle, n, engine), Variation(vehicle)
+        self._fleet, self._variation = PlantBatch(vehicle, n, engine), Variation(vehicle)
         self._straight = np.zeros((n, sum(len(unit.steered_axles) for unit in vehicle.units[1:])))
         self._speed = np.zeros(n)
 
     def place(self, lanes: Lanes, drawn: Circumstances) -> Moved:
         """Puts these at W's origin, standing."""
         nowhere = np.full((len(lanes), 2), np.nan)
-        ground = Ground(drawn.friction, drawn.cross_fall, nowhere)
+        ground = BatchGround(drawn.friction, drawn.cross_fall, nowhere)
         return self._moved(self._fleet.place(lanes, self._variation.numbers(drawn), ground, np.zeros(len(lanes))))
 
     def step(self, steer: FloatArray, acceleration: FloatArray) -> Moved:
@@ -52,6 +52,6 @@ class Slipping:
         gear = np.where(way < 0.0, -1.0, 1.0)
         return self._moved(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
 
-    def _moved(self, seen: Seen) -> Moved:
+    def _moved(self, seen: BatchMotion) -> Moved:
         self._speed = seen.velocities[:, 0, 0]
         return Moved(seen.poses, self._speed, seen.steer[:, 0], seen.load_transfer)

@@ -73,7 +73,6 @@ from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.drivers import Drivers
 from scenarios.environments.endings import Ending
 from scenarios.environments.estimating import Estimated, Pictured
-from scenarios.environments.fleet import Fleet, Ground, Seen
 from scenarios.environments.hitch_paths import Beside, HitchPaths
 from scenarios.environments.knowledge import Knowing, Knowledge, Start, Told, check_knowledge
 from scenarios.environments.moment import Moment
@@ -87,6 +86,7 @@ from scenarios.environments.variation import Variation
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.report.canvas import Picture
 from vehicle.clock import to_ticks
+from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
@@ -145,7 +145,7 @@ class TrailerSteering:
         self._variation = Variation(vehicle)
         self._tracks = Tracks(courses)
         self._drivers = Drivers(tractor_geometry(vehicle, courses[0]), self._tracks, n, options.engine)
-        self._fleet = Fleet(vehicle, n, options.engine)
+        self._fleet = PlantBatch(vehicle, n, options.engine)
         longest = narrowed(options.domain, {"length": _LONGEST}).drawn(np.zeros((1, N_DRAWN)))
         self._paths = HitchPaths(n, float(self._variation.follow_distance(longest)[0]))
         self._knowing = _knowing(options, vehicle, self._fleet, courses)
@@ -155,7 +155,7 @@ class TrailerSteering:
         self._metrics = RunningMetrics(n)
         self._onlooker = Onlooker(outlines(vehicle), courses)
         self._elapsed, self._allowed, self._lengths = np.zeros(n), np.ones(n), np.ones(n)
-        self._seen = self._fleet.see()
+        self._seen = self._fleet.observe()
 
     @property
     def hitch_paths(self) -> HitchPaths:
@@ -171,7 +171,7 @@ class TrailerSteering:
         drawn = domain.drawn(uniform[:, 1:])
         of = np.full(len(lanes), course) if course is not None else (uniform[:, 0] * len(self._names)).astype(np.intp)
         speed = np.minimum(drawn.speed, np.sqrt(_GRIP * GRAVITY * drawn.friction / (self._tracks.bends[of] + 1e-9)))
-        ground = Ground(drawn.friction, drawn.cross_fall, self._tracks.centres[of])
+        ground = BatchGround(drawn.friction, drawn.cross_fall, self._tracks.centres[of])
         self._seen = self._fleet.place(lanes, self._variation.numbers(drawn), ground, speed)
         self._drivers.begin(lanes, of, speed)
         follow = self._variation.follow_distance(drawn)
@@ -229,11 +229,11 @@ class TrailerSteering:
             raise ValueError(f"course = {course} must be 0 .. {len(self._names) - 1}")
         return course
 
-    def _axles(self, seen: Seen) -> FloatArray:
+    def _axles(self, seen: BatchMotion) -> FloatArray:
         """Angles of the last trailer's steered axles (n, n_steered) [rad]."""
         return seen.steer[:, self._of_tractor + self._ahead :]
 
-    def _moment(self, before: Seen, now: Seen, beside: Beside) -> Moment:
+    def _moment(self, before: BatchMotion, now: BatchMotion, beside: Beside) -> Moment:
         speed = np.maximum(np.abs(now.velocities[:, -1, 0]), 0.1)
         return Moment(
             off_tracking=beside.offset,
@@ -275,7 +275,9 @@ def _limit(vehicle: Vehicle, options: TrailerSteeringOptions) -> tuple[float, in
     return trailer.steering.limit, len(trailer.steered_axles)
 
 
-def _knowing(options: TrailerSteeringOptions, vehicle: Vehicle, fleet: Fleet, courses: Sequence[Course]) -> Knowing:
+def _knowing(
+    options: TrailerSteeringOptions, vehicle: Vehicle, fleet: PlantBatch, courses: Sequence[Course]
+) -> Knowing:
     """What makes the observations that the options ask for."""
     check_knowledge(options.observation)
     if options.observation in ("surrogate", "truth"):

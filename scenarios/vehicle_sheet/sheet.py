@@ -14,7 +14,7 @@ from matplotlib.patches import Rectangle
 
 from scenarios.report.drawing import INK
 from scenarios.vehicle_sheet.views import BELOW_GROUND, DIMENSION, Sheet, plan_view, side_view
-from vehicle.combination.data_sheet import Facts, Handling
+from vehicle.combination.data_sheet import DataSheet, Handling
 from vehicle.combination.description import GRAVITY, Vehicle
 
 _WIDTH: Final = 15.0  # [in] of the sheet
@@ -27,7 +27,7 @@ Rows = list[tuple[str, ...]]
 
 
 def draw_sheet(
-    vehicle: Vehicle, facts: Facts, handling: Handling | None, directory: Path, *, note: str = ""
+    vehicle: Vehicle, facts: DataSheet, handling: Handling | None, directory: Path, *, note: str = ""
 ) -> tuple[Path, Path]:
     """Draws the sheet into the directory as SVG and as PNG, a ``note`` in its corner, and returns their paths."""
     with matplotlib.rc_context(_STYLE):
@@ -38,7 +38,7 @@ def draw_sheet(
     return paths
 
 
-def _sheet(vehicle: Vehicle, facts: Facts, handling: Handling | None, note: str) -> Figure:
+def _sheet(vehicle: Vehicle, facts: DataSheet, handling: Handling | None, note: str) -> Figure:
     sheet = Sheet(vehicle, facts, min((_WIDTH - 2.0 * _MARGIN) / facts.length, _LARGEST_SCALE))
     side = facts.height * sheet.scale + _GAP + BELOW_GROUND
     plan = facts.width * sheet.scale + 2.0 * _GAP
@@ -56,7 +56,7 @@ def _sheet(vehicle: Vehicle, facts: Facts, handling: Handling | None, note: str)
     return figure
 
 
-def _lettering(figure: Figure, facts: Facts, note: str) -> None:
+def _lettering(figure: Figure, facts: DataSheet, note: str) -> None:
     """Border, title, key and note."""
     height = figure.get_figheight()
     inset = (_BORDER / _WIDTH, _BORDER / height)
@@ -105,7 +105,7 @@ def _table(
             )
 
 
-def _tables(facts: Facts, handling: Handling | None) -> list[tuple[float, Rows, list[tuple[float, str]]]]:
+def _tables(facts: DataSheet, handling: Handling | None) -> list[tuple[float, Rows, list[tuple[float, str]]]]:
     """Where each table starts [in], its rows, and its columns."""
     number = "right"
     return [
@@ -115,7 +115,7 @@ def _tables(facts: Facts, handling: Handling | None) -> list[tuple[float, Rows, 
     ]
 
 
-def axle_rows(facts: Facts) -> Rows:
+def axle_rows(facts: DataSheet) -> Rows:
     """A head and a row for every axle, lifted ones too."""
     rows: Rows = [("axle", "behind front [m]", "load [t]", "")]
     for unit in facts.units:
@@ -130,7 +130,7 @@ def axle_rows(facts: Facts) -> Rows:
     return rows
 
 
-def unit_rows(facts: Facts) -> Rows:
+def unit_rows(facts: DataSheet) -> Rows:
     """A head and a row for every unit, with the load of its front hitch, and for the whole."""
     rows: Rows = [("unit", "mass [t]", "coupling [t]")]
     for unit in facts.units:
@@ -139,11 +139,11 @@ def unit_rows(facts: Facts) -> Rows:
     return [*rows, ("combination", f"{facts.mass / 1e3:.2f}", "")]
 
 
-def _handling_rows(facts: Facts, handling: Handling | None) -> Rows:
+def _handling_rows(facts: DataSheet, handling: Handling | None) -> Rows:
     return [("steering and handling", ""), *steering_rows(facts), *handling_rows(handling)]
 
 
-def steering_rows(facts: Facts) -> list[tuple[str, str]]:
+def steering_rows(facts: DataSheet) -> list[tuple[str, str]]:
     """What the steered axles of each unit reach, in words and a value with its unit."""
     rows = []
     for i, unit in enumerate(facts.units):

@@ -19,7 +19,7 @@ from scenarios.vehicle_sheet.outlines import (
     pivot,
     wheel_from_side,
 )
-from vehicle.combination.data_sheet import AxleFacts, Facts, origins
+from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins
 from vehicle.combination.description import GRAVITY, Unit, Vehicle
 
 LOAD, DIMENSION = "#b3261e", "#5b6673"
@@ -34,7 +34,7 @@ class Sheet:
     """A combination and how large it is drawn."""
 
     vehicle: Vehicle
-    facts: Facts
+    facts: DataSheet
     scale: float  # [in/m]
 
     def metres(self, inches: float) -> float:
@@ -112,9 +112,9 @@ def _axle_loads(ax: Axes, sheet: Sheet) -> None:
     ax.text(-sheet.metres(0.12), row, "load [t]", ha="right", va="top", fontsize=8.0, color=LOAD)
 
 
-def _groups(axles: Sequence[AxleFacts]) -> list[list[AxleFacts]]:
+def _groups(axles: Sequence[AxleSheet]) -> list[list[AxleSheet]]:
     """Axles that follow each other closely, in groups of two or more."""
-    groups: list[list[AxleFacts]] = []
+    groups: list[list[AxleSheet]] = []
     for axle in axles:
         if groups and axle.behind_front - groups[-1][-1].behind_front < _GROUP_SPACING:
             groups[-1].append(axle)
@@ -123,7 +123,7 @@ def _groups(axles: Sequence[AxleFacts]) -> list[list[AxleFacts]]:
     return [group for group in groups if len(group) > 1]
 
 
-def _bracket(ax: Axes, sheet: Sheet, group: Sequence[AxleFacts]) -> None:
+def _bracket(ax: Axes, sheet: Sheet, group: Sequence[AxleSheet]) -> None:
     first, last, z = group[0].behind_front, group[-1].behind_front, -sheet.metres(_GROUP)
     tick = sheet.metres(0.05)
     ax.plot((first, first, last, last), (z + tick, z, z, z + tick), color=LOAD, linewidth=0.9)

@@ -15,15 +15,14 @@ from scenarios.assembly.courses import straight
 from scenarios.environments import sensed_trailer
 from scenarios.environments.domain import Domain
 from scenarios.environments.estimating import Pictured
-from scenarios.environments.fleet import Fleet, Ground
-from scenarios.environments.fleet_truth import FleetTruth
 from scenarios.environments.images import reduced, reduced_shape
 from scenarios.environments.variation import Variation
 from scenarios.environments.vector import CoreVectorEnv
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.world.world import World
+from vehicle.combination.batch import BatchGround, LaneObserver, PlantBatch
 from vehicle.combination.description import load_vehicle
-from vehicle.combination.ground_inputs import SurfaceUnder
+from vehicle.combination.ground_inputs import SurfaceLookup
 from vehicle.combination.plant import Plant
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
@@ -178,18 +177,18 @@ def test_a_vehicle_of_a_fleet_is_looked_at_as_a_plant_looks_at_its_own() -> None
     plant = Plant(VEHICLE, surface)
     expected = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 40)
     domain = Domain(load=(1.0, 1.0), length=(1.0, 1.0), actuator_lag=(1.0, 1.0))
-    fleet, nominal = Fleet(VEHICLE, 2, "auto"), Variation(VEHICLE).numbers(domain.drawn(np.zeros((1, 7))))
-    look = FleetTruth(VEHICLE, fleet)
+    fleet, nominal = PlantBatch(VEHICLE, 2, "auto"), Variation(VEHICLE).numbers(domain.drawn(np.zeros((1, 7))))
+    look = LaneObserver(VEHICLE, fleet)
     for centre, cross_fall in (((10.0, 20.0), 0.04), ((np.nan, np.nan), 0.03)):
-        ground = Ground(np.array([0.8]), np.array([cross_fall]), np.array([centre]))
+        ground = BatchGround(np.array([0.8]), np.array([cross_fall]), np.array([centre]))
         fleet.place(np.array([1]), nominal, ground, np.array([3.0]))
         if np.isfinite(centre).all():
-            there = look.of(1, SurfaceUnder(surface, VEHICLE), 40)
+            there = look.truth(1, SurfaceLookup(surface, VEHICLE), 40)
             assert there.tick == 40
             for part in ("poses", "velocities", "bodies", "steer", "wheel_loads", "load_transfer"):
                 assert getattr(there, part) == pytest.approx(getattr(expected, part), rel=1e-9, abs=1e-9)
-    plane = SurfaceUnder(Surface(friction=0.8, cross_fall=0.03), VEHICLE)
-    here, back = look.of(1, plane, 0), look.of(1, plane, 0, back=5.0)
+    plane = SurfaceLookup(Surface(friction=0.8, cross_fall=0.03), VEHICLE)
+    here, back = look.truth(1, plane, 0), look.truth(1, plane, 0, back=5.0)
     moved = here.bodies.copy()
     moved[:, 0, 3] -= 5.0
     assert back.bodies == pytest.approx(moved, abs=1e-12)

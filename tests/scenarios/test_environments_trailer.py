@@ -15,7 +15,6 @@ from scenarios.assembly.adapters import course_of, tractor_geometry
 from scenarios.environments import endings, rewards
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.encoders import Encoders
-from scenarios.environments.fleet import Fleet, Ground, Seen
 from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.moment import Moment
 from scenarios.environments.road import named_course
@@ -24,6 +23,7 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import true_off_tracking
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import to_ticks
+from vehicle.combination.batch import BatchGround, BatchMotion, PlantBatch
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.symbolic import numbers
@@ -88,11 +88,11 @@ def test_left_and_right_are_mirror_images() -> None:
 
 def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
     """Two vehicles of other numbers on other ground in one fleet, against a plant for each, over two seconds."""
-    variation, fleet = Variation(VEHICLE), Fleet(VEHICLE, 2, "auto")
+    variation, fleet = Variation(VEHICLE), PlantBatch(VEHICLE, 2, "auto")
     loads, frictions = [1.0, 0.5], [0.8, 0.3]
     both = [drawn(load=load) for load in loads]
     rows = np.concatenate([variation.numbers(one) for one in both])
-    ground = Ground(np.array(frictions), np.array([0.0, 0.04]), np.full((2, 2), np.nan))
+    ground = BatchGround(np.array(frictions), np.array([0.0, 0.04]), np.full((2, 2), np.nan))
     fleet.place(np.arange(2), rows, ground, np.array([3.0, 6.0]))
     demand = (np.full(2, 0.2), np.full(2, 0.3), np.full((2, 2), -0.1))
     for _ in range(100):
@@ -114,8 +114,8 @@ def test_a_fleet_starts_leaning_as_the_ground_does() -> None:
     centre = (10.0, 20.0)
     plant = Plant(VEHICLE, Surface(friction=0.8, cross_fall=0.04, centre=centre))
     truth = plant.observe(plant.initial_state(Pose2(0.0, 0.0, 0.0), 3.0), 0)
-    fleet, one = Fleet(VEHICLE, 2, "auto"), drawn(cross_fall=0.04)
-    ground = Ground(one.friction, one.cross_fall, np.array([centre]))
+    fleet, one = PlantBatch(VEHICLE, 2, "auto"), drawn(cross_fall=0.04)
+    ground = BatchGround(one.friction, one.cross_fall, np.array([centre]))
     seen = fleet.place(np.array([1]), Variation(VEHICLE).numbers(one), ground, one.speed)
     assert abs(truth.load_transfer[1]) > 0.01
     assert seen.load_transfer[1] == pytest.approx(truth.load_transfer, abs=1e-9)
@@ -125,7 +125,7 @@ def test_encoders_err_throughout_an_episode_as_much_as_their_data_sheet_says() -
     """Biases of 0.1 deg and 0.1 deg/s, 1 sigma, over 500 episodes; 3 sigma of such a sample's deviation are 10 %."""
     encoders, n = Encoders(500, 2), 500
     encoders.begin(np.arange(n), [np.random.default_rng(k) for k in range(n)], np.ones(n))
-    seen = Seen(np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
+    seen = BatchMotion(np.zeros((n, 2, 3)), np.zeros((n, 2, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
     articulation, yaw_rates = encoders.read(seen)
     assert np.degrees(articulation.std()) == pytest.approx(0.1, rel=0.1)
     assert np.degrees(yaw_rates.std()) == pytest.approx(0.1, rel=0.1)

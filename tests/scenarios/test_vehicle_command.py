@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 from scenarios.commands.vehicle import vehicle
 from scenarios.vehicle_sheet.sheet import draw_sheet
 from scenarios.vehicle_sheet.views import Sheet, plan_view, side_view
-from vehicle.combination.data_sheet import facts, handling_at
+from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
@@ -139,7 +139,7 @@ def side_of(name: str) -> Figure:
     """The side view alone, on axes with equal scales."""
     figure = Figure()
     chosen = load_vehicle(name)
-    side_view(figure.add_subplot(aspect="equal"), Sheet(chosen, facts(chosen), 0.4))
+    side_view(figure.add_subplot(aspect="equal"), Sheet(chosen, data_sheet(chosen), 0.4))
     return figure
 
 
@@ -167,7 +167,7 @@ def wheel_angles(name: str) -> dict[tuple[float, bool], float]:
     figure = Figure()
     ax = figure.add_subplot()
     chosen = load_vehicle(name)
-    plan_view(ax, Sheet(chosen, facts(chosen), 0.4))
+    plan_view(ax, Sheet(chosen, data_sheet(chosen), 0.4))
     found = {}
     for patch in ax.patches:
         if isinstance(patch, Polygon) and patch.get_fill():
@@ -196,7 +196,7 @@ def test_the_plan_shows_a_left_turn_with_ackermann_and_opposite_trailer_axles() 
 def test_the_sheet_is_to_scale_and_whole(name: str, tmp_path: Path) -> None:
     """Both pictures are there, with the same proportions, and no lettering leaves the border."""
     chosen = load_vehicle(name)
-    svg, png = draw_sheet(chosen, facts(chosen), handling_at(chosen), tmp_path, note="noted")
+    svg, png = draw_sheet(chosen, data_sheet(chosen), handling_at(chosen), tmp_path, note="noted")
     root = ElementTree.parse(svg).getroot()
     wide, high = (float(root.get(side, "").removesuffix("pt")) for side in ("width", "height"))
     with Image.open(png) as picture:
@@ -216,6 +216,6 @@ def test_the_same_vehicle_gives_the_same_drawing(tmp_path: Path) -> None:
     texts = []
     for k in range(2):
         (tmp_path / str(k)).mkdir()
-        svg, _ = draw_sheet(chosen, facts(chosen), None, tmp_path / str(k))
+        svg, _ = draw_sheet(chosen, data_sheet(chosen), None, tmp_path / str(k))
         texts.append(svg.read_text(encoding="utf-8"))
     assert all(one == other for one, other in pairwise(texts))

@@ -38,7 +38,7 @@ def varied(thing: Any, factors: dict[str, float]) -> Any:
 
 @st.composite
 def vehicles(draw: st.DrawFn) -> Vehicle:
-    """Shipped vehicles of one and two units, with up to three kinds of their numbers much smaller or larger."""
+    """Library vehicles of one and two units, with up to three kinds of their numbers much smaller or larger."""
     name = draw(st.sampled_from(["rigid_truck", "eu_tractor_semitrailer", "uk_longer_semitrailer"]))
     factors = draw(st.dictionaries(st.sampled_from(NUMBERS), st.floats(0.1, 10.0), max_size=3))
     try:

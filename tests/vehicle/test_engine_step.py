@@ -12,7 +12,7 @@ import pytest
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import step_function, wheel_function
 from vehicle.combination.layout import State, state_sizes
-from vehicle.combination.plant_inputs import demand_sizes, footing_sizes
+from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes
 from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
@@ -35,9 +35,9 @@ def random_states(vehicle: Vehicle) -> FloatArray:
 
 
 def random_inputs(vehicle: Vehicle) -> FloatArray:
-    """Demands and ground, (N, n_demands + n_footing)."""
+    """CommandInputs and ground, (N, n_demands + n_footing)."""
     rng = np.random.default_rng(9)
-    demands, under = demand_sizes(vehicle), footing_sizes(vehicle)
+    demands, under = command_sizes(vehicle), ground_input_sizes(vehicle)
     return np.hstack(
         [
             rng.uniform(-0.6, 0.6, (N, demands.steer)),

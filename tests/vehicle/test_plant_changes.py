@@ -10,7 +10,7 @@ from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant_changes import NamedChanges, changed_vehicle, number_paths
-from vehicle.parameter_library import Shipped
+from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Frozen
 from vehicle.tyres import Planar, grip, steady_force, stiffness
 from vehicle.tyres.data import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre, Tyre
@@ -137,7 +137,7 @@ EDITS = [  # path, its line in the file, the same with another number
 def test_a_path_sets_what_an_edit_of_the_file_sets(
     steered: Vehicle, tmp_path: Path, path: str, written: str, value: float
 ) -> None:
-    text = Shipped("vehicle", "parameters").file("b_double_steered").read_text()
+    text = ParameterLibrary("vehicle", "parameters").file("b_double_steered").read_text()
     assert text.count(written) == 1
     edited = tmp_path / "edited.toml"
     edited.write_text(text.replace(written, f"{written.rpartition(' ')[0]} {value}"))

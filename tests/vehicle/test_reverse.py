@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
-from vehicle.combination.batch import PlantBatch
+from vehicle.combination.batch import BatchGround, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
@@ -154,11 +155,12 @@ def test_a_batch_reverses_as_single_plants_do(name: str, engine: Engine, request
     vehicle: Vehicle = request.getfixturevalue(name)
     n_steered = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
     gears = np.array([1.0, -1.0, -1.0])
-    batch = PlantBatch(vehicle, DRY, 3, engine)
-    states = batch.initial_state(np.zeros((3, 3)), [2.0, 0.0, -2.0])
-    states = batch.step(states, 0.2, 0.8, np.full((3, n_steered), 0.05), 800, gears)
+    batch, speeds = PlantBatch(vehicle, 3, engine), np.array([2.0, 0.0, -2.0])
+    level = BatchGround(np.full(3, 0.8), np.zeros(3), np.full((3, 2), math.nan))
+    batch.place(np.arange(3), np.tile(numbers(vehicle), (3, 1)), level, speeds)
+    batch.step(0.2, 0.8, np.full((3, n_steered), 0.05), 800, gears)
     plant = Plant(vehicle, DRY, engine)
-    for gear, speed, got in zip(gears, (2.0, 0.0, -2.0), states, strict=True):
+    for gear, speed, got in zip(gears, speeds, batch.state, strict=True):
         command = VehicleCommand(0.2, 0.8, (0.05,) * n_steered, gear)
         expected = plant.step(plant.initial_state(ORIGIN, speed), command, 800)
         np.testing.assert_allclose(got, expected, rtol=1e-6, atol=1e-6)  # rounding, and modes that grow
@@ -167,8 +169,8 @@ def test_a_batch_reverses_as_single_plants_do(name: str, engine: Engine, request
 
 @pytest.mark.parametrize("gear", [0.0, 2.0])
 def test_there_are_two_gears(tractor_semitrailer: Vehicle, gear: float) -> None:
-    plant, batch = Plant(tractor_semitrailer, DRY), PlantBatch(tractor_semitrailer, DRY, 1, "interpreted")
+    plant, batch = Plant(tractor_semitrailer, DRY), PlantBatch(tractor_semitrailer, 1, "interpreted")
     with pytest.raises(ValueError, match=r"gear.*must be 1 \(forward\) or -1 \(backward\)"):
         plant.step(plant.initial_state(ORIGIN, 0.0), VehicleCommand(0.0, 0.0, (), gear), 1)
     with pytest.raises(ValueError, match=r"gear.*must be 1 \(forward\) or -1 \(backward\)"):
-        batch.step(batch.initial_state(np.zeros((1, 3)), [0.0]), 0.0, 0.0, np.zeros((1, 0)), 1, gear)
+        batch.step(0.0, 0.0, np.zeros((1, 0)), 1, gear)

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import fsolve
 
 from vehicle.combination.layout import parts
-from vehicle.combination.plant_inputs import spans
+from vehicle.combination.plant_inputs import slices
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
@@ -203,7 +203,7 @@ def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
     x, given = ca.SX.sym("x", sum(STATE_SIZES)), ca.SX.sym("u", sum(INPUT_SIZES))
     rate = balance(rover, None, RoverState(*parts(x, STATE_SIZES)), RoverInput(*parts(given, INPUT_SIZES))).rate
     state, u = np.zeros(sum(STATE_SIZES)), np.zeros(sum(INPUT_SIZES))
-    in_u = RoverInput(*spans(INPUT_SIZES))
+    in_u = RoverInput(*slices(INPUT_SIZES))
     state[3:6] = motion
     u[in_u.slope_y], u[in_u.friction] = [0.1, 0.1, -0.1, -0.1], 1e-12
     accelerations = ca.Function("motion", [x, given], [ca.vertcat(rate.v_x, rate.v_y, rate.yaw_rate)])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.combination.data_sheet import Facts, coupling_loads, facts
+from vehicle.combination.data_sheet import DataSheet, coupling_loads, data_sheet
 from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle, vehicle_names, vehicle_sources
 from vehicle.combination.handling import (
     peak_rearward_amplification,
@@ -77,7 +77,7 @@ def test_static_loads_are_legal_and_laden(name: str) -> None:
     for load, limit in zip(loads, limits, strict=True):
         assert 0.35 * limit < load <= limit + 0.001  # [t]: a kilogram for pounds that were rounded to kilograms
     assert 0.7 * whole < vehicle.mass / 1e3 <= whole + 0.001
-    assert facts(vehicle).warnings == ()
+    assert data_sheet(vehicle).warnings == ()
 
 
 @pytest.mark.parametrize("name", vehicle_names())
@@ -206,7 +206,7 @@ def test_linked_axles_turn_about_one_point() -> None:
 
 def test_dolly_and_second_trailer_hang_where_the_record_has_them() -> None:
     """OpenPBS Adouble6x4: what couplings and groups carry, worked out by hand from moments about the hitches."""
-    sheet: Facts = facts(load_vehicle("a_double"))
+    sheet: DataSheet = data_sheet(load_vehicle("a_double"))
     kingpin_2 = 33.8 - 33.8 * 4.6501 / 7.7
     dolly = (3.2 * 3.8391 + kingpin_2 * 4.55) / 4.55
     eye = 3.2 + kingpin_2 - dolly

@@ -7,14 +7,14 @@ from typing import Generic, NamedTuple, TypeVar
 import casadi as ca
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.kinematics import places
+from vehicle.combination.kinematics import kinematics
 from vehicle.combination.layout import State
 from vehicle.tyres import Num
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
-class Ground(NamedTuple, Generic[V]):
+class SmoothGround(NamedTuple, Generic[V]):
     """The smooth ground at the points that carry the units, front and rear, unit by unit."""
 
     height: V  # (2 N,) [m]
@@ -22,19 +22,19 @@ class Ground(NamedTuple, Generic[V]):
     slope_y: V  # (2 N,) along W's y [-]
 
 
-def ground_sizes(vehicle: Vehicle) -> Ground[int]:
+def smooth_ground_sizes(vehicle: Vehicle) -> SmoothGround[int]:
     """Length of every part of the vector."""
     n = 2 * len(vehicle.units)
-    return Ground(n, n, n)
+    return SmoothGround(n, n, n)
 
 
-def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: Ground[ca.SX]) -> ca.SX:
+def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: SmoothGround[ca.SX]) -> ca.SX:
     """X_WB of every sprung body, row by row and unit by unit, (16 N,).
 
     A body stands on the ground as ``Surface.pose_on`` has it, heaved, pitched and rolled about the point of its roll
     axis under its centre of gravity.
     """
-    flat = places(vehicle, s).poses
+    flat = kinematics(vehicle, s).poses
     found = []
     for i, unit in enumerate(vehicle.units):
         x, y, psi = (flat[3 * i + k] for k in range(3))

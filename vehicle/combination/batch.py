@@ -1,165 +1,284 @@
-"""Many vehicles stepped at once: for learning and for sweeps, where a plant's single states would take too long."""
+"""Many vehicles stepped at once, for learning and studies: each lane has its own state, numbers and ground.
+
+The vehicles share a topology. Their numbers are inputs of the compiled functions, so that a lane restarts with another
+load, length or lag without building anything anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import place_function, start_function, step_function, wheel_function
-from vehicle.combination.ground_inputs import SurfacesUnder, ticks_to_next_look
-from vehicle.combination.kinematics import Places, place_sizes
+from vehicle.combination.functions import (
+    body_function,
+    kinematics_function,
+    start_function,
+    step_function,
+    wheel_function,
+)
+from vehicle.combination.ground_inputs import SurfaceLookup
+from vehicle.combination.kinematics import Kinematics, kinematics_sizes
 from vehicle.combination.layout import State, state_sizes
-from vehicle.combination.plant_inputs import demand_sizes, footing_sizes, spans
-from vehicle.combination.symbolic import numbers, topology
+from vehicle.combination.plant_inputs import GroundInputs, command_sizes, ground_input_sizes, slices
+from vehicle.combination.symbolic import numbers
+from vehicle.combination.truth import Truth
+from vehicle.combination.truth_assembly import TruthAssembly
 from vehicle.combination.wheel_truth import WheelTruth, wheel_truth_sizes
-from vehicle.engine.kernels import Engine, kernel_for_many
+from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 from vehicle.sanity import are_sane
-from vehicle.surface import Surface
+
+Lanes: TypeAlias = NDArray[np.intp]  # numbers of vehicles, (k,)
+_APEX: Final = 3.0  # radius over which the tip of conical ground is rounded, as on ``Surface`` [m]
+_NOTHING: Final = np.empty(0)
 
 
-class Motion(NamedTuple):
-    """Where n vehicles are and how they move."""
+class BatchGround(NamedTuple):
+    """Smooth ground of uniform friction under k vehicles."""
+
+    friction: FloatArray  # (k,) [-]
+    cross_fall: FloatArray  # (k,) falls to the right, or away from the centre where there is one [-]
+    centre: FloatArray  # (k, 2) apex of a conical cross-fall [m]; NaN: a plane
+
+
+class BatchMotion(NamedTuple):
+    """Positions, velocities, steer angles and load transfer of n vehicles."""
 
     poses: FloatArray  # (n, N, 3) x [m], y [m], psi [rad] of each unit's frame in W
     velocities: FloatArray  # (n, N, 3) v_x, v_y [m/s] along the unit's axes, yaw rate [rad/s]
-    articulation: FloatArray  # (n, N - 1) yaw of each unit less that of the one behind [rad]
+    steer: FloatArray  # (n, n_steered) angle of every steered axle, front to rear [rad]
+    load_transfer: FloatArray  # (n, N) right less left wheel loads of each unit over their sum [-]
 
 
 class PlantBatch:
-    """n vehicles on their surfaces, each with a row of the state; one batch per thread.
+    """n vehicles stepped together; one batch per thread.
 
-    Vehicles may differ in their numbers, not in how they are built; a surface is one for all or one for each. A vehicle
-    whose state breaks, or whose demand is no number, gets a state that is not finite and keeps it, while the others go
-    on: ``finite`` tells them apart. Ground that changes from place to place is looked up at the beginning of a call and
-    every 0.1 m that the fastest vehicle goes; each surface by itself.
-
-    Raises:
-        ValueError: if vehicles, surfaces or engine do not fit.
+    A vehicle whose state breaks, or whose command is not finite, gets a state that is not finite and keeps it until it
+    is placed again; the others are not affected.
     """
 
-    def __init__(
-        self,
-        vehicles: Vehicle | Sequence[Vehicle],
-        surfaces: Surface | Sequence[Surface],
-        n: int,
-        engine: Engine = "auto",
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, n: int, engine: Engine = "auto") -> None:
+        """All lanes have the numbers of ``vehicle`` until they are placed.
+
+        Raises:
+            ValueError: if ``n`` or the engine does not fit.
+        """
         if n < 1:
             raise ValueError(f"n = {n} vehicles must be at least 1")
-        self._arguments = (vehicles, surfaces, n, engine)
-        self._n = n
-        self._vehicle, values = _built_alike(vehicles, n)
-        self._advance = kernel_for_many(step_function(self._vehicle), values, n, engine)
-        self._places = kernel_for_many(place_function(self._vehicle), values, n, engine)
-        self._wheels = kernel_for_many(wheel_function(self._vehicle), values, n, engine)
-        # What is asked for once in a run is not worth compiling.
-        self._start = kernel_for_many(start_function(self._vehicle), values, n, "interpreted")
-        self._under = SurfacesUnder(surfaces, self._vehicle, n)
-        self._everywhere = self._under.everywhere
-        self._n_trailer, self._n_demands = demand_sizes(self._vehicle).trailer_steer, sum(demand_sizes(self._vehicle))
-        self._at = Places(*spans(place_sizes(self._vehicle)))
-        self._of_wheels = WheelTruth(*spans(wheel_truth_sizes(self._vehicle)))
-        in_state = State(*spans(state_sizes(self._vehicle)))
-        self._velocity = [in_state.v_x.start, in_state.v_y.start]
-        self._nothing = np.empty((n, 0))
+        self.n, self._vehicle, self._n_units = n, vehicle, len(vehicle.units)
+        self._advance = kernel_for_rows(_with_numbers_in_input(vehicle, "step"), n, engine)
+        self._observe = kernel_for_rows(_with_numbers_in_input(vehicle, "motion"), n, engine)
+        self._start = kernel_for_rows(_with_numbers_in_input(vehicle, "start"), n, engine)
+        commands, ground = command_sizes(vehicle), ground_input_sizes(vehicle)
+        self._n_command, self._n_trailer = sum(commands), commands.trailer_steer
+        self._ground = GroundInputs(*(_shifted(part, self._n_command) for part in slices(ground)))
+        first_number = self._n_command + sum(ground)
+        self._numbers = slice(first_number, None)
+        nominal = numbers(vehicle)
+        self._u = np.zeros((n, first_number + len(nominal)))
+        self._u[:, self._numbers] = nominal
+        self._u[:, self._n_command - 1] = 1.0  # forward
+        self._u[:, self._ground.friction] = 1.0
+        self._state = np.zeros((n, sum(state_sizes(vehicle))))
+        self._start_u = np.zeros((n, 4 + sum(ground) + len(nominal)))
+        self._cross_fall, self._centre = np.zeros(n), np.full((n, 2), np.nan)
+        self._conical, self._no_state = False, np.empty((n, 0))
+        self._in_motion = _MotionSlices.of(vehicle)
 
-    def __reduce__(self) -> tuple[type[PlantBatch], tuple[Any, ...]]:
-        return (PlantBatch, self._arguments)  # memory does not travel: it is made anew
+    @property
+    def state(self) -> FloatArray:
+        """States of all vehicles (n, n_state), as ``layout.State`` orders them."""
+        return self._state
 
-    def initial_state(self, poses: ArrayLike, speeds: ArrayLike) -> FloatArray:
-        """States of straight combinations rolling freely: poses X_WT (n, 3) [m, rad] and speeds (n,) [m/s]."""
-        start = np.empty((self._n, 4))
-        start[:, :3], start[:, 3] = poses, speeds
-        level = self._start(self._nothing, np.hstack([start, np.zeros((self._n, sum(footing_sizes(self._vehicle))))]))
-        return self._start(self._nothing, np.hstack([start, self._footing(level)]))
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """True for each vehicle whose state is finite and below 1e12 in any SI unit, (n,)."""
+        return are_sane(self._state)
+
+    def place(self, lanes: Lanes, own_numbers: FloatArray, ground: BatchGround, speeds: FloatArray) -> BatchMotion:
+        """Restart k vehicles at W's origin, straight along x and rolling freely; the other lanes stay as they are.
+
+        Args:
+            lanes: (k,) which vehicles.
+            own_numbers: (k, n_numbers) in the order of ``symbolic.numbers``.
+            ground: under these vehicles.
+            speeds: (k,) [m/s].
+
+        Returns:
+            The motion of all n vehicles.
+        """
+        self._u[lanes, self._numbers] = own_numbers
+        self._u[lanes, self._ground.friction] = ground.friction[:, None]
+        self._cross_fall[lanes], self._centre[lanes] = ground.cross_fall, ground.centre
+        self._conical = bool(np.isfinite(self._centre[:, 0]).any())
+        self._u[lanes, : self._n_command - 1] = 0.0
+        self._u[lanes, self._ground.slope_x] = 0.0
+        slope_y = np.where(np.isfinite(ground.centre[:, 0]), 0.0, ground.cross_fall)
+        self._u[lanes, self._ground.slope_y] = slope_y[:, None]
+        self._start_u[:, 3] = 0.0
+        self._start_u[lanes, 3] = speeds
+        self._settle(lanes)
+        motion = self.observe()
+        if not self._conical:
+            return motion
+        self._settle(lanes)  # on the slope at the positions that are known now
+        return self.observe()
 
     def step(
         self,
-        state: FloatArray,
         steer: ArrayLike,
         acceleration: ArrayLike,
-        trailer_steer: ArrayLike,
+        trailer_steer: FloatArray,
         ticks: int,
         gear: ArrayLike = 1.0,
-    ) -> FloatArray:
-        """States (n, n_state) after whole ticks under held demands, a new array.
+    ) -> BatchMotion:
+        """Step all vehicles over whole ticks under held commands.
 
-        Steer (n,) of the tractors [rad], acceleration (n,) [m/s2], steer (n, n_steered) of the trailer axles [rad] and
-        gear (n,): +1 forward, -1 backward.
+        Args:
+            steer: (n,) of the tractors [rad].
+            acceleration: (n,) above 0 drives the way the gear does, below 0 brakes [m/s2].
+            trailer_steer: (n, n_steered) of the trailer axles [rad].
+            ticks: at least 1.
+            gear: (n,) +1 forward, -1 backward.
 
         Raises:
-            ValueError: if the number of ticks or the shape of the demands does not fit, or a gear is none.
+            ValueError: if the number of ticks, the shape of ``trailer_steer`` or a gear does not fit.
         """
         if ticks < 1:
             raise ValueError(f"ticks = {ticks} must be at least 1 tick of {TICK * 1e3:g} ms")
-        demands = self._demands(steer, acceleration, trailer_steer, gear)
-        while ticks > 0:
-            now = ticks if self._everywhere is not None else min(ticks, ticks_to_next_look(self._fastest(state)))
-            state = self._advance(state, np.hstack([demands, self._footing(state)]), now)
-            ticks -= now
-        state[~np.isfinite(demands).all(axis=1)] = np.nan  # limits would take such a demand for their own
-        return state
-
-    def finite(self, state: FloatArray) -> NDArray[np.bool_]:
-        """Which vehicles' states are sane, (n,): finite, and below 1e12 in any SI unit."""
-        return are_sane(state)
-
-    def observe_motion(self, state: FloatArray) -> Motion:
-        """Where the vehicles are and how they move."""
-        seen = self._places(state, self._nothing)
-        poses = seen[:, self._at.poses].reshape(self._n, -1, 3)
-        velocities = seen[:, self._at.velocities].reshape(self._n, -1, 3)
-        return Motion(poses, velocities, poses[:, :-1, 2] - poses[:, 1:, 2])
-
-    def observe_wheels(self, state: FloatArray) -> WheelTruth[FloatArray]:
-        """What axles and wheels do, an array (n, ...) each."""
-        idle = np.zeros((self._n, self._n_demands))  # no truth depends on a demand
-        told = self._wheels(state, np.hstack([idle, self._footing(state)]))
-        return WheelTruth(*(told[:, span] for span in self._of_wheels))
-
-    def _demands(
-        self, steer: ArrayLike, acceleration: ArrayLike, trailer_steer: ArrayLike, gear: ArrayLike
-    ) -> FloatArray:
-        of_trailers = np.asarray(trailer_steer, dtype=np.float64)
-        if of_trailers.shape != (self._n, self._n_trailer):
+        if trailer_steer.shape != (self.n, self._n_trailer):
             raise ValueError(
-                f"trailer_steer of shape {of_trailers.shape} must be ({self._n}, {self._n_trailer}): "
+                f"trailer_steer of shape {trailer_steer.shape} must be ({self.n}, {self._n_trailer}): "
                 f"{self._vehicle.name} steers {self._n_trailer} trailer axles"
             )
-        demands = np.empty((self._n, self._n_demands))
-        demands[:, 0], demands[:, 1], demands[:, 2:-1], demands[:, -1] = steer, acceleration, of_trailers, gear
-        if not (np.abs(demands[:, -1]) == 1.0).all():
+        last = self._n_command - 1
+        self._u[:, 0], self._u[:, 1], self._u[:, 2:last], self._u[:, last] = steer, acceleration, trailer_steer, gear
+        if not (np.abs(self._u[:, last]) == 1.0).all():
             raise ValueError("gear must be 1 (forward) or -1 (backward) for every vehicle")
-        return demands
+        self._state = self._advance(self._state, self._u, ticks)
+        commands = self._u[:, : self._n_command]
+        self._state[~np.isfinite(commands).all(axis=1)] = np.nan  # the actuators' limits would hide such a command
+        return self.observe()
 
-    def _footing(self, state: FloatArray) -> FloatArray:
-        if self._everywhere is not None:
-            return self._everywhere
-        places = self._places(state, self._nothing)
-        lost = ~are_sane(places)
-        if lost.any():
-            places[lost] = 0.0  # taken as at the origin, for the ground is only at places
-        return self._under.footing(places)
+    def observe(self) -> BatchMotion:
+        """Motion of all vehicles. Sets the slope that the next step uses on conical ground."""
+        motion = self._observe(self._state, self._u)
+        at = self._in_motion
+        if self._conical:
+            self._set_slopes(motion[:, at.centre_x], motion[:, at.centre_y])
+        return BatchMotion(
+            poses=motion[:, at.poses].reshape(self.n, self._n_units, 3),
+            velocities=motion[:, at.velocities].reshape(self.n, self._n_units, 3),
+            steer=motion[:, at.steer],
+            load_transfer=motion[:, at.load_transfer],
+        )
 
-    def _fastest(self, state: FloatArray) -> float:
-        speeds = np.linalg.norm(state[are_sane(state)][:, self._velocity], axis=1)
-        return float(np.max(speeds, initial=0.0))
+    def lane(self, lane: int) -> Lane:
+        """State, inputs and numbers of one vehicle."""
+        return Lane(self._state[lane], self._u[lane, : self._numbers.start], self._u[lane, self._numbers])
+
+    def _settle(self, lanes: Lanes) -> None:
+        """Set the start state of these vehicles on the ground under them now."""
+        self._start_u[:, 4:] = self._u[:, self._n_command :]
+        self._state[lanes] = self._start(self._no_state, self._start_u)[lanes]
+
+    def _set_slopes(self, x: FloatArray, y: FloatArray) -> None:
+        """Set the slope of conical ground under each unit's centre of gravity [-]."""
+        d_x, d_y = x - self._centre[:, :1], y - self._centre[:, 1:]
+        share = -self._cross_fall[:, None] / np.sqrt(d_x * d_x + d_y * d_y + _APEX**2)
+        conical = np.isfinite(share)
+        np.copyto(self._u[:, self._ground.slope_x], share * d_x, where=conical)
+        np.copyto(self._u[:, self._ground.slope_y], share * d_y, where=conical)
 
 
-def _built_alike(vehicles: Vehicle | Sequence[Vehicle], n: int) -> tuple[Vehicle, FloatArray]:
-    """A vehicle that stands for all, and their numbers: of one for all, or a row for each."""
-    if isinstance(vehicles, Vehicle):
-        return vehicles, numbers(vehicles)
-    if len(vehicles) != n:
-        raise ValueError(f"{len(vehicles)} vehicles for a batch of {n}: there must be one for all or one for each")
-    first = topology(vehicles[0])
-    for vehicle in vehicles:
-        if topology(vehicle) != first:
-            raise ValueError(f"{vehicle.name} and {vehicles[0].name} are built differently and can not share a batch")
-    return vehicles[0], np.array([numbers(vehicle) for vehicle in vehicles])
+class Lane(NamedTuple):
+    """One vehicle of a batch, as ``vehicle.combination.functions`` takes it."""
+
+    state: FloatArray
+    inputs: FloatArray  # command and ground inputs
+    numbers: FloatArray
+
+
+class LaneObserver:
+    """Full ground truth of single vehicles of a batch."""
+
+    def __init__(self, vehicle: Vehicle, batch: PlantBatch) -> None:
+        """Of a batch of vehicles of this topology."""
+        self._batch = batch
+        self._kinematics, self._wheels = kinematics_function(vehicle), wheel_function(vehicle)
+        self._bodies, self._assembly = body_function(vehicle), TruthAssembly(vehicle)
+        in_state = State(*slices(state_sizes(vehicle)))
+        self._x, self._y, self._psi = in_state.x.start, in_state.y.start, in_state.psi.start
+
+    def truth(self, lane: int, surface: SurfaceLookup, tick: int, *, back: float = 0.0) -> Truth:
+        """Ground truth of one vehicle on this surface, as if it stood ``back`` [m] behind its position."""
+        state, inputs, own_numbers = self._batch.lane(lane)
+        if back:
+            state = state.copy()
+            state[self._x] -= back * np.cos(state[self._psi])
+            state[self._y] -= back * np.sin(state[self._psi])
+        kinematics = _evaluated(self._kinematics, state, _NOTHING, own_numbers)
+        wheels = _evaluated(self._wheels, state, inputs, own_numbers)
+        bodies = _evaluated(self._bodies, state, surface.smooth_ground(kinematics), own_numbers)
+        return self._assembly.truth(tick, kinematics, wheels, bodies)
+
+
+class _MotionSlices(NamedTuple):
+    """Position of each part in the vector of the function "motion"."""
+
+    poses: slice
+    velocities: slice
+    centre_x: slice
+    centre_y: slice
+    steer: slice
+    load_transfer: slice
+
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> _MotionSlices:
+        return cls(*slices(_motion_parts(kinematics_sizes(vehicle), wheel_truth_sizes(vehicle))))
+
+
+def _motion_parts(kinematics: Kinematics[Any], wheels: WheelTruth[Any]) -> tuple[Any, ...]:
+    return (
+        kinematics.poses,
+        kinematics.velocities,
+        kinematics.centre_x,
+        kinematics.centre_y,
+        wheels.steer,
+        wheels.load_transfer,
+    )
+
+
+@lru_cache(maxsize=16)
+def _with_numbers_in_input(vehicle: Vehicle, name: Literal["step", "start", "motion"]) -> Any:
+    """The function (state, input and numbers, nothing); cached, as a program is made once per function."""
+    if name == "motion":
+        return _motion_function(vehicle)
+    function = {"step": step_function, "start": start_function}[name](vehicle)
+    x, u, own = (ca.SX.sym("v", function.numel_in(k)) for k in range(3))
+    return ca.Function(name, [x, ca.vertcat(u, own), ca.SX(0, 1)], [function(x, u, own)])
+
+
+def _motion_function(vehicle: Vehicle) -> Any:
+    """The parts of kinematics and wheel truth that ``BatchMotion`` and conical ground need."""
+    of_kinematics, of_wheels = kinematics_function(vehicle), wheel_function(vehicle)
+    x, u, own = (ca.SX.sym("v", of_wheels.numel_in(k)) for k in range(3))
+    kinematics = Kinematics(*(of_kinematics(x, ca.SX(0, 1), own)[part] for part in slices(kinematics_sizes(vehicle))))
+    wheels = WheelTruth(*(of_wheels(x, u, own)[part] for part in slices(wheel_truth_sizes(vehicle))))
+    motion = ca.cse(ca.densify(ca.vertcat(*_motion_parts(kinematics, wheels))))
+    return ca.Function("motion", [x, ca.vertcat(u, own), ca.SX(0, 1)], [motion])
+
+
+def _shifted(part: slice, by: int) -> slice:
+    return slice(by + part.start, by + part.stop)
+
+
+def _evaluated(function: Any, *arguments: FloatArray) -> FloatArray:
+    value: FloatArray = function(*arguments).full().ravel()
+    return value

@@ -16,7 +16,7 @@ _OVERLOAD = 2.0  # wheel load over its tyre's nominal load, at which the data of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AxleFacts:
+class AxleSheet:
     """One axle of the standing combination."""
 
     x: float  # in its unit [m]
@@ -31,7 +31,7 @@ class AxleFacts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UnitFacts:
+class UnitSheet:
     """One unit of the standing combination."""
 
     name: str
@@ -40,7 +40,7 @@ class UnitFacts:
     behind_front: float  # of its origin, behind the foremost point of the straight combination [m]
     coupling_load: float | None  # that its front hitch puts on the unit ahead [N]; None for the tractor
     smallest_circle: float | None  # [m], see tightest_turn and tightest_following; None without steered axles
-    axles: tuple[AxleFacts, ...]  # lifted ones too, front to rear
+    axles: tuple[AxleSheet, ...]  # lifted ones too, front to rear
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +57,7 @@ class Handling:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Facts:
+class DataSheet:
     """The data sheet of a combination."""
 
     name: str
@@ -66,7 +66,7 @@ class Facts:
     length: float  # [m]
     width: float  # [m]
     height: float  # [m]
-    units: tuple[UnitFacts, ...]
+    units: tuple[UnitSheet, ...]
     warnings: tuple[str, ...]  # what no limit on a single number can tell, a line each
 
     @property
@@ -75,11 +75,11 @@ class Facts:
         return all(axle.load > 0.0 or axle.lifted for unit in self.units for axle in unit.axles)
 
 
-def facts(vehicle: Vehicle) -> Facts:
+def data_sheet(vehicle: Vehicle) -> DataSheet:
     """The data sheet of a combination, without its handling."""
     loads, couplings = _axle_loads(vehicle), coupling_loads(vehicle)
     units = tuple(
-        UnitFacts(
+        UnitSheet(
             name=unit.name,
             mass=unit.mass,
             body_length=unit.front_x - unit.rear_x,
@@ -90,7 +90,7 @@ def facts(vehicle: Vehicle) -> Facts:
         )
         for i, (unit, origin) in enumerate(zip(vehicle.units, origins(vehicle), strict=True))
     )
-    return Facts(
+    return DataSheet(
         name=vehicle.name,
         summary=vehicle.summary,
         mass=vehicle.mass,
@@ -170,10 +170,10 @@ def _axle_loads(vehicle: Vehicle) -> list[list[float]]:
     return [[float(load) for load in of_unit] for of_unit in static_axle_loads(vehicle)]
 
 
-def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[AxleFacts, ...]:
+def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[AxleSheet, ...]:
     carried = dict(zip((axle.x for axle in unit.axles), loads, strict=True))
     return tuple(
-        AxleFacts(
+        AxleSheet(
             x=axle.x,
             behind_front=behind_front - axle.x,
             load=carried.get(axle.x, 0.0),
@@ -188,7 +188,7 @@ def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[Axl
     )
 
 
-def _warnings(units: Sequence[UnitFacts]) -> tuple[str, ...]:
+def _warnings(units: Sequence[UnitSheet]) -> tuple[str, ...]:
     found = []
     for i, unit in enumerate(units):
         if unit.coupling_load is not None and unit.coupling_load < 0.0:

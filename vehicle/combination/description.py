@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final, NamedTuple
 from pydantic import Field, model_validator
 
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
-from vehicle.parameter_library import Shipped
+from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
     Flag,
     Fraction,
@@ -33,7 +33,7 @@ from vehicle.tyres.data import TYRES, Tyre
 GRAVITY: Final = 9.81  # [m/s2]
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
 
-_VEHICLES: Final = Shipped("vehicle", "parameters")
+_VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
 
 
 class Axle(Frozen):

@@ -13,12 +13,12 @@ from typing import Any
 import casadi as ca
 
 from vehicle.clock import TICK
-from vehicle.combination.attitude import Ground, body_poses, ground_sizes
+from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
 from vehicle.combination.chain import derivative, output, relaxation
 from vehicle.combination.description import Vehicle
-from vehicle.combination.kinematics import places
+from vehicle.combination.kinematics import kinematics
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.combination.plant_inputs import Demands, Footing, chain_input, demand_sizes, footing_sizes
+from vehicle.combination.plant_inputs import CommandInputs, GroundInputs, chain_input, command_sizes, ground_input_sizes
 from vehicle.combination.start import START_SIZES, Start, rolling_freely
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
 from vehicle.combination.wheel_truth import wheel_truth
@@ -55,27 +55,29 @@ def wheel_function(twin: SymbolicTwin) -> Any:
 
 
 @_once_for_all_built_alike
-def place_function(twin: SymbolicTwin) -> Any:
-    """Function (state, nothing, numbers) -> ``Places``."""
+def kinematics_function(twin: SymbolicTwin) -> Any:
+    """Function (state, nothing, numbers) -> ``Kinematics``."""
     x = _state(twin.vehicle)
-    seen = places(twin.vehicle, _named(twin.vehicle, x))
+    seen = kinematics(twin.vehicle, _named(twin.vehicle, x))
     return ca.Function("places", [x, ca.SX(0, 1), twin.symbols], [ca.cse(ca.vertcat(*seen))])
 
 
 @_once_for_all_built_alike
 def body_function(twin: SymbolicTwin) -> Any:
-    """Function (state, ``Ground``, numbers) -> X_WB of every body, row by row."""
-    x, g = _state(twin.vehicle), _vector(ground_sizes(twin.vehicle))
-    poses = body_poses(twin.vehicle, _named(twin.vehicle, x), Ground(*parts(g, ground_sizes(twin.vehicle))))
+    """Function (state, ``SmoothGround``, numbers) -> X_WB of every body, row by row."""
+    x, g = _state(twin.vehicle), _vector(smooth_ground_sizes(twin.vehicle))
+    poses = body_poses(
+        twin.vehicle, _named(twin.vehicle, x), SmoothGround(*parts(g, smooth_ground_sizes(twin.vehicle)))
+    )
     return ca.Function("bodies", [x, g, twin.symbols], [ca.cse(poses)])
 
 
 @_once_for_all_built_alike
 def start_function(twin: SymbolicTwin) -> Any:
     """Function (nothing, start and footing, numbers) -> state."""
-    chosen = _vector((*START_SIZES, *footing_sizes(twin.vehicle)))
-    start, under = _two(chosen, START_SIZES, footing_sizes(twin.vehicle))
-    state = rolling_freely(twin.vehicle, Start(*start), Footing(*under))
+    chosen = _vector((*START_SIZES, *ground_input_sizes(twin.vehicle)))
+    start, under = _two(chosen, START_SIZES, ground_input_sizes(twin.vehicle))
+    state = rolling_freely(twin.vehicle, Start(*start), GroundInputs(*under))
     return ca.Function("start", [ca.SX(0, 1), chosen, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 
@@ -99,8 +101,8 @@ def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
 
 
 def _chain_input(vehicle: Vehicle, given: ca.SX) -> Input[ca.SX]:
-    demands, under = _two(given, demand_sizes(vehicle), footing_sizes(vehicle))
-    return chain_input(vehicle, Demands(*demands), Footing(*under))
+    demands, under = _two(given, command_sizes(vehicle), ground_input_sizes(vehicle))
+    return chain_input(vehicle, CommandInputs(*demands), GroundInputs(*under))
 
 
 def _two(vector: ca.SX, first: Sequence[int], second: Sequence[int]) -> tuple[list[ca.SX], list[ca.SX]]:
@@ -118,7 +120,7 @@ def _state(vehicle: Vehicle) -> ca.SX:
 
 
 def _given(vehicle: Vehicle) -> ca.SX:
-    return _vector((*demand_sizes(vehicle), *footing_sizes(vehicle)))
+    return _vector((*command_sizes(vehicle), *ground_input_sizes(vehicle)))
 
 
 def _vector(sizes: Iterable[int]) -> ca.SX:

@@ -15,7 +15,7 @@ from vehicle.tyres import Num
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
-class Places(NamedTuple, Generic[V]):
+class Kinematics(NamedTuple, Generic[V]):
     """Units and wheels as seen from above; the field order is the order in the vector. Wheels as in ``State``."""
 
     poses: V  # (3 N,) x [m], y [m], psi [rad] of each unit's frame in W, unit by unit
@@ -28,13 +28,13 @@ class Places(NamedTuple, Generic[V]):
     support_y: V  # (2 N,)
 
 
-def place_sizes(vehicle: Vehicle) -> Places[int]:
+def kinematics_sizes(vehicle: Vehicle) -> Kinematics[int]:
     """Length of every part of the vector."""
     N, n_wheels = len(vehicle.units), vehicle.n_wheels
-    return Places(3 * N, 3 * N, N, N, n_wheels, n_wheels, 2 * N, 2 * N)
+    return Kinematics(3 * N, 3 * N, N, N, n_wheels, n_wheels, 2 * N, 2 * N)
 
 
-def places(vehicle: Vehicle, s: State[ca.SX]) -> Places[ca.SX]:
+def kinematics(vehicle: Vehicle, s: State[ca.SX]) -> Kinematics[ca.SX]:
     """Where everything is, and how fast the units go."""
     units = range(len(vehicle.units))
     psi, yaw_rate = ca.vertsplit(s.psi), ca.vertsplit(s.yaw_rate)
@@ -52,7 +52,7 @@ def places(vehicle: Vehicle, s: State[ca.SX]) -> Places[ca.SX]:
     centres = [at(i, unit.cg_x) for i, unit in enumerate(vehicle.units)]
     on_road = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
     carried = [at(i, x) for i in units for x in vehicle.supports(i)]
-    return Places(
+    return Kinematics(
         poses=ca.vertcat(*(value for i in units for value in (*origins[i], psi[i]))),
         velocities=ca.vertcat(*(value for i in units for value in (*speeds[i], yaw_rate[i]))),
         centre_x=ca.vertcat(*(p.x for p in centres)),

@@ -14,7 +14,7 @@ from vehicle.combination.layout import Input, input_sizes, turned_axles
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
-class Demands(NamedTuple, Generic[V]):
+class CommandInputs(NamedTuple, Generic[V]):
     """What driver and trailer controllers ask for; the field order is the order in the vector."""
 
     steer: V  # of the tractor's foremost steered axle; what is linked to it follows in its ratio [rad]
@@ -23,7 +23,7 @@ class Demands(NamedTuple, Generic[V]):
     gear: V  # +1 forward, -1 backward
 
 
-class Footing(NamedTuple, Generic[V]):
+class GroundInputs(NamedTuple, Generic[V]):
     """What there is under the vehicle; the field order is the order in the vector."""
 
     friction: V  # (n_wheels,) friction coefficient under each wheel [-]
@@ -32,23 +32,23 @@ class Footing(NamedTuple, Generic[V]):
     road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
 
 
-def demand_sizes(vehicle: Vehicle) -> Demands[int]:
+def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
     """Length of every part of the vector."""
-    return Demands(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]), 1)
+    return CommandInputs(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]), 1)
 
 
-def footing_sizes(vehicle: Vehicle) -> Footing[int]:
+def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
     """Length of every part of the vector."""
     of_chain = input_sizes(vehicle)
-    return Footing(of_chain.friction, of_chain.gravity_x, of_chain.gravity_y, of_chain.road)
+    return GroundInputs(of_chain.friction, of_chain.gravity_x, of_chain.gravity_y, of_chain.road)
 
 
-def spans(sizes: Iterable[int]) -> list[slice]:
+def slices(sizes: Iterable[int]) -> list[slice]:
     """Where parts of these sizes lie in a vector."""
     return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
 
 
-def chain_input(vehicle: Vehicle, demands: Demands[ca.SX], under: Footing[ca.SX]) -> Input[ca.SX]:
+def chain_input(vehicle: Vehicle, demands: CommandInputs[ca.SX], under: GroundInputs[ca.SX]) -> Input[ca.SX]:
     """Input of the chain.
 
     The tractor's actuators turn their first axles by the driver's demand; every actuator of a trailer takes the mean

@@ -9,7 +9,7 @@ import casadi as ca
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, state_sizes, wheels
 from vehicle.combination.multibody import Vector, along
-from vehicle.combination.plant_inputs import Footing, gravity_along
+from vehicle.combination.plant_inputs import GroundInputs, gravity_along
 from vehicle.combination.sprung import settled
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
@@ -27,7 +27,7 @@ class Start(NamedTuple, Generic[V]):
 START_SIZES: Final = Start(1, 1, 1, 1)
 
 
-def rolling_freely(vehicle: Vehicle, start: Start[ca.SX], under: Footing[ca.SX]) -> State[ca.SX]:
+def rolling_freely(vehicle: Vehicle, start: Start[ca.SX], under: GroundInputs[ca.SX]) -> State[ca.SX]:
     """The straight combination rolling freely, its bodies leaning on their springs as after a long wait."""
     sizes = state_sizes(vehicle)
     course = Vector(ca.cos(start.psi), ca.sin(start.psi))

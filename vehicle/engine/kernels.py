@@ -57,6 +57,18 @@ def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) 
     return native if native is not None else Blocks(_program(function), _worked_with(function, numbers), n)
 
 
+def kernel_for_rows(function: Any, n: int, engine: Engine) -> Kernel:
+    """A ``casadi.Function`` (state, input, nothing) for n rows; a single row runs as one vehicle, which is faster.
+
+    Raises:
+        ValueError: as ``kernel_for_one``.
+    """
+    if n > 1:
+        return kernel_for_many(function, _NOTHING, n, engine)
+    one = kernel_for_one(function, _NOTHING, engine)
+    return lambda x, u, ticks=1: one(x[0], u[0], ticks)[None, :]
+
+
 def _native(kind: type[NativeOne | NativeMany], function: Any, numbers: FloatArray, engine: Engine) -> Kernel | None:
     """The function in compiled C; None where the engine does without."""
     using = _compiler(engine)

@@ -10,12 +10,12 @@ from pydantic import model_validator
 
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import checked, read_toml, sources, without_sources
-from vehicle.parameter_library import Shipped
+from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Position, quantity
 
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a rover may be symbols
 
-_ROVERS: Final = Shipped("rover", "rovers")
+_ROVERS: Final = ParameterLibrary("rover", "rovers")
 
 
 class Rover(Frozen):

@@ -9,7 +9,7 @@ import numpy as np
 
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
-from vehicle.combination.plant_inputs import spans
+from vehicle.combination.plant_inputs import slices
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
@@ -26,8 +26,8 @@ from vehicle.sanity import is_sane
 _LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
 _LOOK_EVERY: Final = 0.01  # way between two looks at changing ground [m]: a tenth of a wheel's radius
 _SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s renews its contact in it
-_STATE: Final = RoverState(*spans(STATE_SIZES))
-_INPUT: Final = RoverInput(*spans(INPUT_SIZES))
+_STATE: Final = RoverState(*slices(STATE_SIZES))
+_INPUT: Final = RoverInput(*slices(INPUT_SIZES))
 
 
 class RoverPlant:

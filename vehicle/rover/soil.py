@@ -6,13 +6,13 @@ import math
 from typing import Annotated, Final, Literal
 
 from vehicle.parameter_file import checked, read_toml, sources, without_sources
-from vehicle.parameter_library import Shipped
+from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Fraction, Frozen, quantity
 
 _Modulus = Annotated[float, quantity("m", gt=0.0, le=0.5)]
 _Change = Annotated[float, quantity("m/rad", ge=-0.5, le=0.5)]
 
-_SOILS: Final = Shipped("soil", "soils")
+_SOILS: Final = ParameterLibrary("soil", "soils")
 
 
 class Soil(Frozen):

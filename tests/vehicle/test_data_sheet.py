@@ -9,7 +9,7 @@ import pytest
 from vehicle.combination.data_sheet import (
     STANDARD_SPEED,
     coupling_loads,
-    facts,
+    data_sheet,
     handling_at,
     origins,
     tightest_following,
@@ -22,7 +22,7 @@ from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehi
 def test_axles_carry_the_whole_weight(name: str) -> None:
     """Nothing floats: axle loads sum up to the weight, and each unit's to its own, what it gets and what it gives."""
     vehicle = load_vehicle(name)
-    sheet = facts(vehicle)
+    sheet = data_sheet(vehicle)
     assert sum(axle.load for unit in sheet.units for axle in unit.axles) == pytest.approx(vehicle.mass * GRAVITY)
     given = [unit.coupling_load or 0.0 for unit in sheet.units]
     for unit, gives, gets in zip(sheet.units, given, [*given[1:], 0.0], strict=True):
@@ -32,7 +32,7 @@ def test_axles_carry_the_whole_weight(name: str) -> None:
 
 def test_axles_are_listed_where_they_stand_lifted_ones_too() -> None:
     """Behind the foremost point: 5.0 m to the drive axle, 4.45 m to the kingpin and 6.39 m on to the first axle."""
-    sheet = facts(load_vehicle("eu_6x2_tractor_semitrailer"))
+    sheet = data_sheet(load_vehicle("eu_6x2_tractor_semitrailer"))
     stations = [[axle.behind_front for axle in unit.axles] for unit in sheet.units]
     assert stations[0] == pytest.approx([1.3, 5.0, 6.37])
     assert stations[1] == pytest.approx([10.84, 12.15, 13.46])
@@ -69,7 +69,7 @@ def test_an_unsteered_trailer_follows_nothing(tractor_semitrailer: Vehicle) -> N
 
 def test_a_linkage_reaches_what_its_ratio_leaves() -> None:
     """42 degrees on the first axle are 0.665 times that on the second."""
-    axles = facts(load_vehicle("rigid_truck_8x4")).units[0].axles
+    axles = data_sheet(load_vehicle("rigid_truck_8x4")).units[0].axles
     reaches = [math.degrees(axle.reach) for axle in axles if axle.reach is not None]
     assert reaches == pytest.approx([42.0, 0.665 * 42.0])
     assert {axle.group for axle in axles} == {"linkage", None}
@@ -94,7 +94,7 @@ def test_loads_that_no_single_limit_shows_are_warned_of(
     tractor_semitrailer: Vehicle, unit: int, cg_x: float, says: str, stands: bool
 ) -> None:
     """A load too far back lifts the tractor, too far forward the trailer; on the way there it overloads tyres."""
-    sheet = facts(moved(tractor_semitrailer, unit, cg_x=cg_x))
+    sheet = data_sheet(moved(tractor_semitrailer, unit, cg_x=cg_x))
     assert any(line.startswith(says) for line in sheet.warnings), sheet.warnings
     assert sheet.stands is stands
 
