@@ -1,8 +1,8 @@
 """A rover's path following: the direction of travel that the path asks for, from wheels that slip.
 
-The rover travels ``drift`` off where its wheels point. ``heading`` turns the whole body against it, as a skid-steered
-rover has to; ``crab`` lets the body look along the path and points the wheels aside, as only four steered wheels can;
-``none`` takes the wheels at their word.
+The rover travels ``drift`` off where its wheels point. ``heading`` turns the whole body against the drift, which every
+rover can. ``crab`` keeps the body along the path and points the wheels against the drift, which needs all wheels
+steered. ``none`` ignores the drift.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class RoverDriverMemory(NamedTuple):
 
     tick: int | None
     station: float  # along the path [m]
-    steer: tuple[float, float, float, float]  # last demand [rad]
+    steer: tuple[float, ...]  # last demand [rad]
 
 
 class RoverDriver:
@@ -45,17 +45,20 @@ class RoverDriver:
         """For the set ``speed`` [m/s] that wheels turn for; slip takes its share of it."""
         if compensation not in get_args(Compensation):
             raise ValueError(f"slip_compensation = {compensation} must be one of {', '.join(get_args(Compensation))}")
-        if compensation == "crab" and not rover.steered:
-            raise ValueError("slip_compensation = crab needs steered wheels; a skid-steered rover has heading")
+        if compensation == "crab" and min(rover.max_steer) <= 0.0:
+            raise ValueError("slip_compensation = crab needs steered wheels, all of them; use heading")
         fastest = rover.max_wheel_speed * rover.wheel_radius
         if not 0.0 < speed <= fastest:
             raise ValueError(f"speed = {speed:g} m/s must be positive and within what the wheels do, {fastest:.3g} m/s")
         self._rover, self._path, self._speed = rover, path, speed
+        self._places = rover.places().tolist()
+        fixed = [x for (x, _), most in zip(self._places, rover.max_steer, strict=True) if most <= 0.0]
+        self._fixed_x = sum(fixed) / len(fixed) if fixed else 0.0  # of the wheels that can not turn aside [m]
         self._heading, self._crab = compensation == "heading", compensation == "crab"
 
     def init(self) -> RoverDriverMemory:
         """At the start of the path, wheels straight."""
-        return RoverDriverMemory(tick=None, station=0.0, steer=(0.0, 0.0, 0.0, 0.0))
+        return RoverDriverMemory(tick=None, station=0.0, steer=(0.0,) * len(self._places))
 
     def step(self, memory: RoverDriverMemory, pose: RoverPose) -> tuple[RoverDriverMemory, RoverCommand]:
         """New memory and command at the pose's tick."""
@@ -75,26 +78,27 @@ class RoverDriver:
     def _command(self, crab: float, yaw_rate: float) -> RoverCommand:
         """The wheels' turns and angles for going off by ``crab`` [rad] from the heading and turning at a rate [rad/s].
 
-        Steered wheels roll without slip in the rigid motion; the others turn by the difference of their sides' speeds.
+        Steered wheels roll without slip in the rigid motion, and so do others on one line across the rover. Without
+        any steering the rover turns by the difference of its sides' speeds.
         """
         r, limit = self._rover, self._rover.max_wheel_speed
         if not r.steered:
             half = 0.5 * r.effective_track * yaw_rate
             sides = (self._speed - half, self._speed + half)
             left, right = (max(-limit, min(limit, side / r.wheel_radius)) for side in sides)
-            return RoverCommand(wheel_speed=(left, right, left, right), steer=(0.0, 0.0, 0.0, 0.0))
-        v_x, v_y = self._speed * math.cos(crab), self._speed * math.sin(crab)
-        ways = [(v_x - yaw_rate * y, v_y + yaw_rate * x) for x, y in r.places().tolist()]
-        turns = [min(limit, math.hypot(*way) / r.wheel_radius) for way in ways]
-        angles = [max(-r.max_steer, min(r.max_steer, math.atan2(aside, ahead))) for ahead, aside in ways]
+            speeds = tuple(left if y > 0.0 else right for _, y in self._places)
+            return RoverCommand(wheel_speed=speeds, steer=(0.0,) * len(speeds))
+        v_x, v_y = self._speed * math.cos(crab), self._speed * math.sin(crab) - yaw_rate * self._fixed_x
+        velocities = [(v_x - yaw_rate * y, v_y + yaw_rate * x) for x, y in self._places]
         return RoverCommand(
-            wheel_speed=(turns[0], turns[1], turns[2], turns[3]), steer=(angles[0], angles[1], angles[2], angles[3])
+            wheel_speed=tuple(min(limit, math.hypot(*velocity) / r.wheel_radius) for velocity in velocities),
+            steer=tuple(
+                max(-most, min(most, math.atan2(lateral, forward)))
+                for (forward, lateral), most in zip(velocities, r.max_steer, strict=True)
+            ),
         )
 
 
-def _reachable(
-    last: tuple[float, float, float, float], wanted: tuple[float, float, float, float], reach: float
-) -> tuple[float, float, float, float]:
+def _reachable(last: tuple[float, ...], wanted: tuple[float, ...], reach: float) -> tuple[float, ...]:
     """The wanted angles as far as they can be reached [rad]."""
-    a, b, c, d = (old + max(-reach, min(reach, new - old)) for old, new in zip(last, wanted, strict=True))
-    return a, b, c, d
+    return tuple(old + max(-reach, min(reach, new - old)) for old, new in zip(last, wanted, strict=True))

@@ -83,8 +83,8 @@ class RoverView:
     tick: int
     image: GreyImage  # of the ground behind the left rear wheel
     heading: float  # of the compass, in W, wrapped [rad]
-    wheel_speeds: FloatArray  # (4,) of rotation, by the encoders: front left, right, rear left, right [rad/s]
-    steer: FloatArray  # (4,) by the encoders, + left [rad]
+    wheel_speeds: FloatArray  # (n,) of rotation, by the encoders, in the order of the rover's file [rad/s]
+    steer: FloatArray  # (n,) by the encoders, + left [rad]
     colour: ColourImage | None = None  # the image in colour, for people and videos only
 
 
@@ -94,8 +94,8 @@ class RoverReadings:
 
     tick: int
     heading: float  # of the compass, in W, wrapped [rad]
-    wheel_speeds: FloatArray  # (4,) of rotation: front left, right, rear left, right [rad/s]
-    steer: FloatArray  # (4,) + left [rad]
+    wheel_speeds: FloatArray  # (n,) of rotation, in the order of the rover's file [rad/s]
+    steer: FloatArray  # (n,) + left [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,9 +13,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sensors.messages import RoverView
+from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import wrap
-from vehicle.rover.command import REAR_LEFT
 
 _SPAN: Final = 4.0  # of headings that a rate of turn is fitted to: 0.35 deg of noise leave 0.07 deg/s [s]; assumed
 _SHORTEST: Final = 2.0  # below this the noise of the compass is worse than no rate at all [s]
@@ -45,13 +45,13 @@ class Pointing(NamedTuple):
     steer: float  # against the body, + left [rad]
 
 
-def with_pointing(pointings: tuple[Pointing, ...], view: RoverView, radius: float, kept: float) -> tuple[Pointing, ...]:
-    """The left rear wheel's pointings over the way that is ``kept`` [m], and that of the view, by its encoders."""
+def with_pointing(pointings: tuple[Pointing, ...], view: RoverView, rig: TraceRig, kept: float) -> tuple[Pointing, ...]:
+    """The watched wheel's pointings over the way that is ``kept`` [m], and that of the view, by its encoders."""
     way = 0.0
     if pointings:
         last = pointings[-1]
-        way = last.way + radius * abs(float(view.wheel_speeds[REAR_LEFT])) * (view.tick - last.tick) * TICK
-    new = Pointing(way, view.tick, float(view.steer[REAR_LEFT]))
+        way = last.way + rig.wheel_radius * abs(float(view.wheel_speeds[rig.watched])) * (view.tick - last.tick) * TICK
+    new = Pointing(way, view.tick, float(view.steer[rig.watched]))
     return (*(one for one in pointings if one.way > way - kept), new)
 
 

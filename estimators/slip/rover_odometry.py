@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -19,6 +20,7 @@ from estimators.estimates import Health, SlipAngle
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
+from vehicle.rover.command import WheelPlace
 
 _HEADING_TIME: Final = 2.0  # over which the compass corrects the heading that the wheels show [s]
 # Over which a new slip angle takes the place of the old one in the drift to steer against: slopes change over some
@@ -38,26 +40,27 @@ class RoverGeometry:
         ValueError: if a length is not positive.
     """
 
-    wheelbase: float  # front to rear wheels [m]
-    tread: float  # left to right wheels [m]
+    wheels: tuple[WheelPlace, ...]
     wheel_radius: float  # [m]
     effective_track: float  # of turning by different wheel speeds: the tread times what scrubbing makes of it [m]
-    max_steer: float  # of every wheel; 0: none is steered [rad]
+    max_steer: tuple[float, ...]  # of each wheel; 0: it is not steered [rad]
     max_wheel_speed: float  # [rad/s]
 
     def __post_init__(self) -> None:
-        for name in ("wheelbase", "tread", "wheel_radius", "effective_track", "max_wheel_speed"):
+        for name in ("wheel_radius", "effective_track", "max_wheel_speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} = {getattr(self, name)} must be positive")
+        if len(self.max_steer) != len(self.wheels):
+            raise ValueError(f"max_steer = {self.max_steer} must have a value for each of {len(self.wheels)} wheels")
 
     @property
     def steered(self) -> bool:
-        """Whether every wheel is steered; if not, it turns by different speeds of its sides."""
-        return self.max_steer > 0.0
+        """True if any wheel is steered; if not, the rover turns by different speeds of its sides."""
+        return max(self.max_steer) > 0.0
 
     def places(self) -> FloatArray:
-        """Wheels (4, 2) in R [m], in their order."""
-        return wheel_places(self.wheelbase, self.tread)
+        """Wheels (n, 2) in R [m], in their order."""
+        return wheel_places(self.wheels)
 
 
 class Rolling(NamedTuple):
@@ -68,10 +71,9 @@ class Rolling(NamedTuple):
     yaw_rate: float  # [rad/s]
 
 
-def wheel_places(wheelbase: float, tread: float) -> FloatArray:
-    """Wheels (4, 2) in R [m]: front left, front right, rear left, rear right."""
-    a, b = 0.5 * wheelbase, 0.5 * tread
-    return np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
+def wheel_places(wheels: Sequence[WheelPlace]) -> FloatArray:
+    """Places (n, 2) of wheels in R [m]."""
+    return np.array([(wheel.x, wheel.y) for wheel in wheels])
 
 
 def rolled(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling:
@@ -127,6 +129,7 @@ class RoverOdometry:
     def __init__(self, rover: RoverGeometry) -> None:
         self._rover = rover
         self._places = rover.places()
+        self._left = self._places[:, 1] > 0.0
 
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
         """At a known pose in W [m, rad]."""
@@ -164,7 +167,7 @@ class RoverOdometry:
         rolling = rolled(self._places, speed, readings.steer)
         if self._rover.steered:
             return rolling
-        yaw_rate = float(speed[[1, 3]].mean() - speed[[0, 2]].mean()) / self._rover.effective_track
+        yaw_rate = float(speed[~self._left].mean() - speed[self._left].mean()) / self._rover.effective_track
         return rolling._replace(yaw_rate=yaw_rate)
 
     def _moved(

@@ -94,11 +94,10 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
 def rover_geometry(rover: Rover) -> RoverGeometry:
     """The rover's data sheet for its own odometry and driver."""
     return RoverGeometry(
-        wheelbase=rover.wheelbase,
-        tread=rover.tread,
+        wheels=rover.places,
         wheel_radius=rover.radius,
         effective_track=rover.tread if rover.steered else rover.effective_track,
-        max_steer=rover.steer_limit if rover.steered else 0.0,
+        max_steer=tuple(rover.steer_limit if wheel.steered else 0.0 for wheel in rover.wheels),
         max_wheel_speed=rover.no_load_speed,
     )
 

@@ -24,7 +24,8 @@ def rover_picture(rover: Rover, truth: RoverTruth, path: Path, time: float) -> P
     pose = Pose2(*truth.pose.tolist())
     curve(picture, _pixels(path.points(0.05), pose), TRUE, 2)
     places = rover.wheel_places
-    body = 0.8 * places[[0, 1, 3, 2]]
+    a, b = 0.4 * rover.wheelbase, 0.4 * rover.tread
+    body = np.array([[a, b], [a, -b], [-a, -b], [-a, b]])
     cv2.fillConvexPoly(picture, fixed_point(_pixels(pose.apply(body), pose)), SOFT, cv2.LINE_AA, SHIFT)
     tread = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * [rover.radius, 0.5 * rover.width]
     for place in places:

@@ -124,6 +124,7 @@ class RoverSteering:
         self._rover = load_rover(options.vehicle)
         if self._rover.steered:
             raise ValueError(f"rover {self._rover.name} steers its wheels: RoverSteering is for skid-steered ones")
+        self._left = self._rover.wheel_places[:, 1] > 0.0
         check_knowledge(options.observation)
         self._names = options.soil_names()
         self._soils: list[Soil | None] = [None if name == FIRM else load_soil(name) for name in self._names]
@@ -225,7 +226,8 @@ class RoverSteering:
             return _MISHAP, True, False, "diverged"
         fastest = _ROOM * episode.speed / self._rover.radius
         left, right = (fastest * max(-1.0, min(1.0, float(a))) for a in action)
-        command = RoverCommand(wheel_speed=(left, right, left, right), steer=(0.0, 0.0, 0.0, 0.0))
+        speeds = tuple(left if is_left else right for is_left in self._left)
+        command = RoverCommand(wheel_speed=speeds, steer=(0.0,) * len(speeds))
         try:
             self._drive(episode, command)
         except DivergedError:
@@ -283,8 +285,8 @@ class RoverSteering:
             path.curvature(episode.station + _PREVIEW),
             episode.slip_seen,
             float(truth.velocity[2]),
-            float(truth.wheel_speeds[[0, 2]].mean()) * self._rover.radius / episode.speed,
-            float(truth.wheel_speeds[[1, 3]].mean()) * self._rover.radius / episode.speed,
+            float(truth.wheel_speeds[self._left].mean()) * self._rover.radius / episode.speed,
+            float(truth.wheel_speeds[~self._left].mean()) * self._rover.radius / episode.speed,
             float(up[0]),
             float(up[1]),
             episode.speed,

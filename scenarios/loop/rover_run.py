@@ -53,7 +53,7 @@ def _result(session: RoverSession) -> RoverResult:
         scenario_toml=parts.scenario.to_toml(),
         seed=parts.seed,
         outcome=session.outcome or "unfinished",
-        log=rover_log(session.rows, [cross_track(parts, row) for row in session.rows], session.estimates),
+        log=rover_log(parts.rig, session.rows, [cross_track(parts, row) for row in session.rows], session.estimates),
         rover=parts.rover.name,
         path=parts.path.points(_SPACING),
         rig=parts.rig,

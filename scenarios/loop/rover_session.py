@@ -111,7 +111,9 @@ class RoverSession:
         if not schedule.due(self.tick):
             return
         view = self._view(truth, readings)
-        message = view if self.parts.scenario.slip_estimator != "truth" else ExactSlip().sample(truth)
+        message = (
+            view if self.parts.scenario.slip_estimator != "truth" else ExactSlip(self.parts.rig.watched).sample(truth)
+        )
         estimate = self._worker.submit(self._estimate, message)
         self._in_flight = self._in_flight.put(self.tick + schedule.latency, estimate)
         if view is not None:

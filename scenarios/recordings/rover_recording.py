@@ -1,6 +1,7 @@
 """A rover's recording on disk: ground images, a table of readings, and the calibration of the camera.
 
-``images/000000.png`` …, ``readings.csv`` (time_s, heading_deg, four wheel speeds in rad/s, four steer angles in deg),
+``images/000000.png`` …, ``readings.csv`` (time_s, heading_deg, each wheel's speed in rad/s, each wheel's
+steer angle in deg),
 ``rig.toml``, and where it is known ``slip.csv`` (time_s, slip_deg) to compare with.
 """
 
@@ -11,7 +12,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,16 +25,10 @@ from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import read_toml
-from vehicle.rover.command import WHEELS
+from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.rover.truth import RoverTruth
 
 IMAGES, READINGS, RIG, SLIP = "images", "readings.csv", "rig.toml", "slip.csv"
-COLUMNS: Final = (
-    "time_s",
-    "heading_deg",
-    *(f"wheel_speed_{wheel}" for wheel in WHEELS),
-    *(f"steer_deg_{wheel}" for wheel in WHEELS),
-)
 _FAST_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
@@ -49,7 +44,7 @@ class RoverRecordingWriter:
     def __enter__(self) -> RoverRecordingWriter:
         (self._growing / IMAGES).mkdir(parents=True)
         (self._growing / RIG).write_text(rig_toml(self._rig), encoding="utf-8")
-        (self._growing / READINGS).write_text(",".join(COLUMNS) + "\n", encoding="utf-8")
+        (self._growing / READINGS).write_text(",".join(columns(self._rig)) + "\n", encoding="utf-8")
         (self._growing / SLIP).write_text("time_s,slip_deg\n", encoding="utf-8")
         return self
 
@@ -88,11 +83,35 @@ def rig_toml(rig: TraceRig) -> str:
             "wheel": list(rig.wheel),
             "wheel_radius": rig.wheel_radius,
             "wheel_width": rig.wheel_width,
-            "wheelbase": rig.wheelbase,
-            "tread": rig.tread,
+            **_wheels_table(rig.wheels),
             "camera": {**camera, "distortion": list(c.distortion)},
         }
     )
+
+
+def columns(rig: TraceRig) -> tuple[str, ...]:
+    """Columns of ``readings.csv``."""
+    names = [wheel.name for wheel in rig.wheels]
+    return (
+        "time_s",
+        "heading_deg",
+        *(f"wheel_speed_{name}" for name in names),
+        *(f"steer_deg_{name}" for name in names),
+    )
+
+
+def _wheels_table(wheels: tuple[WheelPlace, ...]) -> dict[str, Any]:
+    """The wheels in ``rig.toml``: ``wheelbase`` and ``tread`` of four at the corners, else a list."""
+    wheelbase, tread = 2.0 * wheels[0].x, 2.0 * wheels[0].y
+    if wheels == corner_wheels(wheelbase, tread):
+        return {"wheelbase": wheelbase, "tread": tread}
+    return {"wheels": [wheel._asdict() for wheel in wheels]}
+
+
+def _wheels(table: dict[str, Any]) -> tuple[WheelPlace, ...]:
+    if "wheels" not in table:
+        return corner_wheels(float(table["wheelbase"]), float(table["tread"]))
+    return tuple(WheelPlace(str(one["name"]), float(one["x"]), float(one["y"])) for one in table["wheels"])
 
 
 def load_rig(path: Path) -> TraceRig:
@@ -105,12 +124,16 @@ def load_rig(path: Path) -> TraceRig:
     try:
         camera = dict(table["camera"])
         camera["distortion"] = tuple(camera.get("distortion", (0.0,) * 5))
-        numbers = {name: float(table[name]) for name in ("wheel_radius", "wheel_width", "wheelbase", "tread")}
+        numbers = {name: float(table[name]) for name in ("wheel_radius", "wheel_width")}
         X_RC = np.array(table["X_RC"], dtype=np.float64)
         x, y = (float(value) for value in table["wheel"])
         if X_RC.shape != (4, 4) or not np.allclose(X_RC[:3, :3] @ X_RC[:3, :3].T, np.eye(3), atol=1e-6):
             raise ValueError("X_RC must be the 4 x 4 pose of the camera in the rover")
-        return TraceRig(camera=CameraModel(**camera), X_RC=X_RC, wheel=(x, y), **numbers)
+        wheels = _wheels(table)
+        watched = min(range(len(wheels)), key=lambda k: math.dist((x, y), wheels[k][1:]))
+        return TraceRig(
+            camera=CameraModel(**camera), X_RC=X_RC, wheel=(x, y), wheels=wheels, watched=watched, **numbers
+        )
     except KeyError as error:
         raise ValueError(f"{path}: {error.args[0]} is missing") from None
     except (TypeError, ValueError) as error:
@@ -124,7 +147,7 @@ class RoverRecording:
     directory: Path
     rig: TraceRig
     images: tuple[Path, ...]
-    readings: FloatArray  # (n, 10) as COLUMNS
+    readings: FloatArray  # (n, 2 + 2 wheels) as ``columns``
     slip: FloatArray | None  # (m, 2) time [s] and slip angle [deg], if it is known
 
     def view(self, k: int) -> RoverView | str:
@@ -135,14 +158,14 @@ class RoverRecording:
             return f"{self.images[k].name} is missing or no image"
         if image.shape != size:
             return f"{self.images[k].name} is {image.shape[1]}x{image.shape[0]} px, the rig {size[1]}x{size[0]}"
-        row = self.readings[k]
+        row, n = self.readings[k], len(self.rig.wheels)
         grey: GreyImage = np.asarray(image, dtype=np.uint8)
         return RoverView(
             tick=round(row[0] / TICK),
             image=grey,
             heading=math.radians(row[1]),
-            wheel_speeds=row[2:6].copy(),
-            steer=np.radians(row[6:10]),
+            wheel_speeds=row[2 : 2 + n].copy(),
+            steer=np.radians(row[2 + n :]),
         )
 
 
@@ -162,13 +185,13 @@ def open_rover_recording(directory: Path, rig_file: Path | None = None) -> Rover
     )
     if not images:
         raise ValueError(f"{folder}: holds no images")
-    readings = _table(directory / READINGS, COLUMNS)
+    rig = load_rig(rig_file or directory / RIG)
+    readings = _table(directory / READINGS, columns(rig))
     if len(readings) != len(images):
         raise ValueError(f"{directory}: {len(images)} images and {len(readings)} rows in {READINGS}: must be as many")
     if not np.all(np.diff(readings[:, 0]) > 0.0):
         raise ValueError(f"{directory / READINGS}: time_s must grow from row to row")
     slip = _table(directory / SLIP, ("time_s", "slip_deg")) if (directory / SLIP).is_file() else None
-    rig = load_rig(rig_file or directory / RIG)
     return RoverRecording(directory=directory, rig=rig, images=images, readings=readings, slip=slip)
 
 

@@ -88,10 +88,10 @@ def position(result: RoverResult) -> str:
 def wheels(result: RoverResult) -> str:
     """Longitudinal slip of every wheel over time."""
     log = result.log
-    colours = (TRUE, "#4fa3d1", ESTIMATED, "#b8860b")
+    colours = (TRUE, "#4fa3d1", ESTIMATED, "#b8860b", GREY, INK)
     with drawn("rover wheels", 2.6) as (drawing, ax):
-        for name, colour in zip(("front_left", "front_right", "rear_left", "rear_right"), colours, strict=True):
-            ratio, label = log[f"slip_ratio_{name}"], name.replace("_", " ")
+        for wheel, colour in zip(result.rig.wheels, colours, strict=False):
+            ratio, label = log[f"slip_ratio_{wheel.name}"], wheel.name.replace("_", " ")
             ax.plot(log["time"], ratio, color=colour, linewidth=1.0, label=label)
         _finish(ax, result, "slip ratio [-]")
     return drawing.svg

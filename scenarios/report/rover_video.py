@@ -138,6 +138,7 @@ class _Film:
 
     def _readings(self, panel: Picture, row: int) -> None:
         log, result = self.result.log, self.result
+        ratio = float(log[f"slip_ratio_{result.rig.wheels[result.rig.watched].name}"][row])
         past = np.flatnonzero(np.isfinite(log["slip_angle_estimate"][: row + 1]))
         estimate = f"{math.degrees(log['slip_angle_estimate'][past[-1]]):+.1f}°" if past.size else "none"
         readings = (
@@ -145,7 +146,7 @@ class _Film:
             ("true slip angle", f"{math.degrees(log['slip_angle_true'][row]):+.1f}°", TRUE),
             ("estimated", estimate, ESTIMATED),
             ("beside the path", f"{1e3 * log['cross_track_true'][row]:+.0f} mm", INK),
-            ("slip ratio, left rear", f"{100 * log['slip_ratio_rear_left'][row]:.0f} %", INK),
+            ("slip ratio, left rear", f"{100 * ratio:.0f} %", INK),
         )
         for k, (name, value, colour) in enumerate(readings):
             u = 20 + k * (_WIDTH - 30) // len(readings)

@@ -25,7 +25,7 @@ def picture(result: RoverResult, frame: TraceFrame) -> Picture:
     shown = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
     log = result.log
     row = int(np.searchsorted(log["tick"], frame.tick))
-    pointed = float(log["steer_rear_left"][row])
+    pointed = float(log[f"steer_{result.rig.wheels[result.rig.watched].name}"][row])
     draw_trace(shown, result.rig, pointed + float(log["wheel_slip_true"][row]), 0.0, TRUE)
     estimate = float(log["wheel_slip_estimate"][row])
     if math.isfinite(estimate):

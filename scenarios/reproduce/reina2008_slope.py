@@ -29,7 +29,7 @@ from sensors.sand.sequence import recorded
 from vehicle.clock import TICK, Schedule
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.description import load_rover
+from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.soil import load_soil
@@ -90,7 +90,7 @@ def _driven(calm: float, length: float, progress: Progress) -> Iterator[list[flo
     """A row of the table for every image."""
     rover = load_rover("el_dorado_ii")
     terrain = _ground(calm * _SPEED + 0.5 * rover.wheelbase, length)
-    truths = _truths(RoverPlant(rover, terrain, load_soil("beach_sand")), rover.radius, length)
+    truths = _truths(RoverPlant(rover, terrain, load_soil("beach_sand")), rover, length)
     lead = round(_LEAD * _RATE)
     ftrace, laser = FTrace(nominal_rig(rover)), LaserSlip()
     memory, fixes = ftrace.init(), laser.init()
@@ -121,10 +121,10 @@ def _ground(begin: float, length: float) -> Terrain:
     )
 
 
-def _truths(plant: RoverPlant, radius: float, length: float) -> list[RoverTruth]:
+def _truths(plant: RoverPlant, rover: Rover, length: float) -> list[RoverTruth]:
     """The run at every image, wheels straight at a constant speed, until the way is done or time for it is over."""
-    period = Schedule.at_rate(_RATE).period
-    command = RoverCommand(wheel_speed=(_SPEED / radius,) * 4, steer=(0.0,) * 4)
+    period, n = Schedule.at_rate(_RATE).period, len(rover.wheels)
+    command = RoverCommand(wheel_speed=(_SPEED / rover.radius,) * n, steer=(0.0,) * n)
     state = plant.initial_state(Pose2(-_LEAD * _SPEED, 0.0, 0.0), _SPEED)
     truths = [plant.observe(state, 0)]
     while truths[-1].pose[0] < length and truths[-1].tick * TICK < 2.0 * length / _SPEED + _LEAD:

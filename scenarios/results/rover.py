@@ -15,7 +15,6 @@ from scenarios.results.log import LOST, Log
 from scenarios.results.run import Summary, Timing, number, versions, write_files
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
-from vehicle.rover.command import WHEELS
 
 Progress = Callable[[int, int], None]  # done so far, of how many
 
@@ -58,7 +57,7 @@ def rover_summary(result: RoverResult) -> Summary:
         "seed": result.seed,
         "slip": _slip(result),
         "position": _position(result.log),
-        "wheels": _wheels(result.log),
+        "wheels": _wheels(result),
         "timing": {
             name: number(getattr(result.timing, name))
             for name in ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
@@ -145,9 +144,11 @@ def _position(log: Log) -> dict[str, float | int | None]:
     }
 
 
-def _wheels(log: Log) -> dict[str, float | int | None]:
-    ratios = np.array([log[f"slip_ratio_{wheel}"] for wheel in WHEELS])
-    sinkages = np.array([log[f"sinkage_{wheel}"] for wheel in WHEELS])
+def _wheels(result: RoverResult) -> dict[str, float | int | None]:
+    ratios, sinkages = (
+        np.array([result.log[f"{quantity}_{wheel.name}"] for wheel in result.rig.wheels])
+        for quantity in ("slip_ratio", "sinkage")
+    )
     return {
         "slip_ratio_mean": number(metrics.mean(ratios.ravel())),
         "sinkage_max_m": number(metrics.peak(sinkages.ravel())),

@@ -10,8 +10,8 @@ import numpy as np
 from estimators.estimates import Health, SlipAngle
 from scenarios.loop.rover_session import RoverRow
 from scenarios.results.log import HEALTH, Log, Signal
+from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
-from vehicle.rover.command import REAR_LEFT, WHEELS
 
 _ESTIMATE: Final = (
     Signal("slip_angle_estimate", "rad", "estimated slip angle of the body, + left, at the tick of capture"),
@@ -27,8 +27,10 @@ _LAGGED: Final = (
 )
 
 
-def rover_log(rows: Sequence[RoverRow], cross_track: Sequence[float], estimates: Sequence[SlipAngle]) -> Log:
-    """The log of a run."""
+def rover_log(
+    rig: TraceRig, rows: Sequence[RoverRow], cross_track: Sequence[float], estimates: Sequence[SlipAngle]
+) -> Log:
+    """The log of a run of the rover with this rig."""
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     estimated = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
     for estimate in estimates:
@@ -36,14 +38,14 @@ def rover_log(rows: Sequence[RoverRow], cross_track: Sequence[float], estimates:
             estimated[index[estimate.tick], : len(_ESTIMATE)] = list(_estimate_values(estimate))
         if estimate.lagged_tick in index:
             estimated[index[estimate.lagged_tick], len(_ESTIMATE) :] = estimate.lagged_value, estimate.lagged_std
-    signals = tuple(_signals())
-    values = np.array([list(_values(row)) for row in rows]).reshape(len(rows), len(signals))
+    signals = tuple(_signals(rig))
+    values = np.array([list(_values(rig, row)) for row in rows]).reshape(len(rows), len(signals))
     aside = np.asarray(cross_track, dtype=np.float64)[:, None]
     told = (Signal("cross_track_true", "m", "of R's origin beside the path, + left"), *_ESTIMATE, *_LAGGED)
     return Log((*signals, *told), np.hstack([values, aside, estimated]))
 
 
-def _signals() -> Iterator[Signal]:
+def _signals(rig: TraceRig) -> Iterator[Signal]:
     yield Signal("tick", "ms", "time in whole ticks")
     yield Signal("time", "s", "time")
     for name, unit, meaning in (
@@ -58,7 +60,7 @@ def _signals() -> Iterator[Signal]:
     yield Signal("slip_angle_true", "rad", "direction of travel against the body's x axis, + left")
     yield Signal("wheel_slip_true", "rad", "the same of the left rear wheel against its heading")
     yield Signal("station", "m", "along the path")
-    for wheel in WHEELS:
+    for wheel in (place.name for place in rig.wheels):
         yield Signal(f"slip_ratio_{wheel}", "-", "longitudinal slip")
         yield Signal(f"sinkage_{wheel}", "m", "sinkage")
         yield Signal(f"load_{wheel}", "N", "load normal to the ground")
@@ -74,16 +76,16 @@ def _signals() -> Iterator[Signal]:
     yield Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, of some seconds ago")
 
 
-def _values(row: RoverRow) -> Iterator[float]:
+def _values(rig: TraceRig, row: RoverRow) -> Iterator[float]:
     truth, command = row.truth, row.command
     yield truth.tick
     yield truth.tick * TICK
     yield from truth.pose
     yield from truth.velocity
     yield truth.slip_angle
-    yield truth.slip_angles[REAR_LEFT]
+    yield truth.slip_angles[rig.watched]
     yield row.station
-    for k in range(len(WHEELS)):
+    for k in range(len(rig.wheels)):
         yield truth.slip_ratios[k]
         yield truth.sinkages[k]
         yield truth.loads[k]

@@ -15,7 +15,6 @@ import numpy as np
 
 from sensors.messages import LaserFix, RoverReadings, SlipReading
 from vehicle.frames import wrap
-from vehicle.rover.command import REAR_LEFT
 from vehicle.rover.truth import RoverTruth
 
 # A calibrated fluxgate compass is good to 0.5 deg RMS (assumed, as common data sheets say): noise of the reading, and
@@ -43,15 +42,16 @@ class RoverInstruments:
 
     def sample(self, truth: RoverTruth) -> RoverReadings:
         """One reading of them all."""
-        noise = self.scale * self.rng.normal(size=9)
+        n = len(truth.steer)
+        noise = self.scale * self.rng.normal(size=1 + 2 * n)
         psi = float(truth.pose[2])
         turned = sum(size * math.sin((k + 1) * psi + phase) for k, (size, phase) in enumerate(self.deviation))
         counting = _WHEEL_STEP / _SPEED_SPAN / math.sqrt(12.0)  # of a count more or less, as if it were noise
         return RoverReadings(
             tick=truth.tick,
             heading=wrap(psi + turned + COMPASS_NOISE * float(noise[0])),
-            wheel_speeds=truth.wheel_speeds + counting * noise[1:5],
-            steer=truth.steer + _STEER_NOISE * noise[5:9],
+            wheel_speeds=truth.wheel_speeds + counting * noise[1 : 1 + n],
+            steer=truth.steer + _STEER_NOISE * noise[1 + n :],
         )
 
 
@@ -72,6 +72,10 @@ class LaserTracker:
 class ExactSlip:
     """An instrument without any error."""
 
+    wheel: int  # of the rover, whose slip it reads
+
     def sample(self, truth: RoverTruth) -> SlipReading:
         """The slip as it is."""
-        return SlipReading(tick=truth.tick, slip_angle=truth.slip_angle, wheel_slip=float(truth.slip_angles[REAR_LEFT]))
+        return SlipReading(
+            tick=truth.tick, slip_angle=truth.slip_angle, wheel_slip=float(truth.slip_angles[self.wheel])
+        )

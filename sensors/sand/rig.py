@@ -10,7 +10,6 @@ import numpy as np
 from sensors.camera.lens import CameraModel
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import transform
-from vehicle.rover.command import REAR_LEFT
 from vehicle.rover.description import Rover
 
 # The paper says what the camera sees, and that it is a webcam on a frame on the body; the rest follows or is assumed.
@@ -23,7 +22,7 @@ _DISTORTION: Final = (-0.09, 0.03, 0.0006, -0.0004, 0.0)  # of a webcam's lens: 
 
 def nominal_rig(rover: Rover) -> TraceRig:
     """The calibrated camera of a rover; the image's lower edge is at the wheel, its right one to the rover's left."""
-    x, y = rover.wheel_places[REAR_LEFT].tolist()
+    x, y = rover.wheel_places[rover.rear_left].tolist()
     right, ahead = np.array([0.0, 1.0, 0.0]), np.array([-math.sin(_TILT), 0.0, -math.cos(_TILT)])
     R_RC = np.column_stack([right, np.cross(ahead, right), ahead])
     return TraceRig(
@@ -32,6 +31,6 @@ def nominal_rig(rover: Rover) -> TraceRig:
         wheel=(x, y),
         wheel_radius=rover.radius,
         wheel_width=rover.width,
-        wheelbase=rover.wheelbase,
-        tread=rover.tread,
+        wheels=rover.places,
+        watched=rover.rear_left,
     )

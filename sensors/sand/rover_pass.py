@@ -66,7 +66,9 @@ class RoverPass:
         places = np.concatenate([np.zeros((1, 2)), np.cumsum(ways, axis=0)])
         yaw_rate = np.gradient(psi, dt)
         velocity = np.column_stack([speed * np.cos(slip), speed * np.sin(slip), yaw_rate])
-        turns = np.concatenate([np.zeros((1, 4)), np.cumsum(dt * _wheel_speeds(rover, velocity, spin)[:-1], axis=0)])
+        turns = np.concatenate(
+            [np.zeros((1, len(rover.wheels))), np.cumsum(dt * _wheel_speeds(rover, velocity, spin)[:-1], axis=0)]
+        )
         return [
             self._truth(
                 k, rover, terrain, np.append(places[k], psi[k]), velocity[k], spin[k], shake[k], sinkage[k], turns[k]
@@ -104,6 +106,7 @@ class RoverPass:
         turns: FloatArray,
     ) -> RoverTruth:
         x, y, psi = pose.tolist()
+        n = len(rover.wheels)
         c, s = math.cos(psi), math.sin(psi)
         places = rover.wheel_places @ np.array([[c, s], [-s, c]]) + [x, y]
         sinkages = sinkage * self._soft(places[:, 0])
@@ -116,15 +119,15 @@ class RoverPass:
             velocity=velocity,
             X_WB=X_WB,
             wheel_positions=np.column_stack([places, terrain.height(places[:, 0], places[:, 1]) - sinkages]),
-            wheel_headings=np.full(4, psi),
+            wheel_headings=np.full(n, psi),
             wheel_velocities=np.column_stack([along, across]),
             wheel_speeds=along / (rover.radius * (1.0 - spin)),
             wheel_turns=turns,
-            steer=np.zeros(4),
-            slip_ratios=np.full(4, spin),
+            steer=np.zeros(n),
+            slip_ratios=np.full(n, spin),
             slip_angles=np.arctan2(across, along),
             sinkages=sinkages,
-            loads=np.full(4, 0.25 * 9.81 * rover.mass),
+            loads=np.full(n, 9.81 * rover.mass / n),
         )
 
     def _soft(self, x: FloatArray) -> FloatArray:
@@ -166,7 +169,7 @@ def _directions(angle: FloatArray) -> FloatArray:
 
 
 def _wheel_velocities(rover: Rover, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Velocity of every wheel (..., 4) along and across the body [m/s]."""
+    """Velocity of every wheel (..., n) along and across the body [m/s]."""
     v_x, v_y, yaw_rate = (velocity[..., k, None] for k in range(3))
     x, y = rover.wheel_places.T
     return v_x - yaw_rate * y, v_y + yaw_rate * x

@@ -25,7 +25,6 @@ from sensors.sand.view import Body, GroundView, Seen
 from sensors.sand.world import LUGS, SandWorld
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-from vehicle.rover.command import REAR_LEFT
 from vehicle.rover.truth import RoverTruth
 
 _LUMINANCE: Final = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
@@ -128,7 +127,7 @@ class TraceCamera:
         for rock in self._world.rocks:
             if math.dist(rock.place[:2], truth.pose[:2]) < _NEAR:
                 yield rock.body()
-        yield self._casters.wheel_body(truth, REAR_LEFT)
+        yield self._casters.wheel_body(truth, self._rig.watched)
 
     def _level(self, light: _Light, albedo: np.float32 | Floats, sun: float, sky: float) -> Floats:
         """Grey levels at a gain of 1."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, inverse
+from vehicle.rover.command import WheelPlace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -23,8 +24,13 @@ class TraceRig:
     wheel: tuple[float, float]  # B, where the wheel stands, in R [m]
     wheel_radius: float  # [m]
     wheel_width: float  # [m]
-    wheelbase: float  # front to rear wheels [m]
-    tread: float  # left to right wheels [m]
+    wheels: tuple[WheelPlace, ...]  # all of the rover's
+    watched: int  # index of the wheel whose trace is in view
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance from the rearmost to the foremost wheels [m]."""
+        return max(wheel.x for wheel in self.wheels) - min(wheel.x for wheel in self.wheels)
 
     def image_of_ground(self) -> FloatArray:
         """Homography (3, 3) from ground points (x, y, 1) in R [m] to undistorted pixels (u, v, w)."""

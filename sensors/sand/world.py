@@ -22,7 +22,6 @@ from sensors.sand.tracks import foreign_tracks
 from sensors.sand.wheels import Wheel, stands
 from sensors.world.sunlight import Sunlight, daylight
 from vehicle.frames import FloatArray
-from vehicle.rover.command import REAR_LEFT, WHEELS
 from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
@@ -81,7 +80,8 @@ class SandWorld:
             relief=relief, sun=self._light, tracks=tracks, rocks=self._rocks, reach=Reach.of(self._light)
         )
         tread = Tread(radius=rover.radius, width=rover.width, lugs=LUGS, lug_height=LUG_HEIGHT)
-        self._wheels = [Wheel(tread) for _ in WHEELS]
+        self._wheels = [Wheel(tread) for _ in rover.wheels]
+        self._watched = rover.rear_left
         self._passed = Passed()
 
     @property
@@ -120,12 +120,12 @@ class SandWorld:
         for now, then in zip_longest(moments, moments[1:]):
             for k, wheel in enumerate(self._wheels):
                 wheel.roll_on(self._field, now[k], then[k] if then else None)
-            self._passed = self._passed.on(now[REAR_LEFT], now[REAR_LEFT].sinkage > 0.0)
+            self._passed = self._passed.on(now[self._watched], now[self._watched].sinkage > 0.0)
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:
         """What there is to be seen of the left rear wheel's trace, seen from where the rover is now."""
-        x, y = self._rover.wheel_places[REAR_LEFT].tolist()
-        return self._passed.seen_from(truth, (x, y), float(truth.slip_angles[REAR_LEFT]))
+        x, y = self._rover.wheel_places[self._watched].tolist()
+        return self._passed.seen_from(truth, (x, y), float(truth.slip_angles[self._watched]))
 
     def height(self, window: Window) -> Floats:
         """Of the ground in W [m]."""

@@ -12,13 +12,13 @@ from controllers.rover_driver import Compensation, RoverDriver
 from estimators.slip.rover_odometry import Rolling, RoverGeometry, RoverOdometry, RoverPose
 from sensors.messages import RoverReadings
 from vehicle.frames import Pose2
+from vehicle.rover.command import corner_wheels
 
+WHEELS = corner_wheels(0.6, 0.55)
 STEERED = RoverGeometry(
-    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.55, max_steer=1.0, max_wheel_speed=5.0
+    wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0,) * 4, max_wheel_speed=5.0
 )
-SKID = RoverGeometry(
-    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.9, max_steer=0.0, max_wheel_speed=5.0
-)
+SKID = RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.9, max_steer=(0.0,) * 4, max_wheel_speed=5.0)
 SPEED, DT = 0.08, 0.05
 STRAIGHT = Path(Pose2(0.0, 0.0, 0.0), (line(7.0),))
 
@@ -80,7 +80,7 @@ def test_wheels_stay_within_their_limits() -> None:
     for k in range(100):
         pose = RoverPose(tick=50 * k, x=0.0, y=5.0, psi=2.0, drift=0.3, rolling=Rolling(SPEED, 0.0, 0.0))
         memory, command = driver.step(memory, pose)
-        assert max(map(abs, command.steer)) <= STEERED.max_steer + 1e-12
+        assert max(map(abs, command.steer)) <= max(STEERED.max_steer) + 1e-12
         assert max(map(abs, command.wheel_speed)) <= STEERED.max_wheel_speed + 1e-12
 
 

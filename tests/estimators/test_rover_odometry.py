@@ -11,13 +11,13 @@ import pytest
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
 from sensors.messages import LaserFix, RoverReadings
+from vehicle.rover.command import corner_wheels
 
+WHEELS = corner_wheels(0.6, 0.55)
 STEERED = RoverGeometry(
-    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.55, max_steer=1.0, max_wheel_speed=5.0
+    wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0,) * 4, max_wheel_speed=5.0
 )
-SKID = RoverGeometry(
-    wheelbase=0.6, tread=0.55, wheel_radius=0.1, effective_track=0.9, max_steer=0.0, max_wheel_speed=5.0
-)
+SKID = RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.9, max_steer=(0.0,) * 4, max_wheel_speed=5.0)
 STEP = 50  # [ticks]
 
 
@@ -110,10 +110,10 @@ def test_fixes_draw_the_position_to_them() -> None:
 
 def test_impossible_geometry_is_refused() -> None:
     """One line with name and value."""
-    with pytest.raises(ValueError, match=r"tread = 0.0 must be positive"):
-        RoverGeometry(
-            wheelbase=0.6, tread=0.0, wheel_radius=0.1, effective_track=0.5, max_steer=0.0, max_wheel_speed=1.0
-        )
+    with pytest.raises(ValueError, match=r"wheel_radius = 0.0 must be positive"):
+        RoverGeometry(wheels=WHEELS, wheel_radius=0.0, effective_track=0.5, max_steer=(0.0,) * 4, max_wheel_speed=1.0)
+    with pytest.raises(ValueError, match=r"max_steer = \(0.0, 0.0\) must have a value for each of 4 wheels"):
+        RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.5, max_steer=(0.0,) * 2, max_wheel_speed=1.0)
 
 
 def test_what_is_known_later_mends_the_way() -> None:

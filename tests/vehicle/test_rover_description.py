@@ -5,21 +5,61 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
 
-from vehicle.rover.description import Rover, load_rover, rover_names, rover_sources
+from vehicle.rover.description import load_rover, rover_names, rover_sources
+
+ROVERS = Path(__file__).parents[2] / "vehicle" / "rovers"
+LONG_FORM = """wheels = [
+  { name = "front_left", x = 0.30, y = 0.275, driven = true, steered = true },
+  { name = "front_right", x = 0.30, y = -0.275, driven = true, steered = true },
+  { name = "rear_left", x = -0.30, y = 0.275, driven = true, steered = true },
+  { name = "rear_right", x = -0.30, y = -0.275, driven = true, steered = true },
+]
+"""
+
+
+def file_of(name: str, folder: Path, *changes: tuple[str, str]) -> str:
+    """A copy of a shipped file, in which the line that begins with a word is replaced."""
+    lines = (ROVERS / f"{name}.toml").read_text(encoding="utf-8").splitlines()
+    for word, new in changes:
+        (at,) = (k for k, line in enumerate(lines) if line.lstrip().startswith(word))
+        lines[at] = new
+    path = folder / "changed.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return str(path)
+
+
+def long_form(folder: Path) -> str:
+    """El Dorado II with its four wheels in a list."""
+    return file_of("el_dorado_ii", folder, ("wheelbase", ""), ("tread", ""), ("steered", LONG_FORM))
+
+
+def numbers(node: object, key: str = "") -> set[str]:
+    """Dotted names of all numbers of a rover."""
+    if isinstance(node, float):
+        return {key}
+    children = dict(node) if isinstance(node, BaseModel) else dict(enumerate(node)) if isinstance(node, tuple) else {}
+    return set().union(*(numbers(child, f"{key}.{name}" if key else str(name)) for name, child in children.items()))
 
 
 @pytest.mark.parametrize("name", rover_names())
 def test_every_number_of_a_rover_has_a_source(name: str) -> None:
-    """What nobody measured says that it is assumed; nothing stands there without a word."""
-    numbers = {key for key, value in load_rover(name) if isinstance(value, float)}
-    assert {key for key, source in rover_sources(name).items() if source.strip()} == numbers
+    """What nobody measured says that it is assumed; wheelbase and tread are the short form of four places."""
+    expected = numbers(load_rover(name))
+    if name != "six_wheel_rover":
+        expected = {key for key in expected if not key.startswith("wheels.")} | {"wheelbase", "tread"}
+    assert {key for key, source in rover_sources(name).items() if source.strip()} == expected
 
 
 def test_the_skid_steered_rover_is_the_same_with_its_steering_locked() -> None:
-    same = load_rover("el_dorado_ii").model_dump(exclude={"name", "summary", "steered"})
-    assert load_rover("el_dorado_ii_skid").model_dump(exclude={"name", "summary", "steered"}) == same
-    assert not load_rover("el_dorado_ii_skid").steered
+    steered, skid = load_rover("el_dorado_ii"), load_rover("el_dorado_ii_skid")
+    assert skid.model_dump(exclude={"name", "summary", "wheels"}) == steered.model_dump(
+        exclude={"name", "summary", "wheels"}
+    )
+    assert skid.places == steered.places
+    assert steered.steered
+    assert not skid.steered
 
 
 def test_a_misspelt_rover_is_pointed_to_the_nearest() -> None:
@@ -28,32 +68,101 @@ def test_a_misspelt_rover_is_pointed_to_the_nearest() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "complaint"),
+    ("key", "line", "complaint"),
     [
-        ("mass", -1.0, r"mass = -1.0 must be greater than 0 \[kg\]"),
-        ("cg_x", 0.4, r"cg_x = 0.4 m must lie between the wheels"),
-        ("sinkage_limit", 0.2, r"sinkage_limit = 0.2 m must be below the radius"),
+        ("mass", "mass = -1.0", r"mass = -1.0 must be greater than 0 \[kg\]"),
+        ("tread", "tread = 0.0", r"tread = 0.0 must be greater than 0 \[m\]"),
+        ("tread", "", r"key 'tread' \[m\] is missing"),
+        ("tread", "tred = 0.55", r"unknown key 'tred'; did you mean 'tread'\?"),
+        ("cg_x", "cg_x = 0.4", r"cg_x = 0.4 m must lie between the wheels: within 0.3 m"),
+        ("sinkage_limit", "sinkage_limit = 0.2", r"sinkage_limit = 0.2 m must be below the radius"),
     ],
 )
-def test_an_impossible_rover_is_refused(tmp_path: Path, key: str, value: float, complaint: str) -> None:
-    plain = load_rover("el_dorado_ii").model_dump() | {key: value}
-    path = tmp_path / "odd.toml"
-    path.write_text("\n".join(f"{name} = {_toml(said)}" for name, said in plain.items()), encoding="utf-8")
-    with pytest.raises(ValueError, match=complaint):
-        load_rover(str(path))
+def test_an_impossible_rover_is_refused(tmp_path: Path, key: str, line: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint) as refused:
+        load_rover(file_of("el_dorado_ii", tmp_path, (f"{key} =", line)))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("word", "line", "complaint"),
+    [
+        ('{ name = "middle_left"', "", "wheels: 5 of them; a rover has 4 or 6"),
+        (
+            '{ name = "middle_left"',
+            '{ name = "middle_left", x = 0.0, y = 0.31, driven = true, steered = true },',
+            "needs one mirrored wheel",
+        ),
+        (
+            '{ name = "middle_left"',
+            '{ name = "middle_left", x = 0.0, y = 0.3, driven = false, steered = true },',
+            "equally driven and steered",
+        ),
+        (
+            '{ name = "middle_left"',
+            '{ name = "rear_left", x = 0.0, y = 0.3, driven = true, steered = true },',
+            "wheels: two have the same name: front_left, front_right, rear_left, middle_right, rear_left, rear_right",
+        ),
+        (
+            '{ name = "middle_left"',
+            '{ name = "Middle", x = 0.0, y = 0.3, driven = true, steered = true },',
+            "wheels.2.name = 'Middle'",
+        ),
+        (
+            '{ name = "middle_left"',
+            '{ name = "middle_left", x = 0.0, driven = true, steered = true },',
+            r"key 'wheels.2.y' \[m\] is missing",
+        ),
+        ("wheels = [", "wheelbase = 0.8\nwheels = [", r"unknown key 'wheelbase'; did you mean 'wheels'\?"),
+    ],
+)
+def test_impossible_wheels_are_refused(tmp_path: Path, word: str, line: str, complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint) as refused:
+        load_rover(file_of("six_wheel_rover", tmp_path, (word, line)))
+    assert "\n" not in str(refused.value)
+
+
+def test_wheels_off_the_origin_are_refused(tmp_path: Path) -> None:
+    """R's origin is the middle of the wheels: loads and turns are computed about it."""
+    text = LONG_FORM.replace("x = 0.30", "x = 0.40")
+    changed = file_of("el_dorado_ii", tmp_path, ("wheelbase", ""), ("tread", ""), ("steered", text))
+    with pytest.raises(ValueError, match=r"wheels: the mean of their x is 0.05 m and must be 0"):
+        load_rover(changed)
+
+
+@pytest.mark.parametrize("count", [2, 8])
+def test_a_rover_has_four_or_six_wheels(tmp_path: Path, count: int) -> None:
+    wheels = ", ".join(
+        f'{{ name = "w{k}", x = {0.1 * (k // 2) - 0.05 * (count // 2 - 1)}, y = {0.3 - 0.6 * (k % 2)}, '
+        "driven = true, steered = true }"
+        for k in range(count)
+    )
+    changed = file_of("el_dorado_ii", tmp_path, ("wheelbase", ""), ("tread", ""), ("steered", f"wheels = [{wheels}]"))
+    with pytest.raises(ValueError, match="wheels"):
+        load_rover(changed)
 
 
 def test_wheels_stand_at_the_corners() -> None:
     """Front left, front right, rear left, rear right: half a wheelbase of 0.60 m and half a tread of 0.55 m away."""
-    places = load_rover("el_dorado_ii").wheel_places
-    assert places.tolist() == [[0.3, 0.275], [0.3, -0.275], [-0.3, 0.275], [-0.3, -0.275]]
+    rover = load_rover("el_dorado_ii")
+    assert rover.wheel_places.tolist() == [[0.3, 0.275], [0.3, -0.275], [-0.3, 0.275], [-0.3, -0.275]]
+    assert [wheel.name for wheel in rover.wheels] == ["front_left", "front_right", "rear_left", "rear_right"]
+    assert (rover.wheelbase, rover.tread, rover.rear_left) == (0.6, 0.55, 2)
 
 
-def test_effective_track_is_that_of_four_equal_slips() -> None:
-    """2 (a^2 + b^2) / b with a = 0.3, b = 0.275 m: 2.19 times the tread, as skid-steering rovers show on hard floor."""
-    rover: Rover = load_rover("el_dorado_ii")
-    assert rover.effective_track == pytest.approx(2.0 * (0.09 + 0.075625) / 0.275)
+def test_short_form_and_list_of_wheels_are_the_same_rover(tmp_path: Path) -> None:
+    assert load_rover(long_form(tmp_path)) == load_rover("el_dorado_ii")
 
 
-def _toml(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+def test_effective_track_is_that_of_equal_slips() -> None:
+    """2 (a^2 + b^2) / b with a = 0.3, b = 0.275 m: 2.19 times the tread, as skid-steering rovers show on hard floor.
+
+    With a third pair of wheels in the middle the mean of x^2 falls to 2/3: 2 (2/3 a^2 + b^2) / b.
+    """
+    assert load_rover("el_dorado_ii").effective_track == pytest.approx(2.0 * (0.09 + 0.075625) / 0.275)
+    assert load_rover("six_wheel_rover").effective_track == pytest.approx(2.0 * (2.0 / 3.0 * 0.16 + 0.09) / 0.3)
+
+
+def test_the_camera_watches_the_rearmost_left_wheel() -> None:
+    rover = load_rover("six_wheel_rover")
+    assert rover.wheels[rover.rear_left].name == "rear_left"

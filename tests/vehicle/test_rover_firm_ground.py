@@ -16,7 +16,7 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.equations import balance
-from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
+from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import Terrain, slope_towards
 from vehicle.rover.truth import RoverTruth
@@ -194,18 +194,20 @@ def test_locked_wheels_are_not_to_be_steered(skid: Rover) -> None:
 
 def test_a_demand_that_is_no_number_is_refused(rover: Rover) -> None:
     plant = RoverPlant(rover, Terrain(), None)
-    with pytest.raises(ValueError, match="four finite wheel speeds"):
+    with pytest.raises(ValueError, match="4 finite wheel speeds"):
         plant.step(plant.initial_state(HOME), RoverCommand((math.nan, 0.0, 0.0, 0.0), STRAIGHT), 10)
 
 
 def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
     """Accelerations (3,) of a rover of v_x, v_y, yaw rate on ice that leans one way in front and the other behind."""
-    x, given = ca.SX.sym("x", sum(STATE_SIZES)), ca.SX.sym("u", sum(INPUT_SIZES))
-    rate = balance(rover, None, RoverState(*parts(x, STATE_SIZES)), RoverInput(*parts(given, INPUT_SIZES))).rate
-    state, u = np.zeros(sum(STATE_SIZES)), np.zeros(sum(INPUT_SIZES))
-    in_u = RoverInput(*slices(INPUT_SIZES))
+    in_x, in_u = state_sizes(4), input_sizes(4)
+    x, given = ca.SX.sym("x", sum(in_x)), ca.SX.sym("u", sum(in_u))
+    s, demands = RoverState(*parts(x, in_x)), RoverInput(*parts(given, in_u))
+    rate = balance(rover, rover.footprint, None, s, demands).rate
+    state, u = np.zeros(sum(in_x)), np.zeros(sum(in_u))
+    at = RoverInput(*slices(in_u))
     state[3:6] = motion
-    u[in_u.slope_y], u[in_u.friction] = [0.1, 0.1, -0.1, -0.1], 1e-12
+    u[at.slope_y], u[at.friction] = [0.1, 0.1, -0.1, -0.1], 1e-12
     accelerations = ca.Function("motion", [x, given], [ca.vertcat(rate.v_x, rate.v_y, rate.yaw_rate)])
     return np.array(accelerations(state, u)).ravel()
 

@@ -1,1 +1,1 @@
-"""The rover: four driven wheels on loose soil or hard ground, skid-steered or with every wheel steered."""
+"""The rover: four or six wheels on loose soil or hard ground, skid-steered or with steered wheels."""

@@ -1,25 +1,38 @@
-"""A rover as data: what its file says, checked, and where each number comes from."""
+"""A rover as data: the contents of its file, checked, and the source of each number."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import checked, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Position, quantity
+from vehicle.rover.command import WheelPlace, corner_wheels
+from vehicle.rover.footprint import Footprint
 
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a rover may be symbols
+_TOLERANCE: Final = 1e-9  # of wheel places that must mirror each other [m]
 
 _ROVERS: Final = ParameterLibrary("rover", "rovers")
 
 
-class Rover(Frozen):
-    """Four driven wheels on rockers: those of the front and of the rear at half a wheelbase from R's origin."""
+class RoverWheel(Frozen):
+    """One wheel of a rover."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    x: Position  # in R, + ahead of the body centre
+    y: Position  # in R, + left
+    driven: Flag
+    steered: Flag
+
+
+class _Body(Frozen):
+    """Everything about a rover but the places of its wheels, which are alike."""
 
     name: str
     summary: str = ""
@@ -27,15 +40,12 @@ class Rover(Frozen):
     yaw_inertia: Inertia  # about the centre of gravity
     cg_x: Position  # of the centre of gravity in R
     cg_height: Length
-    wheelbase: Length  # front to rear wheels
-    tread: Length  # left to right wheels
     radius: Length  # of the wheels, over half of their grousers
     width: Length  # of the wheels
     wheel_inertia: Inertia  # of a wheel with its gear and motor, about the axle
     drive_lag: Lag  # of a wheel's speed behind its demand
     stall_torque: Annotated[float, quantity("N m", gt=0.0, le=1e4)]  # of one drive at its wheel
     no_load_speed: Annotated[float, quantity("rad/s", gt=0.0, le=200.0)]  # of a wheel, at which its drive has no torque
-    steered: Flag  # every wheel, or none: then it turns as a tank does
     steer_lag: Lag
     steer_limit_deg: Annotated[float, quantity("deg", gt=0.0, le=180.0)]
     steer_rate_limit_deg: Annotated[float, quantity("deg/s", gt=0.0, le=500.0)]
@@ -44,9 +54,29 @@ class Rover(Frozen):
     rolling_resistance: Annotated[float, quantity("-", ge=0.0, le=0.5)]  # on firm ground, over load
     sinkage_limit: Length  # beyond which the rover is entrapped
 
+
+class _FourWheels(_Body):
+    """Short form of a file: four driven wheels at the corners of a rectangle around R's origin."""
+
+    wheelbase: Length  # front to rear wheels
+    tread: Length  # left to right wheels
+    steered: Flag  # all wheels, or none: then it turns by different speeds of its sides
+
+    def long_form(self) -> dict[str, Any]:
+        """The same rover with a list of wheels."""
+        plain = self.model_dump(exclude={"wheelbase", "tread", "steered"})
+        places = corner_wheels(self.wheelbase, self.tread)
+        return plain | {"wheels": [place._asdict() | {"driven": True, "steered": self.steered} for place in places]}
+
+
+class Rover(_Body):
+    """A rigid body on four or six wheels, which stand in mirrored pairs; their middle is R's origin."""
+
+    wheels: Annotated[tuple[RoverWheel, ...], Field(min_length=4, max_length=6)]  # in the order of commands and signals
+
     @property
     def steer_limit(self) -> float:
-        """Largest angle of a wheel to either side [rad]."""
+        """Largest angle of a steered wheel to either side [rad]."""
         return _DEGREE * self.steer_limit_deg
 
     @property
@@ -55,28 +85,90 @@ class Rover(Frozen):
         return _DEGREE * self.steer_rate_limit_deg
 
     @property
+    def places(self) -> tuple[WheelPlace, ...]:
+        """The wheels as the rover's software knows them."""
+        return tuple(WheelPlace(wheel.name, wheel.x, wheel.y) for wheel in self.wheels)
+
+    @property
     def wheel_places(self) -> FloatArray:
-        """Wheels in R [m], (4, 2): front left, front right, rear left, rear right."""
-        a, b = 0.5 * self.wheelbase, 0.5 * self.tread
-        return np.array([[a, b], [a, -b], [-a, b], [-a, -b]])
+        """Wheels in R [m], (n, 2)."""
+        return np.array([(wheel.x, wheel.y) for wheel in self.wheels])
+
+    @property
+    def footprint(self) -> Footprint:
+        """Places of the wheels as the equations take them."""
+        length, width = max(wheel.x for wheel in self.wheels), max(wheel.y for wheel in self.wheels)
+        along, across = (
+            tuple(wheel.x / length for wheel in self.wheels),
+            tuple(wheel.y / width for wheel in self.wheels),
+        )
+        return Footprint(length, width, along, across)
+
+    @property
+    def rear_left(self) -> int:
+        """Index of the rearmost wheel on the left, the one whose trace the camera watches."""
+        return min(range(len(self.wheels)), key=lambda k: (self.wheels[k].y < 0.0, self.wheels[k].x))
+
+    @property
+    def steered(self) -> bool:
+        """True if any wheel is steered; otherwise the rover turns by different speeds of its sides."""
+        return any(wheel.steered for wheel in self.wheels)
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance from the rearmost to the foremost wheels [m]."""
+        return max(wheel.x for wheel in self.wheels) - min(wheel.x for wheel in self.wheels)
+
+    @property
+    def tread(self) -> float:
+        """Distance from the outermost left to the outermost right wheels [m]."""
+        return max(wheel.y for wheel in self.wheels) - min(wheel.y for wheel in self.wheels)
 
     @property
     def effective_track(self) -> float:
         """Track [m] of a two-wheeled cart that turns as this rover does with its wheels straight, on firm ground.
 
-        The moment of wheels that slip alike, right ones by (d - yaw b, -yaw a) over their speed and left ones mirrored,
-        vanishes at a yaw rate d b / (a^2 + b^2): so it is for gentle turns, and for any turn on the spot.
+        The wheels slip by (d - yaw |y|, -yaw x) over their speed, on the left mirrored. Their moment vanishes at a yaw
+        rate d sum |y| / sum (x^2 + y^2): valid for gentle turns, and for any turn on the spot.
         """
-        a, b = 0.5 * self.wheelbase, 0.5 * self.tread
-        return 2.0 * (a**2 + b**2) / b
+        left = [wheel for wheel in self.wheels if wheel.y > 0.0]
+        return 2.0 * sum(wheel.x**2 + wheel.y**2 for wheel in left) / sum(wheel.y for wheel in left)
 
     @model_validator(mode="after")
     def _consistent(self) -> Rover:
+        _check_wheels(self.wheels)
         if abs(self.cg_x) >= 0.5 * self.wheelbase:
             raise ValueError(f"cg_x = {self.cg_x:g} m must lie between the wheels: within {0.5 * self.wheelbase:g} m")
         if self.sinkage_limit >= self.radius:
             raise ValueError(f"sinkage_limit = {self.sinkage_limit:g} m must be below the radius, {self.radius:g} m")
         return self
+
+
+def _check_wheels(wheels: tuple[RoverWheel, ...]) -> None:
+    """Refuse wheels whose loads or turns the equations do not describe.
+
+    Raises:
+        ValueError: one line.
+    """
+    if len(wheels) % 2:
+        raise ValueError(f"wheels: {len(wheels)} of them; a rover has 4 or 6")
+    if len({wheel.name for wheel in wheels}) < len(wheels):
+        raise ValueError(f"wheels: two have the same name: {', '.join(wheel.name for wheel in wheels)}")
+    for wheel in wheels:
+        twins = [one for one in wheels if math.dist((one.x, one.y), (wheel.x, -wheel.y)) < _TOLERANCE]
+        alike = len(twins) == 1 and (twins[0].driven, twins[0].steered) == (wheel.driven, wheel.steered)
+        if not alike or abs(wheel.y) < _TOLERANCE:
+            raise ValueError(
+                f"wheels: {wheel.name} at x = {wheel.x:g} m, y = {wheel.y:g} m needs one mirrored wheel, "
+                "equally driven and steered, on the other side"
+            )
+    middle = math.fsum(wheel.x for wheel in wheels) / len(wheels)
+    if abs(middle) > _TOLERANCE:
+        raise ValueError(f"wheels: the mean of their x is {middle:g} m and must be 0, as R's origin is their middle")
+    if max(wheel.x for wheel in wheels) < _TOLERANCE:
+        raise ValueError("wheels: all of them stand on one line across the rover, which would tip over")
+    if not any(wheel.driven for wheel in wheels):
+        raise ValueError("wheels: none of them is driven")
 
 
 def rover_names() -> tuple[str, ...]:
@@ -87,11 +179,16 @@ def rover_names() -> tuple[str, ...]:
 def load_rover(name_or_path: str) -> Rover:
     """The rover of this name, or the one described by a ``.toml`` file.
 
+    A file has a list ``wheels``, or in its place ``wheelbase``, ``tread`` and ``steered`` of four driven wheels.
+
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
     path = _ROVERS.file(name_or_path)
-    return checked(Rover, without_sources(read_toml(path)), str(path))
+    plain = without_sources(read_toml(path))
+    if "wheels" not in plain:
+        plain = checked(_FourWheels, plain, str(path)).long_form()
+    return checked(Rover, plain, str(path))
 
 
 def rover_sources(name_or_path: str) -> dict[str, str]:

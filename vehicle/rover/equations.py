@@ -1,6 +1,6 @@
 """Equations of motion of a rover on sloping ground, as CasADi expressions.
 
-A rigid body moves on the plane that leans as the ground does under its four wheels on average; each wheel feels besides
+A rigid body moves on the plane that leans as the ground does under its wheels on average; each wheel feels besides
 how the ground under it leans more than that. The rockers spread the load, so that no wheel carries more for unevenness;
 the balance of moments of the forces in that plane says how it shifts along and across. Not modelled: moments about the
 vertical in a contact, and what the body's own rolling and pitching takes.
@@ -15,6 +15,7 @@ import casadi as ca
 
 from vehicle.actuators import steer_rate
 from vehicle.rover.description import Rover
+from vehicle.rover.footprint import Footprint
 from vehicle.rover.ground_plane import Plane, plane_under
 from vehicle.rover.layout import RoverInput, RoverState
 from vehicle.rover.soil import Soil
@@ -22,15 +23,12 @@ from vehicle.rover.terramechanics import GRAVITY
 from vehicle.rover.wheel import Under, WheelForce, WheelState, ground_force, sinking, slip_rate, spin_up
 from vehicle.tyres import Num
 
-_AHEAD = (1.0, 1.0, -1.0, -1.0)  # which wheels a moment about y loads, which about x
-_LEFT = (1.0, -1.0, 1.0, -1.0)
-
 
 class Balance(NamedTuple):
     """What a state leads to at once."""
 
     rate: RoverState[Num]
-    loads: ca.SX  # (4,) [N]
+    loads: ca.SX  # (n,) [N]
 
 
 class _Sum(NamedTuple):
@@ -41,29 +39,37 @@ class _Sum(NamedTuple):
     M: Num
 
 
-def balance(rover: Rover, soil: Soil | None, s: RoverState[ca.SX], u: RoverInput[ca.SX]) -> Balance:
+def balance(
+    rover: Rover, footprint: Footprint, soil: Soil | None, s: RoverState[ca.SX], u: RoverInput[ca.SX]
+) -> Balance:
     """Time derivative of the state, and the wheels' loads."""
+    places = footprint.places
     plane = plane_under(s.psi, u)
-    wheels = [_wheel(rover, s, k) for k in range(4)]
-    under = [Under(soil, u.firm[k], u.friction) for k in range(4)]
+    count = len(rover.wheels)
+    wheels = [_wheel(rover, s, k, place) for k, place in enumerate(places)]
+    under = [Under(soil, u.firm[k], u.friction) for k in range(count)]
 
     def forces_under(loads: Sequence[Num]) -> list[WheelForce]:
         return [ground_force(rover, *it) for it in zip(under, wheels, loads, strict=True)]
 
     weight = rover.mass * GRAVITY
     held = _Sum(weight * plane.e_x[2], weight * plane.e_y[2], 0.0)  # the forces of a rover that does not accelerate
-    loads = _loads(rover, plane, _sum(rover, s, forces_under(_loads(rover, plane, held))))
+    first = _loads(rover, footprint, plane, held)
+    loads = _loads(rover, footprint, plane, _sum(places, s, forces_under(first)))
     forces = forces_under(loads)
     felt = [slip_rate(rover, w) for w in wheels]
     sunk = [sinking(rover, *it) for it in zip(under, wheels, loads, (force.lift for force in forces), strict=True)]
-    rate = _motion(rover, plane, s, _leaning(rover, plane, loads, _sum(rover, s, forces)))
+    rate = _motion(rover, plane, s, _leaning(places, plane, loads, _sum(places, s, forces)))
     return Balance(
         rate._replace(
             wheel_speed=ca.vertcat(
-                *(spin_up(rover, s.wheel_speed[k], u.wheel_speed[k], forces[k].torque) for k in range(4))
+                *(
+                    spin_up(rover, s.wheel_speed[k], u.wheel_speed[k], force.torque, driven=rover.wheels[k].driven)
+                    for k, force in enumerate(forces)
+                )
             ),
             turn=s.wheel_speed,
-            steer=ca.vertcat(*(_steering(rover, s.steer[k], u.steer[k]) for k in range(4))),
+            steer=ca.vertcat(*(_steering(rover, k, s.steer[k], u.steer[k]) for k in range(count))),
             slip_x=ca.vertcat(*(x for x, _ in felt)),
             slip_y=ca.vertcat(*(y for _, y in felt)),
             sinkage=ca.vertcat(*sunk),
@@ -72,46 +78,36 @@ def balance(rover: Rover, soil: Soil | None, s: RoverState[ca.SX], u: RoverInput
     )
 
 
-def places(rover: Rover) -> tuple[tuple[Num, Num], ...]:
-    """Wheels in R [m]; as ``Rover.wheel_places``, of symbols too."""
-    a, b = 0.5 * rover.wheelbase, 0.5 * rover.tread
-    return tuple((ahead * a, left * b) for ahead, left in zip(_AHEAD, _LEFT, strict=True))
-
-
-def _wheel(rover: Rover, s: RoverState[ca.SX], k: int) -> WheelState:
-    p_x, p_y = places(rover)[k]
+def _wheel(rover: Rover, s: RoverState[ca.SX], k: int, place: tuple[Num, Num]) -> WheelState:
+    p_x, p_y = place
     v_x, v_y = s.v_x - s.yaw_rate * p_y, s.v_y + s.yaw_rate * p_x
     c, d = ca.cos(s.steer[k]), ca.sin(s.steer[k])
     along, across = v_x * c + v_y * d, v_y * c - v_x * d
     return WheelState(rover.radius * s.wheel_speed[k], along, across, s.slip_x[k], s.slip_y[k], s.sinkage[k])
 
 
-def _sum(rover: Rover, s: RoverState[ca.SX], forces: Sequence[WheelForce]) -> _Sum:
+def _sum(places: Sequence[tuple[Num, Num]], s: RoverState[ca.SX], forces: Sequence[WheelForce]) -> _Sum:
     """What the ground does to all wheels together, in the plane."""
     whole = _Sum(0.0, 0.0, 0.0)
-    for k, (force, (p_x, p_y)) in enumerate(zip(forces, places(rover), strict=True)):
+    for k, (force, (p_x, p_y)) in enumerate(zip(forces, places, strict=True)):
         c, d = ca.cos(s.steer[k]), ca.sin(s.steer[k])
         X, Y = force.F_x * c - force.F_y * d, force.F_x * d + force.F_y * c
         whole = _Sum(whole.X + X, whole.Y + Y, whole.M + p_x * Y - p_y * X)
     return whole
 
 
-def _leaning(rover: Rover, plane: Plane, loads: Sequence[Num], whole: _Sum) -> _Sum:
+def _leaning(places: Sequence[tuple[Num, Num]], plane: Plane, loads: Sequence[Num], whole: _Sum) -> _Sum:
     """The same with what pushes wheels down that stand steeper than the plane."""
-    for load, lean, (p_x, p_y) in zip(loads, plane.leans, places(rover), strict=True):
+    for load, lean, (p_x, p_y) in zip(loads, plane.leans, places, strict=True):
         X, Y = -load * lean.along, -load * lean.across
         whole = _Sum(whole.X + X, whole.Y + Y, whole.M + p_x * Y - p_y * X)
     return whole
 
 
-def _loads(rover: Rover, plane: Plane, whole: _Sum) -> list[Num]:
-    """Loads [N] of the wheels that balance the moments of the ground's forces about the mass centre; none below 0."""
+def _loads(rover: Rover, footprint: Footprint, plane: Plane, whole: _Sum) -> list[Num]:
+    """Loads [N] that balance the moments of the ground's forces about the mass centre."""
     N = rover.mass * GRAVITY * plane.upright
-    forward = 0.5 * (N * rover.cg_x - whole.X * rover.cg_height) / rover.wheelbase
-    leftward = -0.5 * whole.Y * rover.cg_height / rover.tread
-    return [
-        ca.fmax(0.25 * N + ahead * forward + left * leftward, 0.0) for ahead, left in zip(_AHEAD, _LEFT, strict=True)
-    ]
+    return footprint.loads(N, N * rover.cg_x - whole.X * rover.cg_height, -whole.Y * rover.cg_height)
 
 
 def _motion(rover: Rover, plane: Plane, s: RoverState[ca.SX], whole: _Sum) -> RoverState[Num]:
@@ -136,7 +132,7 @@ def _motion(rover: Rover, plane: Plane, s: RoverState[ca.SX], whole: _Sum) -> Ro
     )
 
 
-def _steering(rover: Rover, angle: Num, demand: Num) -> Num:
-    if not rover.steered:
+def _steering(rover: Rover, k: int, angle: Num, demand: Num) -> Num:
+    if not rover.wheels[k].steered:
         return 0.0
     return steer_rate(angle, demand, lag=rover.steer_lag, limit=rover.steer_limit, rate_limit=rover.steer_rate_limit)

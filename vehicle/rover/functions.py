@@ -14,7 +14,7 @@ from vehicle.combination.layout import parts
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover
 from vehicle.rover.equations import balance
-from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
+from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.soil import Soil
 
 M = TypeVar("M", bound=BaseModel)
@@ -22,17 +22,18 @@ M = TypeVar("M", bound=BaseModel)
 
 def numbers(rover: Rover, soil: Soil | None) -> FloatArray:
     """Every physical number of a rover and its soil, in the order in which the functions take them."""
-    return np.array([value for model in (rover, soil) if model is not None for _, value in _numbers(model)])
+    values = [value for model in (rover, soil) if model is not None for _, value in _numbers(model)]
+    return np.array([*values, *rover.footprint[:2]])
 
 
 def step_function(rover: Rover, soil: Soil | None) -> Any:
     """Function (state, input, numbers) -> state one step later, by the midpoint rule."""
-    return _functions(_bare(rover), None if soil is None else _bare(soil))[0]
+    return _functions(_bare_rover(rover), None if soil is None else _bare(soil))[0]
 
 
 def load_function(rover: Rover, soil: Soil | None) -> Any:
     """Function (state, input, numbers) -> the wheels' loads [N]."""
-    return _functions(_bare(rover), None if soil is None else _bare(soil))[1]
+    return _functions(_bare_rover(rover), None if soil is None else _bare(soil))[1]
 
 
 @lru_cache(maxsize=16)
@@ -40,11 +41,14 @@ def _functions(rover: Rover, soil: Soil | None) -> tuple[Any, Any]:
     symbols: list[ca.SX] = []
     rover = _symbolic(rover, symbols)
     soil = None if soil is None else _symbolic(soil, symbols)
-    x, given = (ca.SX.sym(name, sum(sizes)) for name, sizes in (("x", STATE_SIZES), ("u", INPUT_SIZES)))
-    u = RoverInput(*parts(given, INPUT_SIZES))
+    symbols += [ca.SX.sym("half_length"), ca.SX.sym("half_width")]
+    footprint = rover.footprint._replace(half_length=symbols[-2], half_width=symbols[-1])
+    in_state, in_input = state_sizes(len(rover.wheels)), input_sizes(len(rover.wheels))
+    x, given = ca.SX.sym("x", sum(in_state)), ca.SX.sym("u", sum(in_input))
+    u = RoverInput(*parts(given, in_input))
 
     def at(state: ca.SX) -> Any:
-        return balance(rover, soil, RoverState(*parts(state, STATE_SIZES)), u)
+        return balance(rover, footprint, soil, RoverState(*parts(state, in_state)), u)
 
     now = at(x)
     midway = at(x + 0.5 * u.step * ca.vertcat(*now.rate))
@@ -64,6 +68,13 @@ def _bare(model: M) -> M:
     """The model without its numbers and names: equal for all that the same equations serve."""
     zeros = {name: 0.0 for name, _ in _numbers(model)}
     return type(model).model_construct(**{**dict(model), **zeros, "name": "", "summary": ""})
+
+
+def _bare_rover(rover: Rover) -> Rover:
+    """The same of a rover, whose wheels keep their proportions."""
+    shares = zip(rover.wheels, rover.footprint.along, rover.footprint.across, strict=True)
+    wheels = tuple(wheel.model_copy(update={"name": "", "x": x, "y": y}) for wheel, x, y in shares)
+    return _bare(rover).model_copy(update={"wheels": wheels})
 
 
 def _symbolic(model: M, symbols: list[ca.SX]) -> M:

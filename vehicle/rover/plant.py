@@ -15,7 +15,7 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover
 from vehicle.rover.functions import load_function, numbers, step_function
-from vehicle.rover.layout import INPUT_SIZES, STATE_SIZES, RoverInput, RoverState
+from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.posture import posture, slip_angles, slip_ratios
 from vehicle.rover.settled import settled_sinkage
 from vehicle.rover.soil import Soil
@@ -26,8 +26,6 @@ from vehicle.sanity import is_sane
 _LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
 _LOOK_EVERY: Final = 0.01  # way between two looks at changing ground [m]: a tenth of a wheel's radius
 _SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s renews its contact in it
-_STATE: Final = RoverState(*slices(STATE_SIZES))
-_INPUT: Final = RoverInput(*slices(INPUT_SIZES))
 
 
 class RoverPlant:
@@ -40,6 +38,9 @@ class RoverPlant:
         # What is asked now and then is interpreted: a call costs more than its arithmetic.
         self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
         self._wheels = rover.wheel_places
+        self._steered = np.array([wheel.steered for wheel in rover.wheels])
+        self._in_state = RoverState(*slices(state_sizes(len(rover.wheels))))
+        self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
     def __reduce__(self) -> tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]:
@@ -53,19 +54,19 @@ class RoverPlant:
         Raises:
             ValueError: if the soil does not carry the rover.
         """
-        state = np.zeros(sum(STATE_SIZES))
+        state = np.zeros(self._in_state.sinkage.stop)
         state[:3] = pose
-        state[_STATE.v_x] = speed
-        state[_STATE.wheel_speed] = speed / self._rover.radius
+        state[self._in_state.v_x] = speed
+        state[self._in_state.wheel_speed] = speed / self._rover.radius
         u = self._input(state)
-        u[_INPUT.wheel_speed] = state[_STATE.wheel_speed]
-        u[_INPUT.step] = _LONGEST_STEP * TICK
+        u[self._in_input.wheel_speed] = state[self._in_state.wheel_speed]
+        u[self._in_input.step] = _LONGEST_STEP * TICK
         if self._soil is not None:
             sunk = [settled_sinkage(self._rover, self._soil, float(load)) for load in self._loads(state, u)]
-            state[_STATE.sinkage] = (1.0 - u[_INPUT.firm]) * sunk
+            state[self._in_state.sinkage] = (1.0 - u[self._in_input.firm]) * sunk
         settled = self._advance(state, u, _SETTLING // _LONGEST_STEP)
         settled[:3] = pose
-        settled[_STATE.turn] = 0.0
+        settled[self._in_state.turn] = 0.0
         return settled
 
     def step(self, state: FloatArray, command: RoverCommand, ticks: int) -> FloatArray:
@@ -86,7 +87,7 @@ class RoverPlant:
 
     def observe(self, state: FloatArray, tick: int) -> RoverTruth:
         """What is really so in this state."""
-        rover, s = self._rover, _named(state)
+        rover, s = self._rover, RoverState(*(state[span] for span in self._in_state))
         at = posture(rover, self._terrain, s)
         rim = rover.radius * s.wheel_speed
         return RoverTruth(
@@ -114,7 +115,7 @@ class RoverPlant:
         u = self._input(state)
         steps = -(-ticks // _LONGEST_STEP)
         u[: len(demands)] = demands
-        u[_INPUT.step] = ticks * TICK / steps
+        u[self._in_input.step] = ticks * TICK / steps
         after = self._advance(state, u, steps)
         if not is_sane(after):
             raise DivergedError(state, u)
@@ -122,10 +123,12 @@ class RoverPlant:
 
     def _demands(self, command: RoverCommand) -> FloatArray:
         demands = np.array([*command.wheel_speed, *command.steer])
-        if demands.shape != (8,) or not np.all(np.isfinite(demands)):
-            raise ValueError(f"{command} must be of four finite wheel speeds [rad/s] and four finite angles [rad]")
-        if not self._rover.steered and np.any(demands[4:] != 0.0):
-            raise ValueError(f"steer = {command.steer} rad must be 0: {self._rover.name} steers no wheel")
+        n = len(self._wheels)
+        if demands.shape != (2 * n,) or len(command.steer) != n or not np.all(np.isfinite(demands)):
+            raise ValueError(f"{command} must have {n} finite wheel speeds [rad/s] and {n} finite angles [rad]")
+        if np.any(demands[n:][~self._steered] != 0.0):
+            which = "no wheel" if not self._rover.steered else "not all wheels"
+            raise ValueError(f"steer = {command.steer} rad must be 0: {self._rover.name} steers {which}")
         return demands
 
     def _input(self, state: FloatArray) -> FloatArray:
@@ -136,13 +139,13 @@ class RoverPlant:
 
     def _look(self, pose: Pose2) -> FloatArray:
         """The same where a rover stands on level ground; how far a slope moves its wheels on the map changes little."""
-        u = np.zeros(sum(INPUT_SIZES))
+        u = np.zeros(self._in_input.friction.stop)
         x, y = pose.apply(self._wheels).T
         slope = self._terrain.gradient(x, y)
-        u[_INPUT.step] = TICK
-        u[_INPUT.slope_x], u[_INPUT.slope_y] = slope[:, 0], slope[:, 1]
-        u[_INPUT.firm] = self._terrain.is_firm(x, y)
-        u[_INPUT.friction] = self._terrain.friction
+        u[self._in_input.step] = TICK
+        u[self._in_input.slope_x], u[self._in_input.slope_y] = slope[:, 0], slope[:, 1]
+        u[self._in_input.firm] = self._terrain.is_firm(x, y)
+        u[self._in_input.friction] = self._terrain.friction
         return u
 
 
@@ -150,7 +153,3 @@ def _ticks_to_next_look(state: FloatArray) -> int:
     """How long ground that changes from place to place may be taken as it is."""
     speed = max(math.hypot(*state[3:5].tolist()), 0.1)  # whoever stands has moved off by 0.1 m/s at most [m/s]
     return max(1, int(_LOOK_EVERY / (speed * TICK)))
-
-
-def _named(state: FloatArray) -> RoverState[FloatArray]:
-    return RoverState(*(state[span] for span in _STATE))

@@ -20,8 +20,8 @@ class Posture:
     """Where body and wheels are, and the wheels' velocities."""
 
     X_WB: FloatArray  # (4, 4)
-    wheels: FloatArray  # (4, 3) lowest points in W [m]
-    wheel_velocities: FloatArray  # (4, 2) along and across each wheel's heading [m/s]
+    wheels: FloatArray  # (n, 3) lowest points in W [m]
+    wheel_velocities: FloatArray  # (n, 2) along and across each wheel's heading [m/s]
 
 
 def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
@@ -30,7 +30,7 @@ def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Postur
     flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
     for _ in range(2):  # a leaning body covers less of the map than a level one
         lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
-        R_WB = _lean(lowest)
+        R_WB = _lean(p, lowest)
         flat = p @ R_WB[:2, :2].T + origin
     return Posture(
         X_WB=transform(R_WB, np.mean(lowest, axis=0)),
@@ -54,14 +54,23 @@ def slip_angles(velocities: FloatArray) -> FloatArray:
     return np.where(np.hypot(velocities[:, 0], velocities[:, 1]) > _AT_REST, angles, 0.0)
 
 
-def _lean(lowest: FloatArray) -> FloatArray:
-    """R_WB of a body whose wheels have these lowest points (4, 3): it leans as the means of ends and sides do."""
-    forward = lowest[0] + lowest[1] - lowest[2] - lowest[3]
-    leftward = lowest[0] + lowest[2] - lowest[1] - lowest[3]
+def _lean(p: FloatArray, lowest: FloatArray) -> FloatArray:
+    """R_WB of a body with wheels at p (n, 2) in R, whose lowest points in W (n, 3) it stands on.
+
+    It leans as the plane through these points does that has the least squared distances.
+    """
+    forward, leftward = (_weighted(lowest, p[:, k] / p[:, k].max()) for k in (0, 1))
     e_x = forward / np.linalg.norm(forward)
     up = cross(e_x, leftward)
     e_z = up / np.linalg.norm(up)
     return np.column_stack([e_x, cross(e_z, e_x), e_z])
+
+
+def _weighted(points: FloatArray, weights: FloatArray) -> FloatArray:
+    """Sum of points by their weights, the positive ones first: so four wheels give the same bits as ever."""
+    order = np.argsort(-weights, kind="stable")
+    total: FloatArray = (weights[:, None] * points)[order].sum(axis=0)
+    return total
 
 
 def _wheel_velocities(p: FloatArray, s: RoverState[FloatArray]) -> FloatArray:

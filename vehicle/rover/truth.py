@@ -23,16 +23,16 @@ class RoverTruth:
     pose: FloatArray  # (3,) x [m], y [m], psi [rad] of R in W, psi continuous
     velocity: FloatArray  # (3,) v_x, v_y [m/s] of R's origin along the body's axes, yaw rate [rad/s]
     X_WB: FloatArray  # (4, 4) pose of the body, with slope, roll, pitch and sinkage; on level hard ground that of R
-    wheel_positions: FloatArray  # (4, 3) lowest point of each wheel in W [m], below the ground by the sinkage
-    wheel_headings: FloatArray  # (4,) where each wheel points, in W [rad]
-    wheel_velocities: FloatArray  # (4, 2) of each wheel's centre, along and across (+ left) its own heading [m/s]
-    wheel_speeds: FloatArray  # (4,) of rotation, + forward [rad/s]
-    wheel_turns: FloatArray  # (4,) angle rolled since the start [rad]
-    steer: FloatArray  # (4,) against the body, + left [rad]
-    slip_ratios: FloatArray  # (4,) (r omega - v_x) / r omega driving, / v_x braking [-]
-    slip_angles: FloatArray  # (4,) direction of travel of each wheel against its heading, + left [rad]
-    sinkages: FloatArray  # (4,) [m]
-    loads: FloatArray  # (4,) force on each wheel normal to the ground [N]
+    wheel_positions: FloatArray  # (n, 3) lowest point of each wheel in W [m], below the ground by the sinkage
+    wheel_headings: FloatArray  # (n,) where each wheel points, in W [rad]
+    wheel_velocities: FloatArray  # (n, 2) of each wheel's centre, along and across (+ left) its own heading [m/s]
+    wheel_speeds: FloatArray  # (n,) of rotation, + forward [rad/s]
+    wheel_turns: FloatArray  # (n,) angle rolled since the start [rad]
+    steer: FloatArray  # (n,) against the body, + left [rad]
+    slip_ratios: FloatArray  # (n,) (r omega - v_x) / r omega driving, / v_x braking [-]
+    slip_angles: FloatArray  # (n,) direction of travel of each wheel against its heading, + left [rad]
+    sinkages: FloatArray  # (n,) [m]
+    loads: FloatArray  # (n,) force on each wheel normal to the ground [N]
 
     @property
     def slip_angle(self) -> float:

@@ -69,11 +69,14 @@ def ground_force(rover: Rover, under: Under, w: WheelState, load: Num) -> WheelF
     return _blend(under.firm, firm, _in_soil(rover, under.soil, w, slip))
 
 
-def spin_up(rover: Rover, speed: Num, demand: Num, torque: Num) -> Num:
+def spin_up(rover: Rover, speed: Num, demand: Num, torque: Num, *, driven: bool) -> Num:
     """Angular acceleration of a wheel [rad/s2] against the ground's torque [N m].
 
-    Its drive has torque up to a line that falls with speed; in braking up to the stall torque.
+    A drive has torque up to a line that falls with speed; in braking up to the stall torque. Without a drive the wheel
+    rolls freely.
     """
+    if not driven:
+        return -torque / rover.wheel_inertia
     most = rover.stall_torque * ca.fmax(0.0, ca.fmin(1.0, 1.0 - speed / rover.no_load_speed))
     least = -rover.stall_torque * ca.fmax(0.0, ca.fmin(1.0, 1.0 + speed / rover.no_load_speed))
     wanted = torque + rover.wheel_inertia * (demand - speed) / rover.drive_lag
@@ -85,7 +88,7 @@ def sinking(rover: Rover, under: Under, w: WheelState, load: Num, lift: Num) -> 
     rising = -w.sinkage / _SINKING
     if under.soil is None:
         return rising
-    per_force = _SINKING_DEPTH * rover.radius / (0.25 * rover.mass * GRAVITY * _SINKING)
+    per_force = _SINKING_DEPTH * rover.radius / (rover.mass / len(rover.wheels) * GRAVITY * _SINKING)
     return under.firm * rising + (1.0 - under.firm) * per_force * (load - lift)
 
 

@@ -32,7 +32,6 @@ from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
-from vehicle.rover.command import REAR_LEFT
 
 _FOUND: Final = 0.36  # likeness of a rut found: sand under moving shadows reaches this once in a hundred pictures
 _PICTURES_TO_FIND: Final = 2  # running
@@ -66,7 +65,7 @@ class FTracePlus:
     def __init__(self, rig: TraceRig, templates: Templates | None = None) -> None:
         self._rig = rig
         self._patch = GroundPatch(rig=rig)
-        self._wheels = wheel_places(rig.wheelbase, rig.tread)
+        self._wheels = wheel_places(rig.wheels)
         self._templates = shipped_templates() if templates is None else templates
 
     @classmethod
@@ -96,7 +95,7 @@ class FTracePlus:
             path, pursuit = look.path, judged(pursuit, look.likeness, float(look.marks.mean()))
             if pursuit.seen:
                 memory = memory._replace(sun=with_sun(memory.sun, look, known))
-                estimate = slip_angle(self._rig, path, float(view.steer[REAR_LEFT]), view.tick, look.likeness)
+                estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.likeness)
             if pursuit.lost:
                 pursuit = None
         path = path.each(lambda one: path_line.with_fronts(one, self._rig))

@@ -40,7 +40,6 @@ from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 from vehicle.option import Option
-from vehicle.rover.command import REAR_LEFT
 
 CANDIDATES: Final = 10  # (Reina 2008, section II-A.2)
 BREAKPOINTS: Final = Breakpoints(rho=130.0, phi=math.radians(16.0), d=0.08, theta=math.radians(16.0), Y=0.03)
@@ -107,7 +106,7 @@ class FTrace:
     def step(self, memory: FTraceMemory, view: RoverView) -> tuple[FTraceMemory, SlipAngle]:
         """Memory and slip angle; LOST where no trace is found."""
         headings = with_heading(memory.headings, view)
-        pointings = with_pointing(memory.pointings, view, self._rig.wheel_radius, self._visible)
+        pointings = with_pointing(memory.pointings, view, self._rig, self._visible)
         memory = memory._replace(headings=headings, pointings=pointings)
         seen = self.explain(memory, view)
         if seen.best is None:
@@ -134,7 +133,7 @@ class FTrace:
     def explain(self, memory: FTraceMemory, view: RoverView) -> Explanation:
         """How the image of a view is understood."""
         image = self._edges.image(view.image)
-        steer = float(view.steer[REAR_LEFT])
+        steer = float(view.steer[self._rig.watched])
         edges = self._edges.find(image, steer)
         lines = strongest_lines(edges, _LINES, _LEAST_VOTES)
         candidates = midlines(lines, self._view, self._rig, CANDIDATES)

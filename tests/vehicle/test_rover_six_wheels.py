@@ -1,0 +1,195 @@
+"""A rover with six wheels: its loads, its symmetry, and that four wheels behave as they did when they were the rule."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicle.frames import FloatArray, Pose2
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.description import Rover, load_rover
+from vehicle.rover.footprint import Footprint
+from vehicle.rover.plant import RoverPlant
+from vehicle.rover.soil import load_soil
+from vehicle.rover.terrain import Terrain, slope_towards
+from vehicle.rover.terramechanics import GRAVITY
+from vehicle.rover.truth import RoverTruth
+
+SIX, FOUR = load_rover("six_wheel_rover"), load_rover("el_dorado_ii")
+HOME = Pose2(0.0, 0.0, 0.0)
+OMEGA = 0.08 / SIX.radius  # of 8 cm/s [rad/s]
+STRAIGHT = (0.0,) * 6
+FORWARD = RoverCommand((OMEGA,) * 6, STRAIGHT)
+OTHER_SIDE = [1, 0, 3, 2, 5, 4]  # wheels by their mirrored ones
+
+
+def plant_on(soil: str | None, terrain: Terrain | None = None, rover: Rover = SIX) -> RoverPlant:
+    """Interpreted: the tests do not wait for a compiler."""
+    ground = Terrain() if terrain is None else terrain
+    return RoverPlant(rover, ground, None if soil is None else load_soil(soil), "interpreted")
+
+
+def driven(plant: RoverPlant, command: RoverCommand, seconds: float) -> RoverTruth:
+    """Truth after a command was held for some time from a standstill."""
+    ticks = round(1000.0 * seconds)
+    return plant.observe(plant.step(plant.initial_state(HOME), command, ticks), ticks)
+
+
+@pytest.mark.parametrize("soil", [None, "beach_sand", "toyoura_sand"])
+def test_it_drives_straight_on_the_level(soil: str | None) -> None:
+    """Mirror symmetry keeps it on its line but for rounding; front, middle and rear wheels carry a sixth each."""
+    truth = driven(plant_on(soil), FORWARD, 10.0)
+    assert 0.5 < truth.pose[0] < 0.81  # 8 cm/s, less slip
+    assert truth.pose[1:] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert truth.loads[::2] == pytest.approx(truth.loads[1::2], rel=1e-9)
+    assert truth.loads.sum() == pytest.approx(SIX.mass * GRAVITY, rel=1e-9)
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.7, 2.0, math.pi])
+def test_loads_hold_the_weight_and_its_moments_on_a_slope(direction: float) -> None:
+    """At rest on 8 degrees the loads sum to m g cos(8 deg), and their moments to the weight's along the slope times h.
+
+    Along and across the body: sum N x = -m g sin(8 deg) cos(d) h, sum N y = -m g sin(8 deg) sin(d) h.
+    """
+    steepness = math.radians(8.0)
+    slope_x, slope_y = slope_towards(direction, steepness)
+    plant = plant_on(None, Terrain(slope_x=slope_x, slope_y=slope_y))
+    truth = driven(plant, RoverCommand(STRAIGHT, STRAIGHT), 5.0)
+    weight, pull = SIX.mass * GRAVITY, SIX.mass * GRAVITY * math.sin(steepness) * SIX.cg_height
+    e_x, e_y = truth.X_WB[2, :2] / math.sin(steepness)  # shares of the slope along and across the body
+    assert truth.loads.sum() == pytest.approx(weight * math.cos(steepness), rel=1e-9)
+    assert truth.loads @ SIX.wheel_places == pytest.approx(-pull * np.array([e_x, e_y]), abs=1e-4 * weight)
+
+
+@given(st.floats(10.0, 1e3), st.floats(-20.0, 20.0), st.floats(-20.0, 20.0), st.integers(0, 2**32 - 1))
+def test_equal_stiffness_is_the_least_energy(normal: float, pitch: float, roll: float, seed: int) -> None:
+    """Any other loads with the same sum and moments have a larger sum of squares."""
+    footprint = SIX.footprint
+    p = SIX.wheel_places
+    balance = np.vstack([np.ones(6), p[:, 0], p[:, 1]])
+    share, forward, leftward = normal / 6.0, pitch / (p[:, 0] @ p[:, 0]), roll / (p[:, 1] @ p[:, 1])
+    linear = share + forward * p[:, 0] + leftward * p[:, 1]
+    assert footprint.loads(normal, pitch, roll) == pytest.approx(np.maximum(linear, 0.0), rel=1e-9, abs=1e-9)
+    assert balance @ linear == pytest.approx([normal, pitch, roll], rel=1e-9, abs=1e-9)
+    change = np.random.default_rng(seed).normal(size=6)
+    change -= np.linalg.pinv(balance) @ (balance @ change)  # keeps the balance
+    assert np.sum((linear + change) ** 2) >= np.sum(linear**2)
+
+
+@given(
+    *(st.floats(low, high) for low, high in ((10.0, 500.0), (-0.2, 0.2), (-300.0, 300.0), (-300.0, 300.0))),
+    *(st.floats(0.1, 2.0) for _ in range(3)),
+)
+def test_four_wheels_have_the_loads_of_the_rectangle_bit_for_bit(
+    N: float, cg_x: float, X: float, Y: float, height: float, wheelbase: float, tread: float
+) -> None:
+    """N/4 +- (N c - X h) / 2 L +- -Y h / 2 W: the closed form for four corners, to the last bit."""
+    along, across = (1.0, 1.0, -1.0, -1.0), (1.0, -1.0, 1.0, -1.0)
+    footprint = Footprint(0.5 * wheelbase, 0.5 * tread, along, across)
+    forward = 0.5 * (N * cg_x - X * height) / wheelbase
+    leftward = -0.5 * Y * height / tread
+    closed = [max(0.25 * N + a * forward + b * leftward, 0.0) for a, b in zip(along, across, strict=True)]
+    assert footprint.loads(N, N * cg_x - X * height, -Y * height) == closed
+
+
+def test_left_and_right_are_alike() -> None:
+    """Slope, steering and wheel speeds mirrored: every lateral quantity flips, but for rounding in 10 s of slipping."""
+    speeds, steer = (0.9, 1.0, 0.8, 1.1, 0.9, 1.0), (0.2, 0.15, 0.05, 0.0, -0.1, -0.12)
+    command = RoverCommand(tuple(OMEGA * speed for speed in speeds), steer)
+    mirrored = RoverCommand(tuple(OMEGA * speeds[k] for k in OTHER_SIDE), tuple(-steer[k] for k in OTHER_SIDE))
+    one = driven(plant_on("toyoura_sand", Terrain(slope_x=0.03, slope_y=0.05)), command, 10.0)
+    other = driven(plant_on("toyoura_sand", Terrain(slope_x=0.03, slope_y=-0.05)), mirrored, 10.0)
+    assert other.pose == pytest.approx(one.pose * [1.0, -1.0, -1.0], abs=1e-10)
+    assert other.velocity == pytest.approx(one.velocity * [1.0, -1.0, -1.0], abs=1e-10)
+    assert other.sinkages == pytest.approx(one.sinkages[OTHER_SIDE], abs=1e-10)
+    assert other.loads == pytest.approx(one.loads[OTHER_SIDE], abs=1e-8)
+
+
+def test_it_turns_about_the_place_that_its_wheels_point_at() -> None:
+    """Each wheel square to its ray from (0, 1.5) m: on firm ground R turns about that place, without side slip."""
+    centre = np.array([0.0, 1.5])
+    rays = centre - SIX.wheel_places
+    steer = np.arctan2(-rays[:, 0], rays[:, 1])
+    speeds = 0.1 / 1.5 * np.linalg.norm(rays, axis=1) / SIX.radius
+    truth = driven(plant_on(None), RoverCommand(tuple(speeds.tolist()), tuple(steer.tolist())), 20.0)
+    assert truth.velocity[2] == pytest.approx(0.1 / 1.5, rel=0.02)  # rolling resistance costs slip
+    assert np.linalg.norm(truth.pose[:2] - centre) == pytest.approx(1.5, abs=0.03)  # the start steers in
+    assert truth.slip_angles == pytest.approx(np.zeros(6), abs=0.01)
+
+
+def test_without_steering_it_turns_by_its_effective_track() -> None:
+    """On firm ground at a gentle turn the yaw rate is the difference of the sides' speeds over the effective track."""
+    skid = SIX.model_copy(update={"wheels": tuple(wheel.model_copy(update={"steered": False}) for wheel in SIX.wheels)})
+    left, right = 0.098 / SIX.radius, 0.102 / SIX.radius
+    truth = driven(plant_on(None, rover=skid), RoverCommand((left, right) * 3, STRAIGHT), 20.0)
+    assert truth.velocity[2] == pytest.approx((right - left) * SIX.radius / skid.effective_track, rel=0.02)
+    with pytest.raises(ValueError, match="six_wheel_rover steers no wheel"):
+        plant_on(None, rover=skid).step(np.zeros(42), RoverCommand(STRAIGHT, (0.1,) * 6), 10)
+
+
+def test_wheels_without_drive_roll_along() -> None:
+    """Only the middle wheels drive: the others follow at the speed of the ground, with less slip than the driven."""
+    wheels = tuple(w.model_copy(update={"driven": w.name.startswith("middle")}) for w in SIX.wheels)
+    plant = plant_on(None, rover=SIX.model_copy(update={"wheels": wheels}))
+    truth = driven(plant, FORWARD, 10.0)
+    assert truth.velocity[0] == pytest.approx(0.08, rel=0.05)
+    assert np.all(truth.slip_ratios[2:4] > 0.0)
+    assert np.all(truth.slip_ratios[[0, 1, 4, 5]] < 0.0)  # rolling resistance brakes them
+    assert truth.wheel_speeds * SIX.radius == pytest.approx(np.full(6, truth.velocity[0]), rel=0.05)
+
+
+def test_some_wheels_may_be_steered_and_others_not() -> None:
+    """The middle wheels lie on the line through the centre of the turn and need no steering."""
+    wheels = tuple(w.model_copy(update={"steered": not w.name.startswith("middle")}) for w in SIX.wheels)
+    plant = plant_on(None, rover=SIX.model_copy(update={"wheels": wheels}))
+    truth = driven(plant, RoverCommand((OMEGA,) * 6, (0.2, 0.2, 0.0, 0.0, -0.2, -0.2)), 10.0)
+    assert truth.velocity[2] > 0.01
+    assert truth.steer == pytest.approx([0.2, 0.2, 0.0, 0.0, -0.2, -0.2], abs=1e-6)
+    with pytest.raises(ValueError, match="six_wheel_rover steers not all wheels"):
+        plant.step(plant.initial_state(HOME), RoverCommand(STRAIGHT, (0.1,) * 6), 10)
+
+
+@pytest.mark.parametrize(("speeds", "steers"), [(4, 6), (6, 4), (8, 4)])
+def test_a_command_for_other_wheels_is_refused(speeds: int, steers: int) -> None:
+    plant = plant_on(None)
+    with pytest.raises(ValueError, match="must have 6 finite wheel speeds"):
+        plant.step(plant.initial_state(HOME), RoverCommand((0.1,) * speeds, (0.0,) * steers), 10)
+
+
+def test_the_order_of_the_wheels_does_not_matter() -> None:
+    """Four wheels in another order move the body as before, but for rounding of sums."""
+    order = [3, 0, 2, 1]
+    shuffled = FOUR.model_copy(update={"wheels": tuple(FOUR.wheels[k] for k in order)})
+    speeds, steer = np.array([0.7, 0.8, 0.75, 0.85]), np.array([0.1, 0.12, -0.1, -0.05])
+    terrain = Terrain(slope_x=0.03, slope_y=0.05)
+
+    def after(rover: Rover, at: list[int]) -> RoverTruth:
+        command = RoverCommand(tuple(speeds[at].tolist()), tuple(steer[at].tolist()))
+        return driven(plant_on("toyoura_sand", terrain, rover), command, 5.0)
+
+    one, other = after(FOUR, [0, 1, 2, 3]), after(shuffled, order)
+    assert other.pose == pytest.approx(one.pose, abs=1e-10)
+    np.testing.assert_allclose(other.X_WB, one.X_WB, atol=1e-10)
+    assert other.loads == pytest.approx(one.loads[order], abs=1e-8)
+
+
+def test_the_body_leans_as_the_plane_nearest_to_its_wheels() -> None:
+    """On a plane slope all six wheels stand on it: the body's axes are the plane's."""
+    truth = driven(plant_on(None, Terrain(slope_x=0.1, slope_y=-0.05)), RoverCommand(STRAIGHT, STRAIGHT), 1.0)
+    normal: FloatArray = np.array([-0.1, 0.05, 1.0]) / math.sqrt(1.0125)
+    assert truth.X_WB[:3, 2] == pytest.approx(normal, abs=1e-9)
+    assert truth.X_WB[:3, :3].T @ truth.X_WB[:3, :3] == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_more_load_sinks_deeper() -> None:
+    """Uphill the rear wheels carry more than the middle ones, these more than the front ones, and sink in as much."""
+    terrain = Terrain(slope_x=math.tan(math.radians(8.0)))
+    truth = driven(plant_on("beach_sand", terrain), RoverCommand(STRAIGHT, STRAIGHT), 5.0)
+    front, middle, rear = truth.loads.reshape(3, 2).mean(axis=1)
+    assert front < middle < rear
+    assert all(one < other for one, other in pairwise(truth.sinkages.reshape(3, 2).mean(axis=1)))
