@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 from controllers.actuator import settle
 from controllers.path import Path
@@ -12,7 +12,6 @@ from controllers.speed_profile import SpeedProfile
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
-from vehicle.option import Option
 
 PERIOD = 0.02  # the driver's step [s]
 
@@ -54,29 +53,8 @@ class DriverCommand(NamedTuple):
     gear: float = 1.0  # +1 forward, -1 backward
 
 
-Memory = TypeVar("Memory")
-
-
-class Driver(Protocol[Memory]):
-    """A driver of the tractor: pure, memory in and memory out."""
-
-    @property
-    def duration(self) -> float:
-        """Planned duration of the drive [s]."""
-
-    @property
-    def start_speed(self) -> float | None:
-        """Speed at the start [m/s]; None: any."""
-
-    def init(self) -> Memory:
-        """Memory before the first step."""
-
-    def step(self, memory: Memory, tick: int, ego: EgoState, /) -> tuple[Memory, DriverCommand]:
-        """New memory and command at ``tick``."""
-
-
 class DriverMemory(NamedTuple):
-    """State of the driver between two steps."""
+    """What the driver carries from one step to the next."""
 
     tick: int | None  # of the last step; None before the first
     station: float  # guided point along the path [m]
@@ -86,7 +64,7 @@ class DriverMemory(NamedTuple):
     speed_integral: float  # [m/s2]
 
 
-class PreviewDriver(Driver[DriverMemory]):
+class PreviewDriver:
     """Path-preview driver: exact inverse kinematics of the guided point's direction of travel.
 
     He looks ahead to where the tractor will be when the steering has answered, and asks there for the direction
@@ -95,11 +73,6 @@ class PreviewDriver(Driver[DriverMemory]):
     Raises:
         ValueError: if the speed or the gain is not positive.
     """
-
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", 0.6, "turn towards the path per lateral error", "rad/m", 0.01, 5.0),
-        Option("max_lateral_acceleration", None, "limit in turns", "m/s2", 0.1, 10.0, default_text="none"),
-    )
 
     def __init__(
         self,
@@ -127,11 +100,6 @@ class PreviewDriver(Driver[DriverMemory]):
 
     @property
     def speed(self) -> float:
-        """Set speed [m/s]."""
-        return self._speed
-
-    @property
-    def start_speed(self) -> float:
         """Set speed [m/s]."""
         return self._speed
 

@@ -6,17 +6,16 @@ from collections import deque
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from sensors.faults.fault import FaultContext, T
+from sensors.faults.fault import Amount, FaultContext, T
 from sensors.sensor import Message, Sensor
-from vehicle.option import Option
 
-_SHARE: Final = Option("share", 0.1, "share of messages", low=0.0, high=1.0)
+_SHARE: Final = Amount(name="share of messages", unit="-", default=0.1, low=0.0, high=1.0)
 
 
 class AnySensorFault:
     """Base of fault kinds that apply to every sensor."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    amounts: ClassVar[tuple[Amount, ...]] = ()
     needs: ClassVar[str] = "a sensor"
 
     @classmethod
@@ -28,7 +27,7 @@ class AnySensorFault:
 class Dropout(AnySensorFault):
     """Messages are lost at random."""
 
-    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
+    amounts: ClassVar[tuple[Amount, ...]] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -44,7 +43,7 @@ class Dropout(AnySensorFault):
 class Duplicate(AnySensorFault):
     """Messages are replaced at random by the previous one, under the new time."""
 
-    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
+    amounts: ClassVar[tuple[Amount, ...]] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -64,7 +63,7 @@ class Duplicate(AnySensorFault):
 class Freeze(Duplicate):
     """The last message before the fault is repeated, under the new time."""
 
-    options: ClassVar[tuple[Option, ...]] = ()
+    amounts: ClassVar[tuple[Amount, ...]] = ()
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         super().__init__((1.0,), context)
@@ -76,8 +75,8 @@ class Delay(AnySensorFault):
     Messages that are still under way when the fault ends are lost.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (
-        Option("delay", 1, "messages are late by so many captures", unit="captures", low=1, high=50),
+    amounts: ClassVar[tuple[Amount, ...]] = (
+        Amount(name="delay", unit="captures", default=1.0, low=1.0, high=50.0, whole=True),
     )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:

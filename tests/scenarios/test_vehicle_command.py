@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import json
 import math
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import typer
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 from PIL import Image
 from typer.testing import CliRunner, Result
 
 from scenarios.commands.vehicle import vehicle
-from scenarios.vehicle_sheet.sheet import draw_sheet
-from scenarios.vehicle_sheet.views import Sheet, plan_view, side_view
+from scenarios.vehicle_sheet import rover_views
+from scenarios.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
+from scenarios.vehicle_sheet.paper import Scale, save_sheet
+from scenarios.vehicle_sheet.sheet import open_sheet
 from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names
+from vehicle.rover.data_sheet import rover_sheet
+from vehicle.rover.description import load_rover, rover_names
+from vehicle.rover.settled import settled_sinkage
+from vehicle.rover.soil import load_soil, soil_names
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
 app = typer.Typer()
@@ -51,10 +57,12 @@ def mine(directory: Path, name: str, old: str, new: str) -> Path:
 def test_without_a_name_all_vehicles_are_listed(offtrack_vehicle: Path) -> None:
     """A line each, with what it is; as JSON name to summary."""
     listed = run().stdout
-    for name in vehicle_names():
+    summaries = {name: load_vehicle(name).summary for name in vehicle_names()}
+    summaries |= {name: load_rover(name).summary for name in rover_names()}
+    for name, summary in summaries.items():
         assert f"{name} " in listed
-        assert load_vehicle(name).summary in listed
-    assert json.loads(run("--json").stdout).keys() == set(vehicle_names())
+        assert summary in listed
+    assert json.loads(run("--json").stdout) == summaries
 
 
 def test_a_vehicle_is_shown_and_drawn(offtrack_vehicle: Path) -> None:
@@ -117,8 +125,10 @@ def test_a_mistake_in_a_file_is_one_line_and_nothing_is_drawn(
 
 def test_an_unknown_vehicle_and_a_full_directory_are_refused(offtrack_vehicle: Path) -> None:
     """Both before anything is computed."""
-    done = run("b_dubble")
-    assert (done.exit_code, "did you mean 'b_double'?" in done.stderr) == (2, True)
+    for wrong, right in (("b_dubble", "b_double"), ("el_dorado_2", "el_dorado_ii")):
+        done = run(wrong)
+        assert (done.exit_code, f"did you mean '{right}'?" in done.stderr) == (2, True)
+        assert all(name in done.stderr for name in (*vehicle_names(), *rover_names()))
     (offtrack_vehicle / "full").mkdir()
     (offtrack_vehicle / "full" / "kept.txt").write_text("kept", encoding="utf-8")
     done = run("rigid_truck", "--out", "full")
@@ -139,15 +149,20 @@ def side_of(name: str) -> Figure:
     """The side view alone, on axes with equal scales."""
     figure = Figure()
     chosen = load_vehicle(name)
-    side_view(figure.add_subplot(aspect="equal"), Sheet(chosen, data_sheet(chosen), 0.4))
+    side_view(figure.add_subplot(aspect="equal"), CombinationDrawing(chosen, data_sheet(chosen), Scale(0.4)))
     return figure
+
+
+def centre_of(circle: Circle) -> tuple[float, float]:
+    x, y = np.asarray(circle.get_center()).tolist()
+    return x, y
 
 
 def test_wheels_stand_where_the_file_says_and_lifted_ones_hang() -> None:
     """Stations of the axles behind the front and their radius above the ground, in metres of the drawing."""
     (ax,) = side_of("eu_6x2_tractor_semitrailer").axes
     tyres = [p for p in ax.patches if isinstance(p, Circle) and p.get_radius() == 0.5]
-    heights = {round(tyre.get_center()[0], 6): tyre.get_center()[1] for tyre in tyres}
+    heights = {round(x, 6): z for x, z in map(centre_of, tyres)}
     assert sorted(heights) == [1.3, 5.0, 6.37, 10.84, 12.15, 13.46]
     assert [heights[x] for x in (1.3, 5.0, 12.15, 13.46)] == [0.5] * 4
     assert heights[6.37] > 0.5 < heights[10.84]
@@ -167,7 +182,7 @@ def wheel_angles(name: str) -> dict[tuple[float, bool], float]:
     figure = Figure()
     ax = figure.add_subplot()
     chosen = load_vehicle(name)
-    plan_view(ax, Sheet(chosen, data_sheet(chosen), 0.4))
+    plan_view(ax, CombinationDrawing(chosen, data_sheet(chosen), Scale(0.4)))
     found = {}
     for patch in ax.patches:
         if isinstance(patch, Polygon) and patch.get_fill():
@@ -192,11 +207,11 @@ def test_the_plan_shows_a_left_turn_with_ackermann_and_opposite_trailer_axles() 
     assert angles[5.2, True] == angles[5.2, False] == 0.0  # the drive axle
 
 
-@pytest.mark.parametrize("name", ["rigid_truck", "a_double", "wb67"])
+@pytest.mark.parametrize("name", ["rigid_truck", "a_double", "wb67", "el_dorado_ii", "el_dorado_ii_skid"])
 def test_the_sheet_is_to_scale_and_whole(name: str, tmp_path: Path) -> None:
     """Both pictures are there, with the same proportions, and no lettering leaves the border."""
-    chosen = load_vehicle(name)
-    svg, png = draw_sheet(chosen, data_sheet(chosen), handling_at(chosen), tmp_path, note="noted")
+    sheet = open_sheet(name)
+    svg, png = save_sheet(sheet.draw, tmp_path)
     root = ElementTree.parse(svg).getroot()
     wide, high = (float(root.get(side, "").removesuffix("pt")) for side in ("width", "height"))
     with Image.open(png) as picture:
@@ -206,16 +221,69 @@ def test_the_sheet_is_to_scale_and_whole(name: str, tmp_path: Path) -> None:
     inside = 13  # [px] the border lies at 0.14 in * 110 px/in = 15 px, two wide
     margin[inside:-inside, inside:-inside] = 255
     assert margin.min() == 255
-    said = ["".join(text.itertext()) for text in root.iter("{http://www.w3.org/2000/svg}text")]
-    assert {name, chosen.summary, "noted", f"{chosen.length:.2f}"} <= set(said)
+    lettering = ["".join(text.itertext()) for text in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert {name, sheet.summary, sheet.note, f"{sheet.numbers['length_m']:.2f}"} <= set(lettering)
 
 
-def test_the_same_vehicle_gives_the_same_drawing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["rigid_truck", "el_dorado_ii"])
+def test_the_same_vehicle_gives_the_same_drawing(name: str, tmp_path: Path) -> None:
     """Drawings can be compared and kept under version control."""
-    chosen = load_vehicle("rigid_truck")
     texts = []
     for k in range(2):
         (tmp_path / str(k)).mkdir()
-        svg, _ = draw_sheet(chosen, data_sheet(chosen), None, tmp_path / str(k))
+        svg, _ = save_sheet(open_sheet(name).draw, tmp_path / str(k))
         texts.append(svg.read_text(encoding="utf-8"))
-    assert all(one == other for one, other in pairwise(texts))
+    assert texts[0] == texts[1]
+
+
+def test_a_rover_is_shown_with_its_loads_and_its_soils(offtrack_vehicle: Path) -> None:
+    """Wheel loads, tipping, speeds, steering and traction; the same numbers as JSON."""
+    done = run("el_dorado_ii")
+    assert done.exit_code == 0
+    for words in ("front left", "uphill 51°", "69.7", "0.41 m/s", "±60°", "on the spot", "toyoura sand", "91%"):
+        assert words in done.stdout
+    numbers = json.loads(run("el_dorado_ii", "--json").stdout)
+    assert [wheel["load_n"] for wheel in numbers["wheels"]] == pytest.approx([28.4 * 9.81 / 4.0] * 4)
+    assert numbers["tips_at_deg"]["sideways"] == pytest.approx(math.degrees(math.atan(0.275 / 0.24)))
+    assert numbers["soils"].keys() == set(soil_names())
+    assert numbers["soils"]["drift_sand"]["sinkage_m"] == pytest.approx(
+        settled_sinkage(load_rover("el_dorado_ii"), load_soil("drift_sand"), 28.4 * 9.81 / 4.0)
+    )
+
+
+def test_a_rover_that_steers_no_wheel_turns_by_wheel_speeds(offtrack_vehicle: Path) -> None:
+    """The effective track takes the place of turning radius and steering angles."""
+    done = run("el_dorado_ii_skid", "--json")
+    numbers = json.loads(done.stdout)
+    assert (numbers["steered"], numbers["turning_radius_m"], numbers["steer_limit_deg"]) == (False, None, None)
+    assert numbers["effective_track_m"] == load_rover("el_dorado_ii_skid").effective_track
+
+
+def test_a_rover_file_of_ones_own_is_read_as_a_rover(offtrack_vehicle: Path) -> None:
+    """A mistake in it is one line with key, value and unit."""
+    text = (PARAMETERS.parent / "rovers" / "el_dorado_ii.toml").read_text(encoding="utf-8")
+    path = offtrack_vehicle / "mine.toml"
+    path.write_text(text.replace("mass = { value = 28.4", "mass = { value = -28.4", 1), encoding="utf-8")
+    done = run(str(path))
+    assert done.exit_code == 2
+    assert all(words in done.stderr for words in ("mine.toml", "mass = -28.4", "[kg]"))
+
+
+def rover_side_view(name: str) -> Axes:
+    figure = Figure()
+    ax = figure.add_subplot(aspect="equal")
+    rover = load_rover(name)
+    rover_views.side_view(ax, Scale(6.0), rover_sheet(rover, []))
+    return ax
+
+
+def test_the_wheels_of_a_rover_are_drawn_to_scale() -> None:
+    """Axles half a wheelbase from the middle, tyres of the file's radius that touch the ground."""
+    rover = load_rover("el_dorado_ii")
+    tyres = [
+        patch
+        for patch in rover_side_view("el_dorado_ii").patches
+        if isinstance(patch, Circle) and patch.get_radius() == rover.radius
+    ]
+    centres = np.sort(np.array([centre_of(tyre) for tyre in tyres]), axis=0)
+    assert centres == pytest.approx(np.array([(-0.3, rover.radius), (0.3, rover.radius)]))

@@ -1,4 +1,4 @@
-"""Tyres: laws of the steady force, one a module, and the elastic carcass through which all of them act."""
+"""Tyres: laws of the steady force, one a module, and the elastic carcass that all of them act through."""
 
 from vehicle.tyres.bristle import (
     ROLLING_SPEED_FLOOR,
@@ -8,9 +8,10 @@ from vehicle.tyres.bristle import (
     Planar,
     contact,
     deflection_rate,
+    push,
     rolling_speed,
 )
-from vehicle.tyres.tyre import Tyre
+from vehicle.tyres.laws import grip, steady_force, stiffness
 
 __all__ = [
     "ROLLING_SPEED_FLOOR",
@@ -18,8 +19,11 @@ __all__ = [
     "Grip",
     "Num",
     "Planar",
-    "Tyre",
     "contact",
     "deflection_rate",
+    "grip",
+    "push",
     "rolling_speed",
+    "steady_force",
+    "stiffness",
 ]

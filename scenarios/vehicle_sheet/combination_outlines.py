@@ -1,8 +1,9 @@
 """Bodies, frames, wheels and couplings of a combination on matplotlib axes, from the side and from above.
 
-The front is on the left. Across runs the distance behind the foremost point [m]; upwards runs the height in the side
-view and the right-hand side in the plan view: x and y of a unit are both reversed, so that a left turn stays one.
-Lengths, widths, heights, axles and hitches are the file's; the shapes of cabs and frames are a draughtsman's.
+The front is on the left. The horizontal axis is the distance behind the foremost point [m]. The vertical axis is the
+height in the side view, and the distance to the right in the plan. As x and y of a unit are both reversed, a left turn
+looks like a left turn.
+Lengths, widths, heights, axles and hitches come from the file; the shapes of cabs and frames are sketched.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from scenarios.report.drawing import GREY, INK, TRUE
 from vehicle.combination.data_sheet import reach
@@ -21,11 +22,14 @@ from vehicle.combination.wheel import wheel_plane
 
 _BODY, _CAB, _FRAME = "#eef2f6", "#dbe5ef", "#aab4be"
 _FLAT = 1.6  # a unit no higher than this has no body on its frame [m]: a dolly
-_TOP_OF_FRAME, _DEPTH_OF_FRAME = 0.98, 0.23  # [m] of motor vehicles and dollies; a semi-trailer's lies on its hitch
-_TYRE_WIDTH = 0.30  # [m] of every wheel in the plan view; the files do not tell
-_LIFT = 0.15  # that a raised axle is drawn off the ground [m]
-_CAB_LENGTH, _CAB_HEIGHT, _GAP = 2.3, 3.1, 0.1  # [m] of a rigid truck's; of a tractor's its length only
-_BONNETED = 3.6  # room for a cab from which on it is drawn behind a bonnet [m]
+_TOP_OF_FRAME, _DEPTH_OF_FRAME = (
+    0.98,
+    0.23,
+)  # [m] of motor vehicles and dollies; a semi-trailer's frame lies on its hitch
+_TYRE_WIDTH = 0.30  # [m] of every wheel in the plan view; not in the files
+_LIFT = 0.15  # height of a raised axle above the ground [m]
+_CAB_LENGTH, _CAB_HEIGHT, _GAP = 2.3, 3.1, 0.1  # [m] of a rigid truck; a tractor's cab is as high as its unit
+_BONNETED = 3.6  # a cab with more room than this is drawn behind a bonnet [m]
 _AHEAD = Vector(1.0, 0.0)
 
 
@@ -39,20 +43,20 @@ def body_from_side(ax: Axes, unit: Unit, origin: float, ahead: Unit | None, behi
         ax.plot((origin, origin - unit.front_x), drawbar, color=INK, linewidth=2.0, zorder=2.1)
     else:
         sole = ahead.hitch_height or 0.0
-        carries = _is_tractor(behind)  # the trailer behind it, on a frame as low as a tractor's
-        end = unit.rear_x if carries else _end_of_frame(unit)
+        leads = _carries(behind)  # the trailer behind it, on a frame as low as a tractor's
+        end = unit.rear_x if leads else _end_of_frame(unit)
         _box(ax, origin, (unit.front_x, end), (sole, sole + _DEPTH_OF_FRAME), _FRAME, zorder=2.2)
         _box(ax, origin, (unit.front_x, unit.rear_x), (sole + _DEPTH_OF_FRAME, unit.height), _BODY)
-        if carries:
+        if leads:
             _frame(ax, origin, (max(axle.x for axle in unit.axles) + 0.55, _end_of_frame(unit)))
-    if _is_tractor(behind):
+    if _carries(behind):
         _fifth_wheel(ax, origin - (unit.hitch_x or 0.0), unit.hitch_height or 0.0)
 
 
 def _motor_vehicle(ax: Axes, unit: Unit, origin: float, behind: Unit | None) -> None:
     _frame(ax, origin, (unit.front_x - 0.05, _end_of_frame(unit)))
     back = cab_back(unit, behind)
-    carries_box = not _is_tractor(behind)
+    carries_box = not _carries(behind)
     top = min(unit.height, _CAB_HEIGHT) if carries_box else unit.height
     length, nose = unit.front_x - back, origin - unit.front_x
     outline = [(0.0, 0.4), (0.0, 1.5), (0.13 * top, top - 0.45), (0.8, top), (length, top), (length, 0.4)]
@@ -67,16 +71,16 @@ def _motor_vehicle(ax: Axes, unit: Unit, origin: float, behind: Unit | None) -> 
 
 
 def cab_back(unit: Unit, behind: Unit | None) -> float:
-    """Where the cab ends, x in the unit's frame [m]: clear of what swings behind it."""
-    if behind is None or not _is_tractor(behind):
+    """End of the cab, x in the unit's frame [m], clear of the unit that swings behind it."""
+    if behind is None or not _carries(behind):
         return unit.front_x - _CAB_LENGTH
     clear = (unit.hitch_x or 0.0) + math.hypot(behind.front_x, 0.5 * behind.width) + _GAP
     room = unit.front_x - clear
     return clear if room > _BONNETED else max(clear, unit.front_x - _CAB_LENGTH)
 
 
-def _is_tractor(behind: Unit | None) -> bool:
-    """Whether the unit behind lies on the motor vehicle, not behind it on a drawbar."""
+def _carries(behind: Unit | None) -> bool:
+    """True if the unit behind rests on the motor vehicle; false if it follows on a drawbar."""
     return behind is not None and behind.front_x > 0.0
 
 
@@ -85,7 +89,7 @@ def _frame(ax: Axes, origin: float, ends: tuple[float, float]) -> None:
 
 
 def _end_of_frame(unit: Unit) -> float:
-    """How far back a frame must reach for body, axles and hitch, x in the unit's frame [m]."""
+    """Rear end of a frame that carries body, axles and hitch, x in the unit's frame [m]."""
     last = min(axle.x for axle in (*unit.axles, *unit.lifted_axles))
     return min(unit.rear_x, last - 0.55, (unit.hitch_x or 0.0) - 0.1)
 
@@ -112,14 +116,6 @@ def wheel_from_side(ax: Axes, x: float, axle: Axle) -> None:
         ax.add_patch(Circle((x, z), share * radius, facecolor=colour, edgecolor=tyre, zorder=4.0 - share))
 
 
-def centre_of_gravity(ax: Axes, x: float, z: float) -> None:
-    """The draughtsman's quartered disc."""
-    radius = 0.16  # [m]
-    ax.add_patch(Circle((x, z), radius, facecolor="white", edgecolor=INK, linewidth=0.8, zorder=4.2))
-    for start in (0.0, 180.0):
-        ax.add_patch(Wedge((x, z), radius, start, start + 90.0, facecolor=INK, linewidth=0.0, zorder=4.3))
-
-
 def pivot(ax: Axes, x: float, y: float) -> None:
     """A hitch."""
     ax.plot(x, y, "o", color="white", markeredgecolor=INK, markersize=6.0, zorder=5.0)
@@ -127,8 +123,8 @@ def pivot(ax: Axes, x: float, y: float) -> None:
 
 
 def body_from_above(ax: Axes, unit: Unit, origin: float, ahead: Unit | None, behind: Unit | None) -> None:
-    """Outline, frame and drawbar of a unit; that of a tractor is dashed, as its cab alone fills it."""
-    cab_only = ahead is None and _is_tractor(behind)
+    """Outline, frame and drawbar of a unit; dashed for a tractor, whose body is its cab."""
+    cab_only = ahead is None and _carries(behind)
     _plan(ax, unit, origin, unit.rear_x, "none" if cab_only else _BODY, dashed=cab_only)
     if ahead is None:
         _plan(ax, unit, origin, cab_back(unit, behind), _CAB)
@@ -149,7 +145,7 @@ def _plan(ax: Axes, unit: Unit, origin: float, rear: float, colour: str, *, dash
 
 
 def axle_from_above(ax: Axes, unit: Unit, x: float, axle: Axle) -> None:
-    """An axle with its wheels; the steered at the lock of a left turn, with dashed ones straight ahead."""
+    """An axle with its wheels; steered wheels at the lock of a left turn, and dashed straight ahead."""
     half, colour = 0.5 * axle.track, GREY if axle.lifted else INK
     ax.plot((x, x), (-half, half), color=colour, linewidth=2.4 if axle.driven else 1.2, zorder=2.5)
     lock = _left_lock(unit, axle) if axle.steered else 0.0

@@ -1,0 +1,192 @@
+"""Data sheet of a rover: wheel loads, tipping, speeds, traction in each soil, and side view and plan to scale."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from matplotlib.figure import Figure
+
+from scenarios.vehicle_sheet.paper import (
+    MARGIN,
+    TITLE,
+    WIDTH,
+    Rows,
+    Scale,
+    SheetTable,
+    draw_table,
+    height_of,
+    new_sheet,
+    scale_bar,
+    scaled_axes,
+)
+from scenarios.vehicle_sheet.rover_views import BELOW_GROUND, height_above_ground, plan_view, side_view
+from scenarios.vehicle_sheet.sheet import VehicleSheet, sources_note
+from vehicle.rover import data_sheet
+from vehicle.rover.data_sheet import STANDARD_SLIP, RoverSheet, Traction
+from vehicle.rover.description import load_rover, rover_sources
+from vehicle.rover.soil import load_soil, soil_names
+
+_VIEW: Final = 5.2  # largest width of each of the two views [in]
+_KEY: Final = "lengths in m   wheels, axles and centre of gravity to scale   body and rockers sketched   steered: blue"
+
+
+def rover_sheet(name_or_path: str) -> VehicleSheet:
+    """Data sheet of a shipped rover, or of one described by a ``.toml`` file.
+
+    Raises:
+        ValueError: one line naming file, key, value, limit and unit.
+    """
+    rover = load_rover(name_or_path)
+    data = data_sheet.rover_sheet(rover, [load_soil(name) for name in soil_names()])
+    note, sources = sources_note(rover_sources(name_or_path))
+    tables = (_wheel_table(data), _motion_table(data), _soil_table(data))
+    return VehicleSheet(
+        name=rover.name,
+        summary=rover.summary,
+        size=f"{rover.mass:.1f} kg, {data.length:.2f} x {data.width:.2f} m over its {len(rover.wheels)} wheels",
+        tables=tables,
+        warnings=_warnings(data),
+        note=note,
+        numbers=_numbers(data) | {"warnings": list(_warnings(data)), "sources": sources},
+        draw=lambda: _draw(data, tables, note),
+    )
+
+
+def _draw(data: RoverSheet, tables: tuple[SheetTable, ...], note: str) -> Figure:
+    """Sheet with side view and plan next to each other, and tables."""
+    scale = Scale(_VIEW / data.length)
+    text = height_of(tables)
+    views = max(height_above_ground(data), data.width + data.rover.radius) * scale.inches + BELOW_GROUND
+    rover = data.rover
+    figure = new_sheet(TITLE + views + text, name=rover.name, summary=rover.summary, key=_KEY, note=note)
+    middle = MARGIN + 0.5 * data.length * scale.inches
+    side = scaled_axes(figure, scale, left=middle, low=-scale.metres(BELOW_GROUND), bottom=text, height=views)
+    side_view(side, scale, data)
+    low = -0.5 * data.width - scale.metres(BELOW_GROUND)
+    plan = scaled_axes(figure, scale, left=WIDTH - middle - 0.3, low=low, bottom=text, height=views)
+    plan_view(plan, scale, data)
+    scale_bar(side, scale, -0.5 * data.length, -scale.metres(BELOW_GROUND), 0.1, "0.5 m")
+    for table in tables:
+        draw_table(figure, table, text)
+    return figure
+
+
+def _wheel_table(data: RoverSheet) -> SheetTable:
+    slopes = [f"{tipping.direction} {math.degrees(tipping.angle):.0f}°" for tipping in data.tipping]
+    rows: Rows = [("wheel load [N]", "x [m]", "y [m]", "level", *slopes)]
+    for k, wheel in enumerate(data.rover.wheels):
+        loads = (data.loads[k], *(tipping.loads[k] for tipping in data.tipping))
+        name, x, y = wheel.name.replace("_", " "), f"{wheel.x:+.3f}", f"{wheel.y:+.3f}"
+        rows.append((name, x, y, *(f"{load:.1f}" for load in loads)))
+    offsets = (1.45, 1.95, 2.45, 3.3, 4.25, 5.15)
+    return SheetTable(rows=rows, start=0.5, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
+
+
+def _motion_table(data: RoverSheet) -> SheetTable:
+    rover = data.rover
+    rows: Rows = [
+        ("dimensions and motion", ""),
+        ("wheel radius, width", f"{rover.radius:.3f} m, {rover.width:.3f} m"),
+        ("height of the centre of gravity", f"{rover.cg_height:.2f} m"),
+        *((f"tips {tipping.direction} from", f"{math.degrees(tipping.angle):.1f}°") for tipping in data.tipping),
+        ("driven wheels", f"{sum(wheel.driven for wheel in rover.wheels)} of {len(rover.wheels)}"),
+        ("top speed without load", f"{data.top_speed:.2f} m/s"),
+        ("thrust of all motors at stall", f"{data.stall_thrust:.0f} N"),
+        *_steering_rows(data),
+        ("entrapped from a sinkage of", f"{1e3 * rover.sinkage_limit:.0f} mm"),
+    ]
+    return SheetTable(rows=rows, start=6.0, columns=((0.0, "left"), (2.95, "right")))
+
+
+def _steering_rows(data: RoverSheet) -> Rows:
+    rover = data.rover
+    if data.turning_radius is None:
+        return [
+            ("steering", "skid, by wheel speeds"),
+            ("effective track of skid turns", f"{rover.effective_track:.2f} m"),
+        ]
+    count = sum(wheel.steered for wheel in rover.wheels)
+    which = "all wheels" if count == len(rover.wheels) else f"{count} of {len(rover.wheels)} wheels"
+    return [
+        (f"steering, {which}", f"±{rover.steer_limit_deg:.0f}°, {rover.steer_rate_limit_deg:.0f}°/s"),
+        ("smallest turning radius", f"{data.turning_radius:.2f} m" if data.turning_radius else "turns on the spot"),
+    ]
+
+
+def _soil_table(data: RoverSheet) -> SheetTable:
+    rows: Rows = [
+        ("soil", "sinkage [mm]", f"pull, {STANDARD_SLIP:.0%} slip [N]", "steepest climb", "entrapped at slip"),
+    ]
+    for one in data.traction:
+        trapped = "never" if one.entrapped_from is None else f"{one.entrapped_from:.0%}"
+        rows.append(
+            (
+                one.soil.replace("_", " "),
+                _text(one.sinkage, 1e3),
+                _text(one.pull),
+                f"{math.degrees(one.steepest_climb):.1f}°",
+                trapped,
+            )
+        )
+    offsets = (2.25, 3.4, 4.3, 5.4)
+    return SheetTable(rows=rows, start=9.3, columns=((0.0, "left"), *((offset, "right") for offset in offsets)))
+
+
+def _text(value: float | None, factor: float = 1.0) -> str:
+    return "–" if value is None else f"{factor * value:.1f}"
+
+
+def _warnings(data: RoverSheet) -> tuple[str, ...]:
+    trapped = [one.soil for one in data.traction if one.sinkage is None or one.entrapped_from == 0.0]
+    return tuple(f"{soil} does not carry the rover: it is entrapped where it stands" for soil in trapped)
+
+
+def _numbers(data: RoverSheet) -> dict[str, object]:
+    rover = data.rover
+    return {
+        "name": rover.name,
+        "summary": rover.summary,
+        "mass_kg": rover.mass,
+        "length_m": data.length,
+        "width_m": data.width,
+        "cg_x_m": rover.cg_x,
+        "cg_height_m": rover.cg_height,
+        "wheel_radius_m": rover.radius,
+        "wheel_width_m": rover.width,
+        "wheels": [
+            {
+                "name": wheel.name,
+                "x_m": wheel.x,
+                "y_m": wheel.y,
+                "driven": wheel.driven,
+                "steered": wheel.steered,
+                "load_n": data.loads[k],
+                "tipping_load_n": {tipping.direction: tipping.loads[k] for tipping in data.tipping},
+            }
+            for k, wheel in enumerate(rover.wheels)
+        ],
+        "tips_at_deg": {tipping.direction: math.degrees(tipping.angle) for tipping in data.tipping},
+        "top_speed_m_s": data.top_speed,
+        "stall_thrust_n": data.stall_thrust,
+        "steered": rover.steered,
+        "steer_limit_deg": rover.steer_limit_deg if rover.steered else None,
+        "steer_rate_limit_deg_s": rover.steer_rate_limit_deg if rover.steered else None,
+        "turning_radius_m": data.turning_radius,
+        "effective_track_m": None if rover.steered else rover.effective_track,
+        "sinkage_limit_m": rover.sinkage_limit,
+        "soils": {one.soil: _soil_numbers(one) for one in data.traction},
+    }
+
+
+def _soil_numbers(one: Traction) -> dict[str, object]:
+    return {
+        "summary": one.summary,
+        "sinkage_m": one.sinkage,
+        "drawbar_pull_n": one.pull,
+        "drawbar_pull_slip": STANDARD_SLIP,
+        "largest_pull_n": one.largest_pull,
+        "largest_pull_slip": one.largest_pull_slip,
+        "entrapped_from_slip": one.entrapped_from,
+        "steepest_climb_deg": math.degrees(one.steepest_climb),
+    }
