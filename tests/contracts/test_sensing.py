@@ -127,7 +127,7 @@ def slip(request: pytest.FixtureRequest, trace: list[Labelled]) -> tuple[SlipEst
     )
     messages: dict[str, list[Any]] = {
         "trace_camera": [moment.view for moment in trace],
-        "slip_reading": [ExactSlip().sample(moment.truth) for moment in trace],
+        "slip_reading": [ExactSlip(wheel=rover.rear_left).sample(moment.truth) for moment in trace],
     }
     return part.of(context), messages[part.sensor]
 

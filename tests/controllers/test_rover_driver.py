@@ -13,12 +13,28 @@ from estimators.slip.rover_odometry import Rolling, RoverGeometry, RoverOdometry
 from sensors.messages import RoverReadings
 from vehicle.frames import Pose2
 from vehicle.rover.command import corner_wheels
+from vehicle.rover.description import load_rover
 
 WHEELS = corner_wheels(0.6, 0.55)
 STEERED = RoverGeometry(
     wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0,) * 4, max_wheel_speed=5.0
 )
 SKID = RoverGeometry(wheels=WHEELS, wheel_radius=0.1, effective_track=0.9, max_steer=(0.0,) * 4, max_wheel_speed=5.0)
+SIX_PLACES = load_rover("six_wheel_rover").places
+SIX = RoverGeometry(wheels=SIX_PLACES, wheel_radius=0.1, effective_track=0.6, max_steer=(1.0,) * 6, max_wheel_speed=5.0)
+CORNERS = RoverGeometry(  # the middle wheels can not be steered
+    wheels=SIX_PLACES,
+    wheel_radius=0.1,
+    effective_track=0.6,
+    max_steer=(1.0, 1.0, 0.0, 0.0, 1.0, 1.0),
+    max_wheel_speed=5.0,
+)
+FRONT = RoverGeometry(  # as a car
+    wheels=WHEELS, wheel_radius=0.1, effective_track=0.55, max_steer=(1.0, 1.0, 0.0, 0.0), max_wheel_speed=5.0
+)
+SIX_SKID = RoverGeometry(
+    wheels=SIX_PLACES, wheel_radius=0.1, effective_track=1.3, max_steer=(0.0,) * 6, max_wheel_speed=5.0
+)
 SPEED, DT = 0.08, 0.05
 STRAIGHT = Path(Pose2(0.0, 0.0, 0.0), (line(7.0),))
 
@@ -44,7 +60,7 @@ def lateral_errors(
     return np.array(errors)
 
 
-@pytest.mark.parametrize("rover", [STEERED, SKID])
+@pytest.mark.parametrize("rover", [STEERED, SKID, SIX, CORNERS, FRONT, SIX_SKID])
 def test_without_slip_every_rover_comes_to_its_path(rover: RoverGeometry) -> None:
     """10 cm beside it at the start; the approach length is 0.5 m, so after 6 m e^-12 of them are left."""
     errors = lateral_errors(rover, "none", slip=0.0, y=0.1)
@@ -58,7 +74,17 @@ def test_uncompensated_slip_keeps_the_rover_beside_its_path() -> None:
     assert lateral_errors(STEERED, "none", slip=slip)[-1] == pytest.approx(0.5 * math.tan(slip), rel=0.02)
 
 
-@pytest.mark.parametrize(("rover", "compensation"), [(STEERED, "crab"), (STEERED, "heading"), (SKID, "heading")])
+@pytest.mark.parametrize(
+    ("rover", "compensation"),
+    [
+        (STEERED, "crab"),
+        (STEERED, "heading"),
+        (SKID, "heading"),
+        (SIX, "crab"),
+        (SIX, "heading"),
+        (SIX_SKID, "heading"),
+    ],
+)
 def test_compensated_slip_leaves_nothing(rover: RoverGeometry, compensation: Compensation) -> None:
     """Against a slip that is known, wheels or body turn by as much, and the error goes to zero."""
     assert abs(lateral_errors(rover, compensation, slip=math.radians(8.0))[-1]) < 1e-4
@@ -71,6 +97,26 @@ def test_swapping_left_and_right_flips_the_way() -> None:
     left = lateral_errors(STEERED, "crab", slip=0.1, path=path, y=0.05)
     right = lateral_errors(STEERED, "crab", slip=-0.1, path=mirrored, y=-0.05)
     np.testing.assert_allclose(left, -right, atol=1e-9)
+
+
+@pytest.mark.parametrize("rover", [STEERED, SIX, CORNERS, FRONT])
+def test_steered_wheels_roll_about_one_centre(rover: RoverGeometry) -> None:
+    """On an arc every wheel's axle points at one place, and wheels that can not be steered keep straight."""
+    path = Path(Pose2(0.0, 0.0, 0.0), (arc(4.0, 0.5),))
+    driver = RoverDriver(rover, path, SPEED)
+    memory = driver.init()
+    for k in range(100):  # steering in takes some steps
+        pose = RoverPose(tick=50 * k, x=0.0, y=0.0, psi=0.0, drift=0.0, rolling=Rolling(SPEED, 0.0, 0.0))
+        memory, command = driver.step(memory, pose)
+    steer = np.array(command.steer)
+    assert np.all(steer[np.array(rover.max_steer) == 0.0] == 0.0)
+    axles = np.column_stack([-np.sin(steer), np.cos(steer)])
+    gaps = rover.places()
+    across = axles[:, 0] * gaps[:, 1] - axles[:, 1] * gaps[:, 0]
+    system = np.column_stack([-axles[:, 1], axles[:, 0]])
+    centre, *_ = np.linalg.lstsq(system, across, rcond=None)
+    assert system @ centre == pytest.approx(across, abs=1e-9)
+    assert np.hypot(*centre) == pytest.approx(2.0, rel=0.05)
 
 
 def test_wheels_stay_within_their_limits() -> None:

@@ -12,6 +12,7 @@ from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.rover.command import corner_wheels
+from vehicle.rover.description import load_rover
 
 WHEELS = corner_wheels(0.6, 0.55)
 STEERED = RoverGeometry(
@@ -24,7 +25,7 @@ STEP = 50  # [ticks]
 def readings(
     tick: int, heading: float = 0.0, speeds: tuple[float, ...] = (0.8,) * 4, steer: float = 0.0
 ) -> RoverReadings:
-    return RoverReadings(tick=tick, heading=heading, wheel_speeds=np.array(speeds), steer=np.full(4, steer))
+    return RoverReadings(tick=tick, heading=heading, wheel_speeds=np.array(speeds), steer=np.full(len(speeds), steer))
 
 
 def slip(tick: int, value: float, health: Health = Health.OK) -> SlipAngle:
@@ -87,6 +88,23 @@ def test_the_sides_of_a_skid_steered_rover_turn_it_by_its_effective_track() -> N
     rolling = RoverOdometry(SKID).rolling(readings(0, speeds=(0.7, 0.9, 0.7, 0.9)))
     assert rolling.yaw_rate == pytest.approx(0.1 * 0.2 / 0.9, abs=1e-12)
     assert rolling.v_x == pytest.approx(0.08, abs=1e-12)
+
+
+def test_six_wheels_roll_as_four_do() -> None:
+    """Sides of three wheels turn a skid-steered rover as those of two; steered wheels about one place turn about it."""
+    wheels = load_rover("six_wheel_rover").places
+    skid = RoverGeometry(
+        wheels=wheels, wheel_radius=0.1, effective_track=0.9, max_steer=(0.0,) * 6, max_wheel_speed=5.0
+    )
+    turned = readings(0, speeds=(0.7, 0.9) * 3)
+    assert RoverOdometry(skid).rolling(turned).yaw_rate == pytest.approx(0.1 * 0.2 / 0.9, abs=1e-12)
+    steered = dataclasses.replace(skid, max_steer=(1.0,) * 6)
+    rays = np.array([0.0, 2.0]) - steered.places()
+    about = dataclasses.replace(
+        turned, wheel_speeds=0.5 * np.linalg.norm(rays, axis=1), steer=np.arctan2(-rays[:, 0], rays[:, 1])
+    )
+    rolling = RoverOdometry(steered).rolling(about)
+    assert rolling == pytest.approx((0.1, 0.0, 0.05), abs=1e-12)
 
 
 def test_the_compass_wins_over_the_wheels_in_the_long_run() -> None:
