@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 from controllers.actuator import settle
 from controllers.path import Path
@@ -12,6 +12,7 @@ from controllers.speed_profile import SpeedProfile
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
+from vehicle.option import Option
 
 PERIOD = 0.02  # the driver's step [s]
 
@@ -53,8 +54,29 @@ class DriverCommand(NamedTuple):
     gear: float = 1.0  # +1 forward, -1 backward
 
 
+Memory = TypeVar("Memory")
+
+
+class Driver(Protocol[Memory]):
+    """A driver of the tractor: pure, memory in and memory out."""
+
+    @property
+    def duration(self) -> float:
+        """Planned duration of the drive [s]."""
+
+    @property
+    def start_speed(self) -> float | None:
+        """Speed at the start [m/s]; None: any."""
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+
+    def step(self, memory: Memory, tick: int, ego: EgoState, /) -> tuple[Memory, DriverCommand]:
+        """New memory and command at ``tick``."""
+
+
 class DriverMemory(NamedTuple):
-    """What the driver carries from one step to the next."""
+    """State of the driver between two steps."""
 
     tick: int | None  # of the last step; None before the first
     station: float  # guided point along the path [m]
@@ -64,7 +86,7 @@ class DriverMemory(NamedTuple):
     speed_integral: float  # [m/s2]
 
 
-class PreviewDriver:
+class PreviewDriver(Driver[DriverMemory]):
     """Path-preview driver: exact inverse kinematics of the guided point's direction of travel.
 
     He looks ahead to where the tractor will be when the steering has answered, and asks there for the direction
@@ -73,6 +95,11 @@ class PreviewDriver:
     Raises:
         ValueError: if the speed or the gain is not positive.
     """
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("gain", 0.6, "turn towards the path per lateral error", "rad/m", 0.01, 5.0),
+        Option("max_lateral_acceleration", None, "limit in turns", "m/s2", 0.1, 10.0, default_text="none"),
+    )
 
     def __init__(
         self,
@@ -100,6 +127,11 @@ class PreviewDriver:
 
     @property
     def speed(self) -> float:
+        """Set speed [m/s]."""
+        return self._speed
+
+    @property
+    def start_speed(self) -> float:
         """Set speed [m/s]."""
         return self._speed
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controllers.driver import DriverCommand
+from controllers.driver import Driver, DriverCommand
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -51,7 +51,7 @@ class TraceMemory(NamedTuple):
     integral: float  # of the speed control [m/s2]
 
 
-class TraceDriver:
+class TraceDriver(Driver[TraceMemory]):
     """Steers open loop; a recorded speed is held by an acceleration that he chooses himself."""
 
     def __init__(self, trace: DriverTrace) -> None:

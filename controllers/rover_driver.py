@@ -8,21 +8,60 @@ steered. ``none`` ignores the drift.
 from __future__ import annotations
 
 import math
-from typing import Final, Literal, NamedTuple, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Final, Literal, NamedTuple, Protocol, Self, TypeVar, get_args
 
 from controllers.path import Path
 from estimators.slip.rover_odometry import RoverGeometry, RoverPose
 from vehicle.clock import TICK
 from vehicle.frames import wrap
+from vehicle.option import Option, Parameter, check_options, option_values
 from vehicle.rover.command import RoverCommand
 
 Compensation = Literal["none", "heading", "crab"]
 
-_APPROACH: Final = 0.5  # way in which a lateral error falls to 1/e: a rover's length [m]
 _STEEPEST: Final = 0.6  # turn towards the path at most [rad]
-_HEADING_GAIN: Final = 0.8  # yaw rate per heading error [1/s]
 _TIGHTEST: Final = 0.6  # radius that a yaw demand may ask for at least: the wheelbase [m]
 _STEER_RATE: Final = 0.5  # of the demands to the wheels [rad/s]
+
+
+Memory = TypeVar("Memory")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverDriverContext:
+    """Everything that a rover driver may know before the run."""
+
+    rover: RoverGeometry
+    path: Path
+    speed: float  # set speed of the wheels [m/s]
+    compensation: Compensation
+    options: Mapping[str, Parameter] = field(default_factory=dict)  # by name; those not given keep their defaults
+
+
+class RoverDriverLike(Protocol[Memory]):
+    """A rover driver: pure, memory in and memory out."""
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+
+    def step(self, memory: Memory, pose: RoverPose, /) -> tuple[Memory, RoverCommand]:
+        """New memory and command at the tick of the estimated pose."""
+
+
+class RoverDriverPart(RoverDriverLike[Memory], Protocol[Memory]):
+    """A rover driver with its declarations; the class is what the catalogue holds."""
+
+    options: ClassVar[tuple[Option, ...]]
+
+    @classmethod
+    def of(cls, context: RoverDriverContext) -> Self:
+        """Driver for one run.
+
+        Raises:
+            ValueError: one line, if the context does not fit or an option is outside its limits.
+        """
 
 
 class RoverDriverMemory(NamedTuple):
@@ -33,7 +72,7 @@ class RoverDriverMemory(NamedTuple):
     steer: tuple[float, ...]  # last demand [rad]
 
 
-class RoverDriver:
+class RoverDriver(RoverDriverPart[RoverDriverMemory]):
     """Keeps R's origin on a path at a set speed.
 
     Raises:
@@ -41,8 +80,24 @@ class RoverDriver:
             crab.
     """
 
-    def __init__(self, rover: RoverGeometry, path: Path, speed: float, *, compensation: Compensation = "none") -> None:
-        """For the set ``speed`` [m/s] that wheels turn for; slip takes its share of it."""
+    options: ClassVar[tuple[Option, ...]] = (
+        # The default is a rover's length.
+        Option("approach", 0.5, "distance in which a lateral error falls to 1/e", "m", 0.05, 10.0, tune=(0.2, 2.0)),
+        Option("heading_gain", 0.8, "yaw rate per heading error", "1/s", 0.05, 10.0, tune=(0.2, 3.0)),
+    )
+
+    def __init__(
+        self,
+        rover: RoverGeometry,
+        path: Path,
+        speed: float,
+        *,
+        compensation: Compensation = "none",
+        approach: float = 0.5,
+        heading_gain: float = 0.8,
+    ) -> None:
+        """For the set ``speed`` of the wheels [m/s], which slip reduces; ``options`` describes the parameters."""
+        check_options(self.options, {"approach": approach, "heading_gain": heading_gain})
         if compensation not in get_args(Compensation):
             raise ValueError(f"slip_compensation = {compensation} must be one of {', '.join(get_args(Compensation))}")
         if compensation == "crab" and min(rover.max_steer) <= 0.0:
@@ -54,7 +109,21 @@ class RoverDriver:
         self._places = rover.places().tolist()
         fixed = [x for (x, _), most in zip(self._places, rover.max_steer, strict=True) if most <= 0.0]
         self._fixed_x = sum(fixed) / len(fixed) if fixed else 0.0  # of the wheels that can not turn aside [m]
+        self._approach, self._heading_gain = approach, heading_gain
         self._heading, self._crab = compensation == "heading", compensation == "crab"
+
+    @classmethod
+    def of(cls, context: RoverDriverContext) -> Self:
+        """Driver for one run."""
+        values = option_values(cls.options, context.options, "driving")
+        return cls(
+            context.rover,
+            context.path,
+            context.speed,
+            compensation=context.compensation,
+            approach=float(values["approach"]),
+            heading_gain=float(values["heading_gain"]),
+        )
 
     def init(self) -> RoverDriverMemory:
         """At the start of the path, wheels straight."""
@@ -65,10 +134,10 @@ class RoverDriver:
         station = self._path.project(pose.x, pose.y, memory.station)
         on_path = self._path.pose(station)
         to_path = math.cos(on_path.psi) * (on_path.y - pose.y) - math.sin(on_path.psi) * (on_path.x - pose.x)
-        towards = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / _APPROACH)))
+        towards = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / self._approach)))
         crab = towards - pose.drift if self._crab else 0.0
         aim = on_path.psi + (0.0 if self._crab else towards) - (pose.drift if self._heading else 0.0)
-        yaw_rate = self._path.curvature(station) * self._speed + _HEADING_GAIN * wrap(aim - pose.psi)
+        yaw_rate = self._path.curvature(station) * self._speed + self._heading_gain * wrap(aim - pose.psi)
         fastest = self._speed / _TIGHTEST
         command = self._command(crab, max(-fastest, min(fastest, yaw_rate)))
         elapsed = 0.0 if memory.tick is None else (pose.tick - memory.tick) * TICK

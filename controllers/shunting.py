@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from controllers.driver import DriverCommand, DriverMemory, PreviewDriver, speed_control
+from controllers.driver import Driver, DriverCommand, DriverMemory, PreviewDriver, speed_control
 from controllers.reversing.chain import RollingChain
 from controllers.reversing.law import ReversingLaw
 from controllers.reversing.reference import ReverseReference
@@ -66,7 +66,7 @@ class ShuntMemory(NamedTuple):
     reversing: Reversing | None
 
 
-class ShuntingDriver:
+class ShuntingDriver(Driver[ShuntMemory]):
     """Follows a path with stops and legs backwards.
 
     Raises:
@@ -89,6 +89,11 @@ class ShuntingDriver:
             if stop.back > 0.0:
                 found += stop.wait + stopping + stop.back / _PACE + stop.back / self._forward.speed
         return found
+
+    @property
+    def start_speed(self) -> float:
+        """Set speed forwards [m/s]."""
+        return self._forward.speed
 
     def init(self) -> ShuntMemory:
         """At the start of the path."""

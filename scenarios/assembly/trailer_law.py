@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from controllers.checked import CheckedLaw
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Degradation, Guarded
 from controllers.trailer_steering.reverse_lock import ReverseLock
@@ -35,8 +36,8 @@ def trailer_law(
 ) -> TrailerSteering[Any]:
     """The law of that name, from the catalogue or ``package.module:Name``, for the trailer.
 
-    It is guarded against bad estimates, by default as `Degradation` says, unless its class has
-    ``uses_off_tracking = False``; in reverse the axles are locked straight.
+    Every step is checked. The law is guarded against bad estimates, by default as `Degradation` says, unless its
+    class has ``uses_off_tracking = False``; in reverse the axles are locked straight.
 
     Raises:
         ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
@@ -54,6 +55,7 @@ def trailer_law(
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error
+    law = CheckedLaw(law, f"trailer_steering = {name}", len(trailer.steered_distances))
     if not trailer.steered_distances:
         return law
     if law_uses_off_tracking(name):

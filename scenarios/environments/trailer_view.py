@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.estimates import Health
 from scenarios.report.canvas import ESTIMATED, INK, SOFT, Colour, Picture, blank, write
-from scenarios.report.video import draw_flow
+from scenarios.report.flow import draw_flow
 from scenarios.results.trailer_signals import Estimate
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray

@@ -1,4 +1,4 @@
-"""The video of a recording: the left camera with its features, the way from above, the off-tracking over time."""
+"""The video of a recording: left camera with its features, plan view, and off-tracking over time."""
 
 from __future__ import annotations
 
@@ -15,33 +15,35 @@ from scenarios.recordings.recording_page import camera_frame
 from scenarios.report.canvas import (
     ESTIMATED,
     INK,
-    LINE,
     PAPER,
-    SOFT,
     TRUE,
-    Colour,
+    WIDTH,
     Picture,
+    Reading,
     StripChart,
     blank,
     curve,
+    known_part,
     nice_step,
+    scale_bar,
     write,
 )
-from scenarios.report.video import Reel, camera_picture, write_reel
+from scenarios.report.flow import camera_picture
+from scenarios.report.run_video import PLAN_WIDTH, READINGS, ROW_HEIGHT, off_tracking_panel, side_by_side
+from scenarios.report.video import Reel, write_reel
 from scenarios.results.log import LOST, Log
 from scenarios.results.metrics import peak
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_WIDTH, _PLAN_WIDTH, _HEIGHT, _READINGS = 1280, 620, 430, 150  # [px], as in the video of a run
-_MARGIN: Final = 30  # around the way [px]
+_MARGIN: Final = 30  # around the path [px]
 _HEAD: Final = 34  # for the key above it [px]
 
 
 def write_video(
     estimation: Estimation, log: Log, path_without_suffix: Path, *, progress: Progress = no_progress
 ) -> Path:
-    """Writes a picture for every frame, in real time, and returns the path; images are read once more for it."""
+    """Writes a video in real time with a picture for every frame, whose images are read again, and returns its path."""
     composition = Composition.of(estimation, log)
     period = float(np.median(np.diff([frame.files.tick for frame in estimation.frames]))) * TICK
     rate = int(np.clip(round(1.0 / period), 1, 60))
@@ -51,14 +53,14 @@ def write_video(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Composition:
-    """What is drawn into the picture of every frame."""
+    """Everything drawn into the pictures of the frames."""
 
     estimation: Estimation
     log: Log
     chart: StripChart
     hitch: FloatArray  # (n, 2) in the plan [px]
     follow: FloatArray  # (n, 2)
-    true: FloatArray | None  # (n, 2) hitch by the recording's own poses
+    true: FloatArray | None  # (n, 2) hitch by the recorded poses
     scale: float  # of the plan [px/m]
     camera_height: int  # [px]
 
@@ -70,16 +72,16 @@ class Composition:
         true = None if true_poses is None else true_poses[:, :2, 3]
         lines = np.concatenate([hitch, follow] if true is None else [hitch, follow, true])
         low, high = lines.min(axis=0), lines.max(axis=0)
-        room = np.array([_PLAN_WIDTH - 2 * _MARGIN, _HEIGHT - 2 * _MARGIN - _HEAD])
+        room = np.array([PLAN_WIDTH - 2 * _MARGIN, ROW_HEIGHT - 2 * _MARGIN - _HEAD])
         scale = float(np.min(room / np.maximum(high - low, 1.0)))
-        middle = np.array([0.5 * _PLAN_WIDTH, 0.5 * (_HEIGHT + _HEAD)])
+        middle = np.array([0.5 * PLAN_WIDTH, 0.5 * (ROW_HEIGHT + _HEAD)])
 
         def pixels(points: FloatArray) -> FloatArray:
             placed: FloatArray = middle + scale * np.array([1.0, -1.0]) * (points - 0.5 * (low + high))
             return placed
 
         largest = float(np.nanmax([0.0, peak(log["off_tracking"]), peak(log["off_tracking_poses"])]))
-        size = (_WIDTH - _PLAN_WIDTH - 1, _HEIGHT - _READINGS)
+        size = (WIDTH - PLAN_WIDTH - 1, ROW_HEIGHT - READINGS)
         first = next(frame for frame in estimation.frames if not frame.dropped)
         return cls(
             estimation=estimation,
@@ -94,64 +96,52 @@ class Composition:
 
     def picture(self, k: int) -> Picture:
         """The picture of frame ``k``."""
-        panel = blank(_WIDTH - _PLAN_WIDTH - 1, _HEIGHT)
-        self._readings(panel, k)
-        known = ((self._known("off_tracking"), ESTIMATED, 4), (self._known("off_tracking_poses"), TRUE, 2))
         now = float(elapsed(self.log)[k])
-        panel[_READINGS:] = self.chart.draw(now, tuple((*signal, colour, width) for signal, colour, width in known))
-        line = np.full((_HEIGHT, 1, 3), LINE, np.uint8)
-        return np.concatenate([self._camera(k), np.concatenate([self._plan(k), line, panel], axis=1)])
+        name = self.estimation.recording.sequence.directory.resolve().name[:40]
+        curves = tuple(
+            (*known_part(elapsed(self.log), self.log[signal]), colour, thickness)
+            for signal, colour, thickness in (("off_tracking", ESTIMATED, 4), ("off_tracking_poses", TRUE, 2))
+        )
+        panel = off_tracking_panel(name, now, self._readings(k), self.chart, curves)
+        return np.concatenate([self._camera(k), side_by_side(self._plan(k), panel)])
 
     def _camera(self, k: int) -> Picture:
         frame = self.estimation.frames[k]
         try:
             if not frame.dropped:
                 return camera_picture(camera_frame(self.estimation, frame))
-        except ValueError:  # the image is gone since it was estimated from
+        except ValueError:  # the image has disappeared since
             pass
-        dark = np.full((self.camera_height, _WIDTH, 3), INK, np.uint8)
-        write(dark, "frame dropped", (_WIDTH // 2, self.camera_height // 2 - 12), size=20, colour=PAPER, anchor=0.5)
+        dark = np.full((self.camera_height, WIDTH, 3), INK, np.uint8)
+        write(dark, "frame dropped", (WIDTH // 2, self.camera_height // 2 - 12), size=20, colour=PAPER, anchor=0.5)
         return dark
 
     def _plan(self, k: int) -> Picture:
-        plan = blank(_PLAN_WIDTH, _HEIGHT)
+        plan = blank(PLAN_WIDTH, ROW_HEIGHT)
         if self.true is not None:
             curve(plan, self.true[: k + 1], (200, 206, 212), 6)
         curve(plan, self.hitch[: k + 1], TRUE, 2)
         curve(plan, self.follow[: k + 1], ESTIMATED, 2)
         curve(plan, np.stack([self.hitch[k], self.follow[k]]), INK, 3)
-        keys: list[tuple[str, Colour]] = [("hitch", TRUE), ("follow point", ESTIMATED), ("trailer", INK)]
+        keys = [("hitch", TRUE), ("follow point", ESTIMATED), ("trailer", INK)]
         if self.true is not None:
-            keys.append(("hitch by the recording's poses", (150, 158, 166)))
+            keys.append(("hitch, recorded poses", (150, 158, 166)))
         for (text, colour), u in zip(keys, (20, 90, 200, 280), strict=False):
             write(plan, text, (u, 12), size=15, colour=colour)
-        self._scale_bar(plan)
+        scale_bar(plan, self.scale, nice_step(120.0 / self.scale, 1))
         return plan
 
-    def _scale_bar(self, plan: Picture) -> None:
-        length = nice_step(120.0 / self.scale, 1)
-        right = _PLAN_WIDTH - 18.0
-        ends = np.array([[right - self.scale * length, _HEIGHT - 14.0], [right, _HEIGHT - 14.0]])
-        curve(plan, ends, SOFT, 2)
-        write(plan, f"{length:g} m", (int(ends[:, 0].mean()), _HEIGHT - 38), size=14, colour=SOFT, anchor=0.5)
-
-    def _readings(self, panel: Picture, k: int) -> None:
+    def _readings(self, k: int) -> list[Reading]:
         log = self.log
-        write(panel, self.estimation.recording.sequence.directory.resolve().name[:40], (20, 14), size=19)
-        write(panel, f"{float(elapsed(log)[k]):.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
-        readings: list[tuple[str, str, Colour]] = [
-            ("speed", _shown(3.6 * log["v_x"][k], "{:.1f} km/h"), INK),
-            ("off-tracking", _shown(log["off_tracking"][k], "{:+z.3f} m"), ESTIMATED),
-            ("std. dev.", _shown(1e3 * log["off_tracking_std"][k], "{:.0f} mm"), INK),
+        readings: list[Reading] = [
+            ("speed", _text(3.6 * log["v_x"][k], "{:.1f} km/h"), INK),
+            ("off-tracking", _text(log["off_tracking"][k], "{:+z.3f} m"), ESTIMATED),
+            ("std. dev.", _text(1e3 * log["off_tracking_std"][k], "{:.0f} mm"), INK),
             ("health", self._health(k), INK),
         ]
         if self.true is not None:
-            readings.insert(1, ("by the poses", _shown(log["off_tracking_poses"][k], "{:+z.3f} m"), TRUE))
-        for j, (name, value, colour) in enumerate(readings):
-            u = 20 + j * (panel.shape[1] - 30) // len(readings)
-            write(panel, name, (u, 58), size=14, colour=SOFT)
-            write(panel, value, (u, 76), size=22, colour=colour)
-        write(panel, "off-tracking [m], + when the hitch's path lies left", (20, 126), size=14, colour=SOFT)
+            readings.insert(1, ("recorded poses", _text(log["off_tracking_poses"][k], "{:+z.3f} m"), TRUE))
+        return readings
 
     def _health(self, k: int) -> str:
         if self.log["dropped"][k]:
@@ -159,11 +149,6 @@ class Composition:
         health = self.log["health"][k]
         return "none" if not np.isfinite(health) or health >= LOST else "degraded" if health > 0.0 else "ok"
 
-    def _known(self, name: str) -> tuple[FloatArray, FloatArray]:
-        values = self.log[name]
-        there = np.isfinite(values)
-        return elapsed(self.log)[there], values[there]
 
-
-def _shown(value: float, text: str) -> str:
+def _text(value: float, text: str) -> str:
     return text.format(value) if np.isfinite(value) else "none"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,14 +16,17 @@ from vehicle.frames import FloatArray
 
 Picture = NDArray[np.uint8]  # (height, width, 3), RGB
 Colour = tuple[int, int, int]
+Reading = tuple[str, str, Colour]  # label, value, colour of the value
+Curve = tuple[FloatArray, FloatArray, Colour, int]  # time [s], finite values, colour, thickness [px]
 
+WIDTH = 1280  # of the videos [px]
 PAPER, INK, SOFT, LINE = (255, 255, 255), (39, 49, 59), (91, 102, 115), (226, 230, 234)
 TRUE, ESTIMATED = (31, 95, 168), (224, 118, 26)  # as in the report
 SHIFT = 4  # binary digits behind the point of a pixel coordinate
 
 
 def blank(width: int, height: int) -> Picture:
-    """A picture without anything on it."""
+    """An empty picture."""
     return np.full((height, width, 3), PAPER[0], np.uint8)  # all three alike: several times faster than a colour
 
 
@@ -63,6 +67,33 @@ def fixed_point(points: FloatArray) -> NDArray[np.int32]:
     """Pixel coordinates as OpenCV wants them: whole numbers of 1/16 px."""
     fixed: NDArray[np.int32] = np.rint(points * 2**SHIFT).astype(np.int32)
     return fixed
+
+
+def write_readings(panel: Picture, readings: Sequence[Reading], top: int, *, left: int = 20, size: int = 24) -> None:
+    """Writes labels with their values below, side by side across the panel from ``top`` downwards."""
+    for k, (label, value, colour) in enumerate(readings):
+        u = left + k * (panel.shape[1] - 30) // len(readings)
+        write(panel, label, (u, top), size=14, colour=SOFT)
+        write(panel, value, (u, top + 18), size=size, colour=colour)
+
+
+def scale_bar(picture: Picture, scale: float, length: float) -> None:
+    """Draws a bar of ``length`` [m] at ``scale`` [px/m] into the lower right corner."""
+    right, bottom = picture.shape[1] - 18, picture.shape[0] - 14
+    left = right - round(length * scale)
+    cv2.line(picture, (left, bottom), (right, bottom), SOFT, 2)
+    write(picture, f"{length:g} m", ((left + right) // 2, bottom - 22), size=14, colour=SOFT, anchor=0.5)
+
+
+def known_part(time: FloatArray, values: FloatArray, every: int = 1) -> tuple[FloatArray, FloatArray]:
+    """Time and value of the rows whose value is finite; of these only every so many-th."""
+    rows = np.flatnonzero(np.isfinite(values))[::every]
+    return time[rows], values[rows]
+
+
+def newest_row(ticks: FloatArray, tick: int) -> int:
+    """The last row at or before a tick; the first row if there is none."""
+    return max(0, int(np.searchsorted(ticks, tick, side="right")) - 1)
 
 
 def nice_step(span: float, steps: int) -> float:
@@ -121,8 +152,8 @@ class StripChart:
         v = 0.5 * (self.top + self.bottom) - 0.5 * (self.bottom - self.top) * values / self.limit
         return np.column_stack([u, v])
 
-    def draw(self, now: float, curves: tuple[tuple[FloatArray, FloatArray, Colour, int], ...]) -> Picture:
-        """The chart at time ``now`` [s] with curves of (time, values without NaN, colour, thickness) up to it."""
+    def draw(self, now: float, curves: Sequence[Curve]) -> Picture:
+        """The chart at time ``now`` [s] with the curves up to it."""
         picture = self.background.copy()
         u = round(float(self._pixels(np.array([now]), np.array([0.0]))[0, 0]))
         cv2.line(picture, (u, self.top), (u, self.bottom), (180, 188, 196), 1)

@@ -1,18 +1,32 @@
-"""One figure of a page in the house's style: axes to draw on, and the text of an SVG element in the end."""
+"""Figures of a page: matplotlib axes in one style, handed on as SVG.
+
+Lettering stays text, so that the page's typeface applies and numbers can be searched and copied. Every legend lies
+below its axes, where it hides no curve.
+"""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Final
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure as Canvas
+from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
+
+from scenarios.report.page import Figure
+from vehicle.frames import FloatArray
 
 TRUE, ESTIMATED, GREY, INK = "#1f5fa8", "#e0761a", "#8b95a1", "#27313b"  # apart for colour-blind readers too
+BAND, LOST_BAND, SWEPT, LIMIT = "#f9e3cf", "#f6d5d2", "#cfe0f1", "#b3261e"
+SERIES: Final = (TRUE, ESTIMATED, "#2a9d8f", "#8e5ea2", LIMIT, "#6b7a2a")  # curves of several units or axles
 WIDTH = 9.6  # [in] of every figure; the page scales it
+FLAT: Final = 2.9  # height of a figure over time [in]
 STYLE: Any = {  # matplotlib's types for it change with its version
     "svg.fonttype": "none",
     "font.size": 9.5,
@@ -32,21 +46,110 @@ STYLE: Any = {  # matplotlib's types for it change with its version
     "legend.labelcolor": INK,
     "legend.fontsize": 9.0,
 }
+_SLENDER: Final = 0.15  # height over width of a course; a more slender one would be a thread if drawn to scale
+_LETTERS: Final = 150  # that fit into a line of a legend
 
 
-class _Drawing:
-    """One figure while it is being drawn; its SVG once the block is left."""
+class Drawing:
+    """A figure while it is drawn; its content for a page once the block is left."""
 
-    svg = ""
+    content = Figure("")
+    to_scale = True  # x and y; a plan view may be stretched
 
 
 @contextmanager
-def drawn(name: str, height: float) -> Iterator[tuple[_Drawing, Axes]]:
+def drawn(name: str, height: float = FLAT, *, title: str = "") -> Iterator[tuple[Drawing, Axes]]:
     """Axes on a figure ``height`` inches high; ``name`` keeps the identifiers of several figures on a page apart."""
-    drawing = _Drawing()
-    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        yield drawing, figure.subplots()
+    drawing = Drawing()
+    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name, "text.parse_math": False}):
+        canvas = Canvas(figsize=(WIDTH, height), layout="constrained")
+        ax = canvas.subplots()
+        yield drawing, ax
+        _plain_logarithms(ax)
+        _legend_below(canvas, ax)
         text = io.StringIO()
-        figure.savefig(text, format="svg", transparent=True, metadata={"Date": None})
-        drawing.svg = text.getvalue()[text.getvalue().index("<svg") :]
+        canvas.savefig(text, format="svg", transparent=True, metadata={"Date": None})
+        svg = text.getvalue()
+        drawing.content = Figure(svg[svg.index("<svg") :], title)
+
+
+@contextmanager
+def plan_drawn(
+    name: str, points: Sequence[FloatArray], *, margin: float = 2.0, tallest: float = 7.5
+) -> Iterator[tuple[Drawing, Axes]]:
+    """Axes from above around points (..., 2) with a margin [m], at most ``tallest`` inches high.
+
+    To scale, unless the course is so slender that it has to be stretched.
+    """
+    everything = np.concatenate([part.reshape(-1, 2) for part in points])
+    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
+    shape = float((high[1] - low[1]) / (high[0] - low[0]))
+    to_scale = shape >= _SLENDER
+    with drawn(name, min(WIDTH * shape + 0.9, tallest) if to_scale else FLAT) as (drawing, ax):
+        drawing.to_scale = to_scale
+        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
+        ax.set(aspect="equal" if to_scale else "auto", ylabel="y [m]" if to_scale else "y [m], stretched")
+        yield drawing, ax
+
+
+def over_time(ax: Axes, time: FloatArray, ylabel: str, *, xlabel: str = "time [s]", zero: bool = True) -> None:
+    """Axes over the whole of ``time`` [s], with a line at zero if the value has a sign."""
+    ax.set(xlim=(0.0, float(time[-1])), xlabel=xlabel, ylabel=ylabel)
+    if zero:
+        zero_line(ax)
+
+
+def zero_line(ax: Axes) -> None:
+    """A thin horizontal line at zero."""
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+
+
+def limit_lines(ax: Axes, limit: float, label: str, *, colour: str = LIMIT) -> None:
+    """Dashed horizontal lines at plus and minus ``limit``."""
+    for k, value in enumerate((-limit, limit)):
+        ax.axhline(value, color=colour, linewidth=0.9, dashes=(6, 3), label=None if k else label)
+
+
+def error_band(ax: Axes, time: FloatArray, error: FloatArray, std: FloatArray) -> None:
+    """An error over time inside the band of twice the standard deviation that the estimator stated."""
+    ax.fill_between(time, -2.0 * std, 2.0 * std, color=BAND, linewidth=0.0, label="±2 σ stated by the estimator")
+    ax.plot(time, error, ".-", color=ESTIMATED, linewidth=0.9, markersize=4.0, label="error of the estimate")
+
+
+def shade(ax: Axes, edges: FloatArray, chosen: NDArray[np.bool_], colour: str, label: str) -> None:
+    """Shades each run of chosen intervals; interval k (n,) lies between ``edges`` k and k + 1 (n + 1,)."""
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8))).reshape(-1, 2)
+    for k, (first, last) in enumerate(changes):
+        ax.axvspan(edges[first], edges[last], color=colour, linewidth=0.0, label=None if k else label)
+
+
+def swept_bodies(ax: Axes, bodies: Sequence[FloatArray]) -> None:
+    """Ground swept by bodies, each with corners (n, 4, 2) over time."""
+    for corners in bodies:
+        ax.add_collection(PolyCollection(list(corners), facecolor=SWEPT, edgecolor=SWEPT, linewidth=0.4))
+    ax.plot([], [], color=SWEPT, linewidth=7, label="swept by the bodies")
+
+
+def outlines(ax: Axes, corners: FloatArray) -> None:
+    """Outlines of bodies with corners (n, 4, 2)."""
+    ax.add_collection(PolyCollection(list(corners), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
+
+
+def _legend_below(canvas: Canvas, ax: Axes) -> None:
+    _, labels = ax.get_legend_handles_labels()
+    if labels:
+        columns = max(1, min(len(labels), _LETTERS // (max(map(len, labels)) + 8)))
+        canvas.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, handlelength=1.6)
+
+
+def _plain_logarithms(ax: Axes) -> None:
+    """Ticks of logarithmic axes as plain numbers."""
+    for axis in (ax.xaxis, ax.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(FuncFormatter(_two_and_five))
+
+
+def _two_and_five(value: float, _: int | None) -> str:
+    """Labels only the 2 and the 5 of a decade: the others would touch."""
+    return f"{value:g}" if f"{value:e}"[0] in "25" else ""

@@ -1,13 +1,15 @@
-"""The numbers of a summary as a report's page shows them: some on cards, all in a table."""
+"""Numbers of a summary as a page shows them: the main ones on cards, all in a table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from scenarios.report.page import Card, Column, Row, Table
 
-class Shown(NamedTuple):
-    """A number of a summary, in people's words."""
+
+class ShownNumber(NamedTuple):
+    """A number of a summary with its label, unit and meaning."""
 
     group: str
     name: str  # in the summary
@@ -17,40 +19,42 @@ class Shown(NamedTuple):
     digits: int
     meaning: str
 
-    def of(self, summary: Mapping[str, Any]) -> float | int | None:
-        """Its value in the summary's unit; None if the summary has none."""
+    def of(self, summary: Mapping[str, Any]) -> float | None:
+        """The value in the summary's unit; None if the summary has none."""
         numbers = summary.get(self.group)
         value = numbers.get(self.name) if isinstance(numbers, dict) else None
         return None if isinstance(value, dict) else value
 
-    def text(self, value: float | int | None) -> str:
-        """A value of it, without its unit."""
-        return "–" if value is None else f"{self.factor * value:.{self.digits}f}"
+    def text(self, value: float | None) -> str:
+        """A value with its unit, or a dash."""
+        return "–" if value is None else f"{self._digits(value)} {self.unit}".strip()
+
+    def card(self, value: float) -> Card:
+        """A value on a card."""
+        return Card(self._digits(value), self.unit, self.label, self.meaning)
+
+    def _digits(self, value: float) -> str:
+        return f"{self.factor * value:z.{self.digits}f}"
 
 
-def cards_html(summary: Mapping[str, Any], shown: Sequence[Shown]) -> str:
-    """A card for each of these numbers that the summary has."""
-    cards = [
-        f'<div class="card"><b>{number.text(value)} <small>{number.unit}</small></b>'
-        f"<span>{number.label}</span><p>{number.meaning}</p></div>"
-        for number in shown
-        if (value := number.of(summary)) is not None
-    ]
-    return '<div class="cards">\n' + "\n".join(cards) + "\n</div>"
+def number_cards(summary: Mapping[str, Any], numbers: Sequence[ShownNumber], names: Sequence[str]) -> list[Card]:
+    """A card for each number with one of these names that the summary has."""
+    chosen = [number for number in numbers if number.name in names]
+    return [number.card(value) for number in chosen if (value := number.of(summary)) is not None]
 
 
-def table_html(summary: Mapping[str, Any], shown: Sequence[Shown], titles: Mapping[str, str] | None = None) -> str:
-    """A line for each of these numbers that the summary has, under the title of its group where there is one."""
-    lines, group = [], ""
-    for number in shown:
+def number_table(
+    summary: Mapping[str, Any], numbers: Sequence[ShownNumber], titles: Mapping[str, str] | None = None
+) -> Table:
+    """A row for each number that the summary has, below the title of its group if there is one."""
+    rows: list[Row] = []
+    group = ""
+    for number in numbers:
         value = number.of(summary)
         if value is None:
             continue
         if titles and number.group in titles and number.group != group:
-            lines.append(f'<tr class="group"><th colspan="3">{titles[number.group]}</th></tr>')
+            rows.append([titles[number.group]])
         group = number.group
-        lines.append(
-            f'<tr><th>{number.label}</th><td class="value">{number.text(value)} {number.unit}</td>'
-            f'<td class="meaning">{number.meaning}</td></tr>'
-        )
-    return '<div class="scroll"><table>' + "\n".join(lines) + "</table></div>"
+        rows.append([number.label, number.text(value), number.meaning])
+    return Table((Column("name"), Column("number"), Column("note")), rows)

@@ -1,62 +1,183 @@
-"""The HTML pages of reports: one self-contained file each, in one style."""
+"""Report pages as data, rendered by templates into self-contained HTML files.
+
+The templates escape all text. Only a :class:`Figure` holds markup, and only its template marks markup as safe.
+"""
 
 from __future__ import annotations
 
-from html import escape
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar, Literal, NamedTuple
 
-_STYLE = """
-:root { color-scheme: light; --ink: #1d2730; --soft: #5b6673; --line: #dfe4e8; --blue: #1f5fa8; --paper: #fff; }
-* { box-sizing: border-box; }
-body { margin: 0; background: #f4f6f8; color: var(--ink); line-height: 1.5;
-       font: 16px/1.5 system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans", sans-serif; }
-main { max-width: 1060px; margin: 0 auto; padding: 2.2rem 1.2rem 4rem; }
-header h1 { margin: 0; font-size: 1.9rem; line-height: 1.2; letter-spacing: -.01em; }
-header p { margin: .5rem 0 0; color: var(--soft); }
-.outcome { display: inline-block; padding: .1rem .65rem; border-radius: 1rem; font-size: .9rem; font-weight: 600;
-           background: #fbe4e2; color: #9b1c13; vertical-align: .3em; margin-left: .6rem; }
-.outcome.completed { background: #dcf2e4; color: #12633a; }
-section { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; margin-top: 1.2rem;
-          padding: 1.2rem 1.4rem 1.3rem; }
-h2 { margin: 0 0 .3rem; font-size: 1.15rem; }
-section > p { margin: 0 0 .9rem; color: var(--soft); max-width: 54rem; }
-.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(225px, 1fr)); gap: 1rem; margin-top: 1.4rem; }
-.card { background: var(--paper); border: 1px solid var(--line); border-radius: 10px; padding: .9rem 1.1rem 1rem; }
-.card b { display: block; font-size: 1.75rem; line-height: 1.25; letter-spacing: -.02em; font-weight: 650; }
-.card b small { font-size: 1rem; font-weight: 500; color: var(--soft); letter-spacing: 0; }
-.card span { font-weight: 600; font-size: .92rem; }
-.card p { margin: .25rem 0 0; color: var(--soft); font-size: .88rem; line-height: 1.4; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; font-size: .93rem; }
-th, td { text-align: left; padding: .42rem .9rem .42rem 0; border-top: 1px solid var(--line); vertical-align: top; }
-tr:first-child > * { border-top: 0; }
-th { font-weight: 600; white-space: nowrap; }
-td.value { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
-td.meaning { color: var(--soft); }
-tr.group th { padding-top: 1rem; color: var(--blue); font-size: .8rem; text-transform: uppercase;
-              letter-spacing: .06em; }
-svg { display: block; width: 100%; height: auto; }
-svg text { font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, "Liberation Sans",
-                        sans-serif !important; }
-.camera { border-radius: 6px; overflow: hidden; }
-.bar { display: flex; height: 1.5rem; border-radius: 6px; overflow: hidden; margin: .2rem 0 .9rem; }
-.key { display: inline-block; width: .8rem; height: .8rem; border-radius: 3px; margin-right: .5rem; }
-details summary { cursor: pointer; font-weight: 600; }
-pre { background: #f4f6f8; border-radius: 6px; padding: .9rem 1rem; overflow-x: auto; font-size: .85rem;
-      line-height: 1.45; margin: .8rem 0 0; }
-@media print { body { background: #fff; } section, .card { break-inside: avoid; } }
-"""
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+Kind = Literal["name", "number", "text", "note"]  # row title, right-aligned, plain, in a soft colour
+Emphasis = Literal["", "best", "good", "bad", "soft"]
 
 
-def html_page(title: str, body: str, style: str = "") -> str:
-    """A whole page around its ``body`` (HTML); ``style`` (CSS) is what only this page needs."""
-    return (
-        f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}{style}</style>\n</head>\n"
-        f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
-    )
+class Cell(NamedTuple):
+    """A table cell with more than plain text."""
+
+    text: str
+    emphasis: Emphasis = ""
+    colour: str = ""  # CSS colour of a square in front of the text
+    share: float | None = None  # length of a bar behind the text, 0 … 1
 
 
-def section_html(title: str, text: str, content: str = "") -> str:
-    """A section with its heading, some words (HTML) and what it shows (HTML)."""
-    return f"<section>\n<h2>{title}</h2>\n" + (f"<p>{text}</p>\n" if text else "") + f"{content}\n</section>"
+Row = Sequence[str | Cell]  # a row of one cell is the title of the rows below it
+
+
+class Column(NamedTuple):
+    """A table column: how its cells look, and its title."""
+
+    kind: Kind
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of cells; the head is left out if no column has a title."""
+
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    kind: ClassVar = "table"
+
+    def cells(self, row: Row) -> list[tuple[Column, Cell]]:
+        """Cells of a row with their columns."""
+        plain = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
+        return list(zip(self.columns, plain, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A drawing as the text of an SVG element; made by :mod:`scenarios.report.drawing` only."""
+
+    svg: str
+    title: str = ""
+    kind: ClassVar = "figure"
+
+
+class Stroke(NamedTuple):
+    """A line drawn over an image, with a dot at its end [px]; coordinates as SVG counts them."""
+
+    start: tuple[float, float]
+    end: tuple[float, float]
+    colour: str
+
+
+@dataclass(frozen=True, slots=True)
+class Photo:
+    """A JPEG image with strokes drawn over it."""
+
+    jpeg: bytes
+    size: tuple[int, int]  # width, height [px]
+    caption: str  # for screen readers
+    strokes: Sequence[Stroke] = ()
+
+    @property
+    def base64(self) -> str:
+        """The image as text for a data URI."""
+        return base64.b64encode(self.jpeg).decode()
+
+
+@dataclass(frozen=True, slots=True)
+class Photos:
+    """Images side by side."""
+
+    photos: Sequence[Photo]
+    kind: ClassVar = "photos"
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A bar of coloured parts: CSS colour and share of the whole, 0 … 1."""
+
+    parts: Sequence[tuple[str, float]]
+    kind: ClassVar = "bar"
+
+
+@dataclass(frozen=True, slots=True)
+class Items:
+    """A list of short texts, with bullets or with numbers."""
+
+    items: Sequence[str]
+    numbered: bool = False
+    kind: ClassVar = "items"
+
+
+@dataclass(frozen=True, slots=True)
+class Preformatted:
+    """Text shown as it is, such as a file."""
+
+    text: str
+    kind: ClassVar = "preformatted"
+
+
+Content = Table | Figure | Photos | Bar | Items | Preformatted
+
+
+class Verdict(NamedTuple):
+    """A short result beside a heading, green if good, else red."""
+
+    text: str
+    good: bool
+
+
+def outcome_verdict(outcome: str) -> Verdict:
+    """The outcome of a run; only "completed" is good."""
+    return Verdict(outcome, outcome == "completed")
+
+
+class Card(NamedTuple):
+    """One of the main numbers, shown large."""
+
+    value: str
+    unit: str
+    label: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page: heading, a few sentences, and contents."""
+
+    title: str
+    text: str = ""
+    content: Sequence[Content] = ()
+    verdict: Verdict | None = None
+    collapsed: bool = False  # shows its title only, until clicked
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Page:
+    """A whole report."""
+
+    title: str  # of the browser's tab
+    heading: str
+    subtitle: str
+    verdict: Verdict | None = None
+    cards: Sequence[Card] = ()
+    sections: Sequence[Section]
+    wide: bool = False  # for wide tables
+
+    def html(self) -> str:
+        """The page as one HTML file that loads nothing else."""
+        return _environment().get_template("page.html.j2").render(page=self)
+
+
+def software_section(versions: Mapping[str, str]) -> Section:
+    """Names and versions of the software behind a page."""
+    return Section("Software", ", ".join(f"{name} {version}" for name, version in versions.items()))
+
+
+def facts_table(facts: Mapping[str, str]) -> Table:
+    """Names and values, one pair a row."""
+    return Table((Column("name"), Column("text")), list(facts.items()))
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    loader = PackageLoader("scenarios.report")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)

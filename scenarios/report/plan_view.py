@@ -8,9 +8,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.report.canvas import ESTIMATED, INK, PAPER, SHIFT, SOFT, TRUE, Picture, blank, curve, fixed_point, write
+from scenarios.report.canvas import (
+    ESTIMATED,
+    INK,
+    PAPER,
+    SHIFT,
+    SOFT,
+    TRUE,
+    Picture,
+    blank,
+    curve,
+    fixed_point,
+    scale_bar,
+    write,
+)
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
 _KEY = 36  # [px] height of the key at the top
@@ -86,10 +100,9 @@ class PlanView:
     def _rows(self, row: int) -> NDArray[np.intp]:
         """Rows up to this one at which the vehicle is drawn as it was: about 0.3 m of travel apart, in view."""
         reach = (self.width + self.height) / self.scale
-        steps = np.hypot(*np.diff(self.poses[0][: row + 1, :2], axis=0).T)
-        travelled = np.concatenate([[0.0], np.cumsum(steps)])
-        first = 0.0 if self.centre is not None else max(0.0, travelled[-1] - reach)
-        rows = np.searchsorted(travelled, np.arange(first, travelled[-1], 0.3))
+        along = arc_length(self.poses[0][: row + 1, :2])
+        first = 0.0 if self.centre is not None else max(0.0, along[-1] - reach)
+        rows = np.searchsorted(along, np.arange(first, along[-1], 0.3))
         return np.append(rows, row)
 
     def _road(self, picture: Picture, centre: FloatArray) -> None:
@@ -121,7 +134,4 @@ class PlanView:
             at = (20 + 150 * k, 21)
             cv2.circle(picture, at, 5, colour, -1, cv2.LINE_AA)
             write(picture, text, (at[0] + 10, at[1] - 10), size=14, colour=SOFT)
-        right, bottom = self.width - 18, self.height - 16
-        left = right - round(10.0 * self.scale)
-        cv2.line(picture, (left, bottom), (right, bottom), SOFT, 2)
-        write(picture, "10 m", ((left + right) // 2, bottom - 22), size=14, colour=SOFT, anchor=0.5)
+        scale_bar(picture, self.scale, 10.0)

@@ -1,4 +1,4 @@
-"""The video of a rover's run: what its camera saw, the run from above, and the slip angle over time."""
+"""The video of a rover's run: camera image, plan view, and slip angle over time."""
 
 from __future__ import annotations
 
@@ -18,13 +18,20 @@ from scenarios.report.canvas import (
     SHIFT,
     SOFT,
     TRUE,
+    WIDTH,
+    Colour,
     Picture,
+    Reading,
     StripChart,
     blank,
     curve,
     fixed_point,
+    known_part,
+    newest_row,
     nice_step,
+    scale_bar,
     write,
+    write_readings,
 )
 from scenarios.report.trace_view import picture as trace_picture
 from scenarios.report.video import Reel, write_reel
@@ -33,13 +40,13 @@ from vehicle.frames import FloatArray
 
 _RATE: Final = 10  # [1/s] of the video, twice as fast as it happened: a rover is slow
 _PERIOD: Final = 200  # [ticks] between pictures
-_WIDTH, _CAMERA, _CHART = 1280, (640, 480), 260  # [px]
+_CAMERA, _CHART = (640, 480), 260  # [px]
 _HEAD: Final = 64  # [px] of the numbers above the chart
-_BODY: Final = np.array([[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]])  # for the eye only [m]
+_BODY: Final = np.array([[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]])  # a simplified outline [m]
 
 
 def write_rover_video(result: RoverResult, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
-    """Writes the video and returns its path: H.264 where PyAV is installed, else a GIF."""
+    """Writes the video and returns its path."""
     ticks = range(0, round(float(result.log["tick"][-1])) + 1, _PERIOD)
     film = _Film.of(result)
     reel = Reel(picture=lambda k: film.picture(ticks[k]), count=len(ticks), rate=_RATE)
@@ -53,7 +60,7 @@ def rover_still(result: RoverResult, tick: int) -> Picture:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Film:
-    """What does not change from one picture to the next."""
+    """Everything that does not change from one picture to the next."""
 
     result: RoverResult
     plan: Picture  # the path, on which the rover moves
@@ -65,7 +72,7 @@ class _Film:
     @classmethod
     def of(cls, result: RoverResult) -> _Film:
         log = result.log
-        width = _WIDTH - _CAMERA[0] if result.frames else _WIDTH
+        width = WIDTH - _CAMERA[0] if result.frames else WIDTH
         points = np.vstack([result.path, np.column_stack([log["x"], log["y"]])])
         low, high = points.min(axis=0) - 0.6, points.max(axis=0) + 0.6
         scale = float(np.min((np.array([width, _CAMERA[1] - 36]) - 8) / (high - low)))
@@ -77,7 +84,7 @@ class _Film:
             plan=blank(width, _CAMERA[1]),
             low=corner,
             scale=scale,
-            chart=StripChart.with_axes((_WIDTH, _CHART - _HEAD), float(log["time"][-1]), largest),
+            chart=StripChart.with_axes((WIDTH, _CHART - _HEAD), float(log["time"][-1]), largest),
             ticks=np.array([frame.tick for frame in result.frames]),
         )
         film._lay_out()
@@ -85,43 +92,36 @@ class _Film:
 
     def _lay_out(self) -> None:
         curve(self.plan, self._pixels(self.result.path), LINE, 7)
-        for k, (text, colour) in enumerate(
-            (("path", LINE), ("where it went", TRUE), ("with the slip angle", ESTIMATED))
-        ):
-            at = (20 + (0, 70, 200)[k], 18)
-            cv2.circle(self.plan, at, 5, colour, -1, cv2.LINE_AA)
-            write(self.plan, text, (at[0] + 10, at[1] - 10), size=14, colour=SOFT)
-        metre = nice_step(self.plan.shape[1] / self.scale, 6)
-        right, bottom = self.plan.shape[1] - 18, self.plan.shape[0] - 14
-        cv2.line(self.plan, (right - round(metre * self.scale), bottom), (right, bottom), SOFT, 2)
-        write(self.plan, f"{metre:g} m", (right, bottom - 22), size=14, colour=SOFT, anchor=1.0)
+        keys: tuple[tuple[str, Colour, int], ...] = (
+            ("path to follow", LINE, 20),
+            ("path driven", TRUE, 150),
+            ("dead reckoning, corrected by the slip angle", ESTIMATED, 260),
+        )
+        for text, colour, u in keys:
+            cv2.circle(self.plan, (u, 18), 5, colour, -1, cv2.LINE_AA)
+            write(self.plan, text, (u + 10, 8), size=14, colour=SOFT)
+        scale_bar(self.plan, self.scale, nice_step(self.plan.shape[1] / self.scale, 6))
 
     def picture(self, tick: int) -> Picture:
         """The picture at a tick; the camera shows the newest frame by then."""
         log = self.result.log
-        row = max(0, int(np.searchsorted(log["tick"], tick, side="right")) - 1)
+        row = newest_row(log["tick"], tick)
         upper = self._plan(row)
         if self.result.frames:
-            frame = self.result.frames[max(0, int(np.searchsorted(self.ticks, tick, side="right")) - 1)]
+            frame = self.result.frames[newest_row(self.ticks, tick)]
             upper = np.concatenate([trace_picture(self.result, frame), upper], axis=1)
-        lower = blank(_WIDTH, _CHART)
-        self._readings(lower, row)
-        estimate = np.degrees(log["slip_angle_estimate"])
-        there = np.isfinite(estimate)
-        lower[_HEAD:] = self.chart.draw(
-            float(log["time"][row]),
-            (
-                (log["time"][there], estimate[there], ESTIMATED, 3),
-                (log["time"], np.degrees(log["slip_angle_true"]), TRUE, 2),
-            ),
-        )
+        lower = blank(WIDTH, _CHART)
+        write_readings(lower, self._readings(row), 8)
+        true, estimate = (np.degrees(log[f"slip_angle_{name}"]) for name in ("true", "estimate"))
+        curves = ((*known_part(log["time"], estimate), ESTIMATED, 3), (log["time"], true, TRUE, 2))
+        lower[_HEAD:] = self.chart.draw(float(log["time"][row]), curves)
         return np.concatenate([upper, lower])
 
     def _plan(self, row: int) -> Picture:
         log, shown = self.result.log, self.plan.copy()
         for ending, colour in (("_corrected", ESTIMATED), ("", TRUE)):
-            way = np.column_stack([log[f"{axis}{ending}"][: row + 1 : 4] for axis in ("x", "y")])
-            curve(shown, self._pixels(way), colour, 2)
+            path = np.column_stack([log[f"{axis}{ending}"][: row + 1 : 4] for axis in ("x", "y")])
+            curve(shown, self._pixels(path), colour, 2)
         x, y, psi = (float(log[name][row]) for name in ("x", "y", "psi"))
         turn = np.array([[math.cos(psi), math.sin(psi)], [-math.sin(psi), math.cos(psi)]])
         body = self._pixels(_BODY @ turn + [x, y])
@@ -136,22 +136,17 @@ class _Film:
         at = (points - self.low) * self.scale
         return np.column_stack([at[:, 0], height - 1 - at[:, 1]])
 
-    def _readings(self, panel: Picture, row: int) -> None:
+    def _readings(self, row: int) -> tuple[Reading, ...]:
         log, result = self.result.log, self.result
-        ratio = float(log[f"slip_ratio_{result.rig.wheels[result.rig.watched].name}"][row])
-        past = np.flatnonzero(np.isfinite(log["slip_angle_estimate"][: row + 1]))
-        estimate = f"{math.degrees(log['slip_angle_estimate'][past[-1]]):+.1f}°" if past.size else "none"
-        readings = (
+        wheel = result.rig.wheels[result.rig.watched].name
+        _, past = known_part(log["time"], log["slip_angle_estimate"][: row + 1])
+        return (
             (result.scenario, f"{float(log['time'][row]):.1f} s", INK),
             ("true slip angle", f"{math.degrees(log['slip_angle_true'][row]):+.1f}°", TRUE),
-            ("estimated", estimate, ESTIMATED),
-            ("beside the path", f"{1e3 * log['cross_track_true'][row]:+.0f} mm", INK),
-            ("slip ratio, left rear", f"{100 * ratio:.0f} %", INK),
+            ("estimated", f"{math.degrees(past[-1]):+.1f}°" if past.size else "none", ESTIMATED),
+            ("cross-track error", f"{1e3 * log['cross_track_true'][row]:+.0f} mm", INK),
+            (f"slip ratio, {wheel.replace('_', ' ')}", f"{100 * log[f'slip_ratio_{wheel}'][row]:.0f} %", INK),
         )
-        for k, (name, value, colour) in enumerate(readings):
-            u = 20 + k * (_WIDTH - 30) // len(readings)
-            write(panel, name, (u, 8), size=14, colour=SOFT)
-            write(panel, value, (u, 26), size=24, colour=colour)
 
 
 def _curves(result: RoverResult) -> FloatArray:

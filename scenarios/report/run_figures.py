@@ -1,7 +1,4 @@
-"""The figures of a report, each as the text of an SVG element to be put into the page.
-
-Lettering stays text, so that the page's own typeface applies and numbers can be searched and copied.
-"""
+"""Figures of a trailer's run."""
 
 from __future__ import annotations
 
@@ -12,51 +9,56 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
-from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
+from scenarios.report.drawing import (
+    ESTIMATED,
+    GREY,
+    INK,
+    LOST_BAND,
+    SERIES,
+    TRUE,
+    drawn,
+    error_band,
+    limit_lines,
+    outlines,
+    over_time,
+    plan_drawn,
+    shade,
+    swept_bodies,
+)
+from scenarios.report.page import Figure
 from scenarios.results.log import LOST
 from scenarios.results.run import RunResult, error_of_estimate
 from scenarios.results.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length, rows_every
 
-_ROAD, _SWEPT, _LOST = "#eef0f2", "#cfe0f1", "#f6d5d2"
-_AXLES = ("#1f5fa8", "#2a9d8f", "#8e5ea2", "#c2571a")
-_SLENDER = 0.15  # height over width of a course below which it is not drawn to scale
+_ROAD = "#eef0f2"
+_DASHED = (0, (3, 2))
+_MOMENTS = 5  # at which the combination is drawn in the plan view
 
 
-def plan_view(result: RunResult) -> str:
-    """The course from above: road, swept path, paths of hitch and follow point, the combination now and then."""
+def plan_view(result: RunResult) -> Figure:
+    """The course from above: road, swept path, paths of hitch and follow point, and the combination at some moments."""
     poses = [result.poses(unit) for unit in result.units]
     swept = [placed(unit.corners, pose) for unit, pose in zip(result.units, poses, strict=True)]
-    everything = np.concatenate([corners.reshape(-1, 2) for corners in swept])
-    low, high = everything.min(axis=0) - 2.0, everything.max(axis=0) + 2.0
-    shape = float((high[1] - low[1]) / (high[0] - low[0]))
-    slender = shape < _SLENDER  # to scale, a straight road would be a thread in which nothing can be told apart
-    height = 2.9 if slender else min(WIDTH * shape + 0.9, 8.2)
-    with drawn("plan", height) as (drawing, ax):
+    with plan_drawn("plan", swept, tallest=8.2) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
-        rows = _rows_every(poses[0], 0.15)
-        for corners in swept:
-            ax.add_collection(PolyCollection(list(corners[rows]), facecolor=_SWEPT, edgecolor=_SWEPT, linewidth=0.4))
-        ax.plot([], [], color=_SWEPT, linewidth=7, label="swept by the bodies")
-        if not slender:
+        rows = rows_every(poses[0][:, :2], 0.15)
+        swept_bodies(ax, [corners[rows] for corners in swept])
+        if drawing.to_scale:
             _combination(ax, result, poses)
-        hitch = poses[-1][:, :2]
         follow = placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0]
-        ax.plot(*hitch.T, color=TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
-        ax.plot(*follow.T, color=ESTIMATED, linewidth=1.5, label="path of the follow point", zorder=5)
-        ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
-        ax.set(aspect="auto" if slender else "equal", ylabel="y [m], stretched" if slender else "y [m]")
-        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    return drawing.svg
+        ax.plot(*poses[-1][:, :2].T, color=TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
+        ax.plot(*follow.T, color=ESTIMATED, label="path of the follow point", zorder=5)
+    return drawing.content
 
 
 def _combination(ax: Axes, result: RunResult, poses: list[FloatArray]) -> None:
-    """Outlines and wheels of the combination at five moments, equally far apart."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[0][:, :2], axis=0).T))])
-    rows = np.minimum(np.searchsorted(travelled, np.linspace(0.0, travelled[-1], 5)), len(travelled) - 1)
+    """Outlines and wheels of the combination at moments equally far apart along its path."""
+    along = arc_length(poses[0][:, :2])
+    rows = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
     for unit, pose in zip(result.units, poses, strict=True):
-        bodies = placed(unit.corners, pose[rows])
-        ax.add_collection(PolyCollection(list(bodies), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
+        outlines(ax, placed(unit.corners, pose[rows]))
         tyres = placed_wheels(unit, pose[rows], result.axle_steer(unit)[rows]).reshape(-1, 4, 2)
         ax.add_collection(PolyCollection(list(tyres), facecolor=INK, linewidth=0.0, zorder=3))
 
@@ -69,72 +71,58 @@ def _band(centre_line: FloatArray, half_width: float) -> FloatArray:
     return np.concatenate([centre_line + left, (centre_line - left)[::-1]])
 
 
-def _rows_every(pose: FloatArray, spacing: float) -> NDArray[np.intp]:
-    """Rows about ``spacing`` metres of travel apart."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(pose[:, :2], axis=0).T))])
-    rows: NDArray[np.intp] = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1], spacing)))
-    return rows
-
-
-def off_tracking(result: RunResult) -> str:
+def off_tracking(result: RunResult) -> Figure:
     """True and estimated off-tracking over time."""
-    with drawn("off_tracking", 2.9) as (drawing, ax):
-        there = _usable(result)
-        ax.plot(result.log["time"], result.signal("off_tracking_true"), color=TRUE, label="true", zorder=4)
-        if there.any():
-            estimate = result.signal("off_tracking_estimate")
-            ax.plot(*_at(result, estimate, there), ".", color=ESTIMATED, markersize=6.0, label="estimated")
-        ax.axhline(0.0, color=GREY, linewidth=0.8)
-        _finish(ax, result, "off-tracking [m], + left")
-    return drawing.svg
+    with drawn("off_tracking") as (drawing, ax):
+        usable = _usable(result)
+        time = result.log["time"]
+        ax.plot(time, result.signal("off_tracking_true"), color=TRUE, label="true", zorder=4)
+        if usable.any():
+            estimate = result.signal("off_tracking_estimate")[usable]
+            ax.plot(time[usable], estimate, ".", color=ESTIMATED, label="estimated")
+        over_time(ax, time, "off-tracking [m], + left")
+    return drawing.content
 
 
-def estimate_error(result: RunResult) -> str:
-    """Error of the estimate over time, inside the band of twice the standard deviation it states."""
-    with drawn("error", 2.7) as (drawing, ax):
-        there = _usable(result)
-        time, error = _at(result, 1e3 * error_of_estimate(result), there)
-        band = 2e3 * result.signal("off_tracking_std")[there]
+def estimate_error(result: RunResult) -> Figure:
+    """Error of the estimate over time, inside the band of twice its stated standard deviation."""
+    with drawn("error") as (drawing, ax):
+        usable = _usable(result)
         _shade_lost(ax, result, result.signal("health"), "no estimate")
-        ax.fill_between(time, -band, band, color="#f9e3cf", linewidth=0.0, label="±2 σ as stated by the estimator")
-        ax.plot(time, error, ".-", color=ESTIMATED, linewidth=0.9, markersize=4.0, label="estimate minus truth")
-        ax.axhline(0.0, color=GREY, linewidth=0.8)
-        _finish(ax, result, "error [mm]")
-    return drawing.svg
+        error, std = 1e3 * error_of_estimate(result), 1e3 * result.signal("off_tracking_std")
+        error_band(ax, result.log["time"][usable], error[usable], std[usable])
+        over_time(ax, result.log["time"], "error [mm]")
+    return drawing.content
 
 
-def steer(result: RunResult) -> str:
-    """Steer angles of the trailer's axles, as they are and as commanded, with the limit of the actuators."""
+def steer(result: RunResult) -> Figure:
+    """Actual and commanded steer angles of the trailer's axles, with the limit of the actuators."""
     time = result.log["time"]
-    with drawn("steer", 2.9) as (drawing, ax):
+    with drawn("steer") as (drawing, ax):
         for k, name in enumerate(result.steer_signals()):
-            colour = _AXLES[k % len(_AXLES)]
-            ax.plot(
-                time, np.degrees(result.signal(f"{name}_command")), color=colour, linewidth=1.0, linestyle=(0, (3, 2))
-            )
-            ax.plot(time, np.degrees(result.log[name]), color=colour, label=f"trailer axle {k + 1}")
+            colour = SERIES[k % len(SERIES)]
+            command, actual = np.degrees(result.signal(f"{name}_command")), np.degrees(result.log[name])
+            ax.plot(time, command, color=colour, linewidth=1.0, linestyle=_DASHED)
+            ax.plot(time, actual, color=colour, label=f"trailer axle {k + 1}")
         ax.plot(time, np.degrees(result.signal("steer_tractor")), color=GREY, linewidth=1.0, label="tractor")
-        ax.plot([], [], color=INK, linewidth=1.0, linestyle=(0, (3, 2)), label="commanded")
+        ax.plot([], [], color=INK, linewidth=1.0, linestyle=_DASHED, label="commanded")
         if result.trailer_steer_limit is not None:
-            for limit in (-1, 1):
-                ax.axhline(
-                    limit * math.degrees(result.trailer_steer_limit), color="#b3261e", linewidth=0.9, dashes=(6, 3)
-                )
-            ax.plot([], [], color="#b3261e", linewidth=0.9, dashes=(6, 3), label="limit")
-        _finish(ax, result, "steer [°], + left")
-    return drawing.svg
+            limit_lines(ax, math.degrees(result.trailer_steer_limit), "limit")
+        over_time(ax, time, "steer angle [°], + left", zero=False)
+    return drawing.content
 
 
-def matches(result: RunResult) -> str:
-    """Features matched and kept by the odometry, frame by frame."""
-    with drawn("matches", 2.3) as (drawing, ax):
-        there = np.isfinite(result.signal("matches"))
+def matches(result: RunResult) -> Figure:
+    """Matched features and inliers of the odometry, frame by frame."""
+    with drawn("matches", 2.5) as (drawing, ax):
+        known = np.isfinite(result.signal("matches"))
+        time = result.log["time"]
         _shade_lost(ax, result, result.signal("odometry_health"), "odometry lost")
-        ax.plot(*_at(result, result.signal("matches"), there), color=GREY, label="matches")
-        ax.plot(*_at(result, result.signal("inliers"), there), color=TRUE, label="inliers")
+        for name, colour in (("matches", GREY), ("inliers", TRUE)):
+            ax.plot(time[known], result.signal(name)[known], color=colour, label=name)
         ax.set_ylim(bottom=0.0)
-        _finish(ax, result, "features [-]")
-    return drawing.svg
+        over_time(ax, time, "features per frame [-]", zero=False)
+    return drawing.content
 
 
 def _usable(result: RunResult) -> NDArray[np.bool_]:
@@ -143,20 +131,8 @@ def _usable(result: RunResult) -> NDArray[np.bool_]:
     return np.isfinite(health) & (health < LOST)
 
 
-def _at(result: RunResult, values: FloatArray, rows: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    return result.log["time"][rows], values[rows]
-
-
 def _shade_lost(ax: Axes, result: RunResult, health: FloatArray, label: str) -> None:
     """Shades the time from each capture with lost health to the next capture."""
     captures = np.flatnonzero(np.isfinite(health))
-    time = np.append(result.log["time"][captures], result.log["time"][-1])
-    lost = np.concatenate([[False], health[captures] >= LOST, [False]])
-    edges = np.flatnonzero(np.diff(lost.astype(np.int8)))
-    for k, (first, last) in enumerate(edges.reshape(-1, 2)):
-        ax.axvspan(time[first], time[last], color=_LOST, linewidth=0.0, label=label if k == 0 else None)
-
-
-def _finish(ax: Axes, result: RunResult, ylabel: str) -> None:
-    ax.set(xlim=(0.0, float(result.log["time"][-1])), xlabel="time [s]", ylabel=ylabel)
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=6, borderaxespad=0.2, handlelength=1.6)
+    edges = np.append(result.log["time"][captures], result.log["time"][-1])
+    shade(ax, edges, health[captures] >= LOST, LOST_BAND, label)

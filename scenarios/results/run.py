@@ -305,7 +305,7 @@ def write_run(result: RunResult, directory: Path, *, video: bool = True, progres
     from scenarios.report.run_page import (
         report_html,  # matplotlib takes a second to import, and a run that fails needs none
     )
-    from scenarios.report.video import write_video
+    from scenarios.report.run_video import write_video
 
     numbers = summary(result)
     moves = video and len(result.log) > 1

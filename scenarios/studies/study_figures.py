@@ -1,4 +1,4 @@
-"""Figures of a study: what each of its points drove, and how a number goes with what was varied."""
+"""Figures of a study: the paths driven, and summary numbers over a varied key."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from typing import Final
 import numpy as np
 
 from scenarios.options.scenario import load_scenario
-from scenarios.report.drawing import GREY, INK, drawn
+from scenarios.report.drawing import INK, drawn, plan_drawn, zero_line
+from scenarios.report.page import Figure
 from scenarios.results.log import read_log
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.pool import kept_signals
 from scenarios.studies.table import Quantity, Row
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 # apart for colour-blind readers, after Okabe and Ito
 _COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")
 _MOST_LINES: Final = len(_COLOURS)
-_DECADES: Final = 20.0  # of a quantity in one figure, beyond which its axis is logarithmic
+_LARGEST_RATIO: Final = 20.0  # of the values in one figure; beyond it the axis is logarithmic
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,12 +33,12 @@ class Drive:
     title: str
     hitch: FloatArray  # (n, 2) [m]
     follow_point: FloatArray  # (n, 2) [m]
-    way: FloatArray  # (n,) of the hitch [m]
+    distance: FloatArray  # (n,) driven by the hitch [m]
     off_tracking: FloatArray  # (n,) [m], NaN where there is none
 
 
 def drives_of(outcomes: Sequence[Outcome], cells: Path) -> list[Drive]:
-    """The first seed's runs that differ in their first axes alone: one for each law and off-tracking."""
+    """The first seed's runs, one for each law and off-tracking source; all other keys have their first value."""
     first = outcomes[0].case
     named = [key for key in ("trailer_steering", "off_tracking") if key in dict(first.axes)]
     alike = [
@@ -47,48 +49,42 @@ def drives_of(outcomes: Sequence[Outcome], cells: Path) -> list[Drive]:
         == [pair for pair in first.axes if pair[0] not in named]
         and not str(outcome.numbers["outcome"]).startswith("failed")
     ]
-    telling = [key for key in named if len({dict(outcome.case.axes)[key] for outcome in alike}) > 1]
-    return [_drive(outcome, cells, telling) for outcome in alike[:_MOST_LINES]]
+    distinct = [key for key in named if len({dict(outcome.case.axes)[key] for outcome in alike}) > 1]
+    return [_drive(outcome, cells, distinct) for outcome in alike[:_MOST_LINES]]
 
 
-def _drive(outcome: Outcome, cells: Path, telling: Sequence[str]) -> Drive:
+def _drive(outcome: Outcome, cells: Path, distinct: Sequence[str]) -> Drive:
     log = read_log(kept_signals(cells, outcome.case))
     scenario = load_scenario(outcome.case.scenario, outcome.case.settings)
     trailer = load_vehicle(scenario.vehicle).units[-1]
     x, y, psi = (log[f"{part}_{trailer.name}"] for part in ("x", "y", "psi"))
     hitch, back = np.column_stack([x, y]), trailer.follow_x or 0.0
     return Drive(
-        title=" · ".join(value for key, value in outcome.case.axes if key in telling) or outcome.case.title,
+        title=" · ".join(value for key, value in outcome.case.axes if key in distinct) or outcome.case.title,
         hitch=hitch,
         follow_point=hitch + back * np.column_stack([np.cos(psi), np.sin(psi)]),
-        way=np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(hitch, axis=0).T))]),
+        distance=arc_length(hitch),
         off_tracking=log["off_tracking_true"],
     )
 
 
-def plan(drives: Sequence[Drive]) -> str:
-    """SVG: the way of the hitch, and of the follow point under each law."""
-    with drawn("study plan", 4.6) as (drawing, axes):
-        axes.plot(*drives[0].hitch.T, color=INK, linewidth=2.4, label="hitch")
+def plan(drives: Sequence[Drive]) -> Figure:
+    """Paths of the hitch, and of the follow point in each run."""
+    with plan_drawn("study plan", [drives[0].hitch, *(drive.follow_point for drive in drives)]) as (drawing, ax):
+        ax.plot(*drives[0].hitch.T, color=INK, linewidth=2.4, label="hitch")
         for drive, colour in zip(drives, _COLOURS, strict=False):
-            axes.plot(*drive.follow_point.T, color=colour, label=f"follow point, {drive.title}")
-        axes.set_aspect("equal", adjustable="box")
-        axes.set_xlabel("x [m]")
-        axes.set_ylabel("y [m]")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return drawing.svg
+            ax.plot(*drive.follow_point.T, color=colour, label=f"follow point, {drive.title}")
+    return drawing.content
 
 
-def off_tracking(drives: Sequence[Drive]) -> str:
-    """SVG: true off-tracking over the way of the hitch."""
-    with drawn("study off-tracking", 3.4) as (drawing, axes):
-        axes.axhline(0.0, color=GREY, linewidth=0.8)
+def off_tracking(drives: Sequence[Drive]) -> Figure:
+    """True off-tracking over the distance driven by the hitch."""
+    with drawn("study off-tracking", 3.4) as (drawing, ax):
+        zero_line(ax)
         for drive, colour in zip(drives, _COLOURS, strict=False):
-            axes.plot(drive.way, drive.off_tracking, color=colour, label=drive.title)
-        axes.set_xlabel("way of the hitch [m]")
-        axes.set_ylabel("off-tracking [m], + hitch path left")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return drawing.svg
+            ax.plot(drive.distance, drive.off_tracking, color=colour, label=drive.title)
+        ax.set(xlabel="distance driven by the hitch [m]", ylabel="off-tracking [m], + left")
+    return drawing.content
 
 
 def numeric_axis(rows: Sequence[Row]) -> str | None:
@@ -100,8 +96,8 @@ def numeric_axis(rows: Sequence[Row]) -> str | None:
     return None
 
 
-def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> str:
-    """SVG: a quantity over a numeric axis, a line for every point on the others."""
+def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> Figure:
+    """A quantity over a numeric axis, a line for every combination of the other axes."""
     lines: dict[Settings, list[tuple[float, float]]] = {}
     for row in rows:
         value = row.numbers[quantity.path]
@@ -109,22 +105,18 @@ def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> str:
             others = tuple(pair for pair in row.axes if pair[0] != axis)
             lines.setdefault(others, []).append((float(dict(row.axes)[axis]), value))
     varied = {key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1}
-    with drawn(f"study {axis} {quantity.path}", 3.4) as (drawing, axes):
+    with drawn(f"study {axis} {quantity.path}", 3.6) as (drawing, ax):
         for k, (others, points) in enumerate(lines.items()):
             label = " · ".join(value for key, value in others if key in varied) or quantity.label
             style = ("-", "--", ":", "-.")[k // _MOST_LINES % 4]
-            axes.plot(
-                *zip(*sorted(points), strict=True), style, marker="o", color=_COLOURS[k % _MOST_LINES], label=label
-            )
-        axes.set_xlabel(axis)
-        axes.set_ylabel(f"{quantity.meaning} [{quantity.unit}]", fontsize=8.5)
+            ax.plot(*zip(*sorted(points), strict=True), style, marker="o", color=_COLOURS[k % _MOST_LINES], label=label)
+        ax.set(xlabel=axis, ylabel=f"{quantity.label} [{quantity.unit}]")
         values = [value for points in lines.values() for _, value in points]
-        if min(values) > 0.0 and max(values) > _DECADES * min(values):
-            axes.set_yscale("log")  # or the good ones all lie on the axis
+        if min(values) > 0.0 and max(values) > _LARGEST_RATIO * min(values):
+            ax.set_yscale("log")  # a linear axis would hide the differences of the small values
         else:
-            axes.set_ylim(bottom=0.0)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    return drawing.svg
+            ax.set_ylim(bottom=0.0, top=1.05 * max(values) or None)
+    return drawing.content
 
 
 def _is_number(text: str) -> bool:

@@ -1,76 +1,76 @@
-"""The report of a study: one HTML page that needs nothing but itself."""
+"""The report of a study."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from html import escape
 from pathlib import Path
 
-from scenarios.report.page import html_page, section_html
+from scenarios.report import page
+from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
 from scenarios.results.run import versions
 from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Outcome
 from scenarios.studies.study import Study
 from scenarios.studies.table import Row, shown_quantities, text_of
 
-_STYLE = "main { max-width: 1340px; } section > p { max-width: 75rem; } td.best { font-weight: 700; }"
-
 
 def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], cells: Path) -> str:
-    """The whole page."""
+    """The page as HTML."""
     finished = sum(outcome.completed for outcome in outcomes)
-    heading = (
-        f"<header>\n<h1>{escape(title)}</h1>\n<p>{escape(study.scenario)} · {len(outcomes)} runs, "
-        f"{finished} completed · seeds {', '.join(map(str, study.seeds))}</p>\n</header>"
-    )
-    body = "\n".join([heading, *_sections(study, outcomes, rows, cells)])
-    return html_page(f"{title} · offtrack", body, _STYLE)
+    seeds = ", ".join(map(str, study.seeds))
+    return Page(
+        title=title,
+        heading=title,
+        subtitle=f"{study.scenario} · {len(outcomes)} runs, {finished} completed · seeds {seeds}",
+        sections=list(_sections(study, outcomes, rows, cells)),
+        wide=True,
+    ).html()
 
 
-def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], cells: Path) -> Iterator[str]:
-    columns = " · ".join(f"{q.label}: {q.meaning}" for q in shown_quantities(rows))
-    told = (
-        f"{escape(columns)}. Of several seeds the RMS values are averaged as such, of others the largest is shown. "
-        "Bold: the smallest of its column."
+def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], cells: Path) -> Iterator[Section]:
+    shown = shown_quantities(rows)
+    columns = Items([f"{q.label} [{q.unit}]: {q.meaning}" for q in shown])
+    text = (
+        "One row for each combination of the varied keys, over all seeds: root mean square of RMS values, maximum of "
+        "the others. Bold: the smallest value of its column."
     )
-    yield section_html("Table", told, _table(rows))
+    yield Section("Table", text, [_table(rows), columns])
     drives = figures.drives_of(outcomes, cells) if _has_off_tracking(rows) else []
     if drives:
-        words = (
-            "The follow point is to drive where the hitch has driven. First seed, first value of what else is varied."
-        )
-        yield section_html("Plan view", words, figures.plan(drives))
-        yield section_html("Off-tracking", "The same runs over the way of the hitch.", figures.off_tracking(drives))
+        text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."
+        yield Section("Plan view", text, [figures.plan(drives)])
+        text = "The same runs over the distance that the hitch has driven."
+        yield Section("Off-tracking", text, [figures.off_tracking(drives)])
     axis = figures.numeric_axis(rows)
     if axis:
-        for quantity in shown_quantities(rows)[:3]:
-            yield section_html(
-                f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}, over {axis}",
-                "",
-                figures.trend(rows, axis, quantity),
-            )
-    yield section_html("The study", "`offtrack sweep` takes this file.", f"<pre>{escape(study.to_toml())}</pre>")
-    yield section_html("Made with", ", ".join(f"{name} {version}" for name, version in versions().items()))
+        for quantity in shown[:3]:
+            meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
+            yield Section(f"{meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
+    yield Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
+    yield software_section(versions())
 
 
 def _has_off_tracking(rows: Sequence[Row]) -> bool:
     return any(row.numbers["off_tracking.true_rms_m"] is not None for row in rows)
 
 
-def _table(rows: Sequence[Row]) -> str:
+def _table(rows: Sequence[Row]) -> Table:
     quantities = shown_quantities(rows)
-    axes = [key for key, _ in rows[0].axes]
-    head = "".join(f"<th>{escape(key)}</th>" for key in axes) + "<th>completed</th>"
-    head += "".join(f"<th>{escape(q.label)} [{q.unit}]</th>" for q in quantities)
+    columns = [Column("text", key) for key, _ in rows[0].axes] + [Column("text", "completed")]
+    columns += [Column("number", f"{q.label} [{q.unit}]") for q in quantities]
     best = {q.path: min(v for row in rows if (v := row.numbers[q.path]) is not None) for q in quantities}
-    lines = [f"<tr>{head}</tr>"]
+    lines: list[page.Row] = []
     for row in rows:
-        cells = "".join(f"<td>{escape(value)}</td>" for _, value in row.axes)
-        ended = f" ({escape(', '.join(row.endings))})" if row.endings else ""
-        cells += f"<td>{row.completed} of {row.runs}{ended}</td>"
-        for q in quantities:
-            value = row.numbers[q.path]
-            mark = "value best" if value is not None and value == best[q.path] and len(rows) > 1 else "value"
-            cells += f'<td class="{mark}">{text_of(q, value)}</td>'
-        lines.append(f"<tr>{cells}</tr>")
-    return '<div class="scroll"><table>\n' + "\n".join(lines) + "\n</table></div>"
+        endings = f" ({', '.join(row.endings)})" if row.endings else ""
+        numbers = [(q, row.numbers[q.path]) for q in quantities]
+        lines.append(
+            [
+                *(value for _, value in row.axes),
+                f"{row.completed} of {row.runs}{endings}",
+                *(
+                    Cell(text_of(q, value), "best" if value == best[q.path] and len(rows) > 1 else "")
+                    for q, value in numbers
+                ),
+            ]
+        )
+    return Table(columns, lines)

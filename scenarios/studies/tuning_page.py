@@ -1,89 +1,78 @@
-"""The report of a tuning: what was found, and how it does where it was not tuned."""
+"""The report of a tuning: the parameters chosen, and their results on runs that they were not tuned on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from html import escape
+from collections.abc import Mapping, Sequence
 
 from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, drawn
-from scenarios.report.page import html_page, section_html
+from scenarios.report.page import Cell, Column, Figure, Page, Row, Section, Table, software_section
+from scenarios.results.run import versions
 from scenarios.studies.tuning import Trial, Tuning, pareto
 
 
-def tuning_page(tuning: Tuning, trials: Sequence[Trial], best: Trial, judged: dict[str, tuple[float, ...]]) -> str:
-    """The whole page; ``judged`` has the objectives on the judging set, of the defaults and of what was chosen."""
-    heading = (
-        f"<header>\n<h1>Tuning of {escape(tuning.law)}</h1>\n<p>{escape(tuning.tuned_on.scenario)} · "
-        f"{len(trials)} trials of {len(tuning.tuned_on.cases())} runs each</p>\n</header>"
-    )
+def tuning_page(tuning: Tuning, trials: Sequence[Trial], best: Trial, judged: Mapping[str, tuple[float, ...]]) -> str:
+    """The page as HTML; ``judged``: the objectives on the judging set, for the default and the chosen parameters."""
     sections = [
-        section_html("Judged on other runs", _judging(tuning), _objectives_table(tuning, judged)),
-        section_html("Parameters", "Of the trials that no other one beats in every objective; chosen is the bold one.",
-                     _parameters_table(tuning, pareto(trials), best)),
+        Section("Result on other runs", _judging_text(tuning), [_objectives_table(tuning, judged)]),
+        Section("Parameters", "Trials that no other trial beats in every objective. Bold: the chosen one.",
+                [_parameters_table(tuning, pareto(trials), best)]),
     ]  # fmt: skip
     if len(tuning.objectives) > 1:
-        words = "Each dot is a trial; the line joins those that no other one beats."
-        sections.append(section_html("Trade-off", words, front_svg(tuning, trials, best)))
-    sections.append(section_html("Progress", "Best so far of the first objective.", progress_svg(tuning, trials)))
-    return html_page(f"Tuning of {tuning.law} · offtrack", "\n".join([heading, *sections]), "td.best{font-weight:700}")
+        text = "Each dot is a trial; the line joins the trials that no other trial beats in every objective."
+        sections.append(Section("Trade-off", text, [_front(tuning, trials, best)]))
+    sections.append(Section("Progress", "The first objective, trial by trial.", [_progress(tuning, trials)]))
+    return Page(
+        title=f"Tuning of {tuning.law}",
+        heading=f"Tuning of {tuning.law}",
+        subtitle=f"{tuning.tuned_on.scenario} · {len(trials)} trials · runs per trial: {len(tuning.tuned_on.cases())}",
+        sections=[*sections, software_section(versions())],
+    ).html()
 
 
-def front_svg(tuning: Tuning, trials: Sequence[Trial], best: Trial) -> str:
-    """SVG: the first two objectives of all trials, and the Pareto front."""
+def _judging_text(tuning: Tuning) -> str:
+    study = tuning.judged_on
+    axes = "".join(f" · {key} {', '.join(values)}" for key, values in study.axes.items())
+    seeds = ", ".join(map(str, study.seeds))
+    return f"Means over runs that no trial has used. Number of runs: {len(study.cases())} · seeds {seeds}{axes}."
+
+
+def _objectives_table(tuning: Tuning, judged: Mapping[str, tuple[float, ...]]) -> Table:
+    columns = [Column("name"), *(Column("number", name) for name in tuning.objectives)]
+    return Table(columns, [[name, *(f"{value:.4g}" for value in values)] for name, values in judged.items()])
+
+
+def _parameters_table(tuning: Tuning, front: Sequence[Trial], best: Trial) -> Table:
+    names = [*tuning.ranges, *tuning.objectives]
+    rows: list[Row] = []
+    for trial in front:
+        numbers = [*(trial.parameters[name] for name in tuning.ranges), *trial.values]
+        cells = [Cell(f"{number:.4g}", "best" if trial.number == best.number else "") for number in numbers]
+        rows.append([str(trial.number), *cells])
+    return Table([Column("name", "trial"), *(Column("number", name) for name in names)], rows)
+
+
+def _front(tuning: Tuning, trials: Sequence[Trial], best: Trial) -> Figure:
+    """The first two objectives of all trials, and the Pareto front."""
     front = pareto(trials)
-    with drawn("pareto", 4.2) as (drawing, axes):
-        axes.plot([t.values[0] for t in trials], [t.values[1] for t in trials], ".", color=GREY, label="trials")
+    with drawn("pareto", 4.2) as (drawing, ax):
+        ax.plot([t.values[0] for t in trials], [t.values[1] for t in trials], ".", color=GREY, label="trials")
         if len(tuning.objectives) == 2:
-            axes.step([t.values[0] for t in front], [t.values[1] for t in front], where="post", color=TRUE)
-        axes.plot([t.values[0] for t in front], [t.values[1] for t in front], "o", color=TRUE, label="not beaten")
-        axes.plot(*best.values[:2], "D", color=ESTIMATED, markersize=9, label="chosen")
-        axes.set_xlim(0.0, 3.0 * max(t.values[0] for t in front))
-        axes.set_ylim(0.0, 3.0 * max(t.values[1] for t in front))
-        axes.set_xlabel(tuning.objectives[0])
-        axes.set_ylabel(tuning.objectives[1])
-        axes.legend()
-    return drawing.svg
+            ax.step([t.values[0] for t in front], [t.values[1] for t in front], where="post", color=TRUE)
+        ax.plot([t.values[0] for t in front], [t.values[1] for t in front], "o", color=TRUE, label="not beaten")
+        ax.plot(*best.values[:2], "D", color=ESTIMATED, markersize=9, label="chosen")
+        ax.set_xlim(0.0, 3.0 * max(t.values[0] for t in front))
+        ax.set_ylim(0.0, 3.0 * max(t.values[1] for t in front))
+        ax.set(xlabel=tuning.objectives[0], ylabel=tuning.objectives[1])
+    return drawing.content
 
 
-def progress_svg(tuning: Tuning, trials: Sequence[Trial]) -> str:
-    """SVG: the first objective trial by trial, and the best of it so far."""
+def _progress(tuning: Tuning, trials: Sequence[Trial]) -> Figure:
+    """The first objective trial by trial, and its best value so far."""
     values = [trial.values[0] for trial in trials]
     best = [min(values[: k + 1]) for k in range(len(values))]
-    with drawn("tuning progress", 3.0) as (drawing, axes):
-        axes.plot(values, ".", color=GREY, label="trial")
-        axes.step(range(len(best)), best, where="post", color=INK, label="best so far")
-        axes.set_ylim(0.0, 3.0 * max(best[-1], min(best[0], 10.0 * best[-1])))
-        axes.set_xlabel("trial")
-        axes.set_ylabel(tuning.objectives[0])
-        axes.legend()
-    return drawing.svg
-
-
-def _judging(tuning: Tuning) -> str:
-    return (
-        f"Means over {len(tuning.judged_on.cases())} runs that no trial has seen: seeds "
-        f"{', '.join(map(str, tuning.judged_on.seeds))}"
-        + "".join(f", {escape(key)} {escape(', '.join(values))}" for key, values in tuning.judged_on.axes.items())
-        + "."
-    )
-
-
-def _objectives_table(tuning: Tuning, judged: dict[str, tuple[float, ...]]) -> str:
-    head = "<tr><th></th>" + "".join(f"<th>{escape(name)}</th>" for name in tuning.objectives) + "</tr>"
-    rows = [
-        f"<tr><th>{escape(name)}</th>" + "".join(f'<td class="value">{value:.4g}</td>' for value in values) + "</tr>"
-        for name, values in judged.items()
-    ]
-    return f'<div class="scroll"><table>{head}{"".join(rows)}</table></div>'
-
-
-def _parameters_table(tuning: Tuning, front: Sequence[Trial], best: Trial) -> str:
-    names = [*tuning.ranges, *tuning.objectives]
-    head = "<tr><th>trial</th>" + "".join(f"<th>{escape(name)}</th>" for name in names) + "</tr>"
-    rows = []
-    for trial in front:
-        mark = "value best" if trial.number == best.number else "value"
-        numbers = [*(trial.parameters[name] for name in tuning.ranges), *trial.values]
-        cells = "".join(f'<td class="{mark}">{number:.4g}</td>' for number in numbers)
-        rows.append(f"<tr><th>{trial.number}</th>{cells}</tr>")
-    return f'<div class="scroll"><table>{head}{"".join(rows)}</table></div>'
+    with drawn("tuning progress", 3.0) as (drawing, ax):
+        ax.plot(values, ".", color=GREY, label="trial")
+        ax.step(range(len(best)), best, where="post", color=INK, label="best so far")
+        ax.set_ylim(0.0, 3.0 * max(best[-1], min(best[0], 10.0 * best[-1])))
+        ax.set(xlabel="trial", ylabel=tuning.objectives[0])
+    return drawing.content

@@ -13,7 +13,7 @@ from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_v
 from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres.data import LinearTyre
+from vehicle.tyres.linear import LinearTyre
 
 _SPEED: Final = 24.0  # [m/s]
 _STIFFNESS: Final = (280693.53, 581536.8, 970209.0)  # of the axles, front to rear [N/rad]

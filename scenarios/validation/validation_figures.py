@@ -1,14 +1,13 @@
-"""The plots of the validation page, each as the text of an SVG element."""
+"""Plots of the validation's report."""
 
 from __future__ import annotations
 
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter
 
-from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, WIDTH, drawn
+from scenarios.report.drawing import ESTIMATED, GREY, TRUE, WIDTH, drawn
+from scenarios.report.page import Figure
 from scenarios.validation.check import Plot
 
 _STYLES: Final[dict[str, dict[str, Any]]] = {
@@ -19,18 +18,21 @@ _STYLES: Final[dict[str, dict[str, Any]]] = {
     "faint": {"color": GREY, "linewidth": 0.7, "zorder": 2},
 }
 _MODELS: Final = (TRUE, "#2a9d8f", "#8e5ea2")  # of several model lines in one plot
-_FLAT: Final = 3.1  # height of a plot that is not to scale [in]
+_FLAT: Final = 3.2  # height of a plot that is not to scale [in]
 _TALLEST: Final = 7.9  # [in]
 
 
-def svg(plot: Plot, name: str) -> str:
-    """The plot drawn; ``name`` keeps the identifiers of several figures on a page apart."""
-    with drawn(name, _height(plot)) as (figure, ax):
+def figure(plot: Plot, name: str) -> Figure:
+    """The plot as a figure; ``name`` keeps the identifiers of several figures on a page apart."""
+    with drawn(name, _height(plot), title=plot.title) as (drawing, ax):
         ax.set_prop_cycle(color=_MODELS)
         for series in plot.series:
             ax.plot(series.x, series.y, label=series.label or None, **_STYLES[series.style])
-        _finish(ax, plot)
-    return figure.svg
+        scale = "log" if plot.logarithmic else "linear"
+        ax.set(xlabel=plot.x_label, ylabel=plot.y_label, xscale=scale, yscale=scale)
+        if plot.to_scale:
+            ax.set(aspect="equal")
+    return drawing.content
 
 
 def _height(plot: Plot) -> float:
@@ -38,26 +40,3 @@ def _height(plot: Plot) -> float:
         return _FLAT
     x, y = (np.concatenate([series[k] for series in plot.series]) for k in (1, 2))
     return float(min(_TALLEST, max(_FLAT, WIDTH * np.ptp(y) / np.ptp(x) + 1.2)))
-
-
-def _finish(ax: Axes, plot: Plot) -> None:
-    ax.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    if plot.logarithmic:
-        ax.set(xscale="log", yscale="log")
-        for axis in (ax.xaxis, ax.yaxis):
-            axis.set_major_formatter(FuncFormatter(_plain))
-            axis.set_minor_formatter(FuncFormatter(_plain_if_sparse))
-    if plot.to_scale:
-        ax.set(aspect="equal")
-    handles, _ = ax.get_legend_handles_labels()
-    if handles:
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, labelcolor=INK)
-
-
-def _plain(value: float, _: int | None) -> str:
-    return f"{value:g}"
-
-
-def _plain_if_sparse(value: float, _: int | None) -> str:
-    """Labels of a decade's 2 and 5 only: the others would touch."""
-    return f"{value:g}" if f"{value:e}"[0] in "25" else ""

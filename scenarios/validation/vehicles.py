@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from vehicle.combination.description import Axle, Unit, Vehicle
-from vehicle.tyres.data import LinearTyre
+from vehicle.tyres.linear import LinearTyre
 
 _STIFFEST: Final = 60.0  # slip stiffness over load [-], ten times a truck tyre's: the most that the data may say
 

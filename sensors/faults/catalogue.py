@@ -32,7 +32,7 @@ def checked_kind(name: str, part: object) -> type[FaultKind]:
     return part
 
 
-_MEMBERS: Final = ("amounts", "needs", "applies_to", "sample")
+_MEMBERS: Final = ("options", "needs", "applies_to", "sample")
 
 
 def _is_kind(part: object) -> TypeGuard[type[FaultKind]]:

@@ -14,32 +14,9 @@ import numpy as np
 
 from sensors.sensor import Message, Sensor, Stamped
 from vehicle.clock import to_ticks
+from vehicle.option import Option
 
 T = TypeVar("T", bound=Stamped)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Amount:
-    """One number that sets the severity of a fault, with its default and limits."""
-
-    name: str
-    unit: str  # "-" if it has none
-    default: float
-    low: float
-    high: float
-    whole: bool = False  # True: whole numbers only
-
-    def check(self, value: float) -> None:
-        """Refuse a value outside the limits.
-
-        Raises:
-            ValueError: one line with value, limits and unit.
-        """
-        unit = "" if self.unit == "-" else f" {self.unit}"
-        if not self.low <= value <= self.high:
-            raise ValueError(f"{self.name} = {value:g}{unit} must be {self.low:g} to {self.high:g}{unit}")
-        if self.whole and value % 1.0:
-            raise ValueError(f"{self.name} = {value:g}{unit} must be a whole number")
 
 
 class Pinhole(Protocol):
@@ -79,11 +56,11 @@ class FaultContext:
 class FaultKind(Protocol):
     """One kind of fault. The first line of the class's docstring is its description in listings."""
 
-    amounts: ClassVar[tuple[Amount, ...]]
+    options: ClassVar[tuple[Option, ...]]  # numbers that set its severity, in this order
     needs: ClassVar[str]  # sensors it applies to, as errors name them, e.g. "a stereo camera"
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
-        """A fault of this severity: one number for each of ``amounts``."""
+        """A fault of this severity: one number for each of ``options``."""
 
     @classmethod
     def applies_to(cls, message: type[Message]) -> bool:
@@ -106,20 +83,18 @@ class Fault:
 
     name: str  # of the kind, for errors
     kind: type[FaultKind]
-    amount: tuple[float, ...] = ()  # one number for each of the kind's ``amounts``; empty: their defaults
+    amount: tuple[float, ...] = ()  # one number for each of the kind's ``options``; empty: their defaults
     start: float = 0.0  # [s]
     duration: float | None = None  # [s]; None: to the end of the run
 
     def __post_init__(self) -> None:
-        amounts = self.kind.amounts
-        if len(self.amount) not in (0, len(amounts)):
-            needed = ", ".join(f"{amount.name} [{amount.unit}]" for amount in amounts) or "no number"
+        options = self.kind.options
+        if len(self.amount) not in (0, len(options)):
+            needed = ", ".join(f"{option.name} [{option.unit}]" for option in options) or "no number"
             raise ValueError(f"{self.name}: amount = {list(self.amount)} must be {needed}")
-        try:
-            for amount, value in zip(amounts, self.amount, strict=False):
-                amount.check(value)
-        except ValueError as error:
-            raise ValueError(f"{self.name}: {error}") from error
+        for option, value in zip(options, self.amount, strict=False):
+            whole = option.kind is int and value.is_integer()
+            option.check(int(value) if whole else value, f"{self.name}: {option.name}")
         if self.start < 0.0 or (self.duration is not None and self.duration <= 0.0):
             raise ValueError(f"{self.name}: start = {self.start} s and duration = {self.duration} s must be positive")
 
@@ -133,10 +108,23 @@ class Fault:
             raise ValueError(
                 f"faults: {self.name} needs {self.kind.needs}; the sensor of this run sends {context.message.__name__}"
             )
-        return self.kind(self.amount or tuple(amount.default for amount in self.kind.amounts), context)
+        return self.kind(self.amount or defaults(self.kind), context)
 
     def active(self, tick: int) -> bool:
         """Test whether the fault is active at a tick."""
         begin = to_ticks(self.start, f"{self.name}: start")
         end = math.inf if self.duration is None else begin + to_ticks(self.duration, f"{self.name}: duration")
         return begin <= tick < end
+
+
+def defaults(kind: type[FaultKind]) -> tuple[float, ...]:
+    """Default amounts of a fault kind.
+
+    Raises:
+        ValueError: if one of its amounts has no default number.
+    """
+    values = [option.default for option in kind.options]
+    numbers = [float(value) for value in values if isinstance(value, int | float)]
+    if len(numbers) < len(values):
+        raise ValueError(f"{kind.__name__}: every amount needs a number as its default")
+    return tuple(numbers)

@@ -10,15 +10,16 @@ import numpy as np
 
 from sensors.camera.lens_map import Floats
 from sensors.camera.lens_surface import crusted, dirtied, veil_of_light
-from sensors.faults.fault import Amount, FaultContext, Pinhole, T
+from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.messages import GreyImage
 from sensors.sensor import Message, Sensor, image_fields
+from vehicle.option import Option
 
 
 class ImageFault:
     """Base of fault kinds that degrade each image by itself; the colour picture for people is left out meanwhile."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = ()
+    options: ClassVar[tuple[Option, ...]] = ()
     needs: ClassVar[str] = "a camera"
 
     @classmethod
@@ -70,7 +71,7 @@ class Blackout(ImageFault):
 class Dirt(ImageFault):
     """A splash of dirt covers a share of each lens."""
 
-    amounts = (Amount(name="share of the lens", unit="-", default=0.3, low=0.0, high=1.0),)
+    options = (Option("share", 0.3, "share of the lens that is covered", low=0.0, high=1.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         camera, (share,) = camera_of(context), amount
@@ -85,7 +86,7 @@ class Dirt(ImageFault):
 class Glare(ImageFault):
     """Light is scattered around a spot in the upper half of the images."""
 
-    amounts = (Amount(name="strength, 1 for the sun", unit="-", default=1.0, low=0.0, high=5.0),)
+    options = (Option("strength", 1.0, "brightness relative to the sun", low=0.0, high=5.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (strength,) = amount

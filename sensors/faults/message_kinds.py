@@ -6,16 +6,17 @@ from collections import deque
 from dataclasses import replace
 from typing import ClassVar, Final
 
-from sensors.faults.fault import Amount, FaultContext, T
+from sensors.faults.fault import FaultContext, T
 from sensors.sensor import Message, Sensor
+from vehicle.option import Option
 
-_SHARE: Final = Amount(name="share of messages", unit="-", default=0.1, low=0.0, high=1.0)
+_SHARE: Final = Option("share", 0.1, "share of messages", low=0.0, high=1.0)
 
 
 class AnySensorFault:
     """Base of fault kinds that apply to every sensor."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = ()
+    options: ClassVar[tuple[Option, ...]] = ()
     needs: ClassVar[str] = "a sensor"
 
     @classmethod
@@ -27,7 +28,7 @@ class AnySensorFault:
 class Dropout(AnySensorFault):
     """Messages are lost at random."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = (_SHARE,)
+    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -43,7 +44,7 @@ class Dropout(AnySensorFault):
 class Duplicate(AnySensorFault):
     """Messages are replaced at random by the previous one, under the new time."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = (_SHARE,)
+    options: ClassVar[tuple[Option, ...]] = (_SHARE,)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,) = amount
@@ -63,7 +64,7 @@ class Duplicate(AnySensorFault):
 class Freeze(Duplicate):
     """The last message before the fault is repeated, under the new time."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = ()
+    options: ClassVar[tuple[Option, ...]] = ()
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         super().__init__((1.0,), context)
@@ -75,8 +76,8 @@ class Delay(AnySensorFault):
     Messages that are still under way when the fault ends are lost.
     """
 
-    amounts: ClassVar[tuple[Amount, ...]] = (
-        Amount(name="delay", unit="captures", default=1.0, low=1.0, high=50.0, whole=True),
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("delay", 1, "messages are late by so many captures", unit="captures", low=1, high=50),
     )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:

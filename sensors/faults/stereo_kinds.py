@@ -10,13 +10,14 @@ import numpy as np
 
 from sensors.camera.lens import mount_rotation
 from sensors.camera.shutter import STILL, Twist, moved, twist_between
-from sensors.faults.fault import Amount, FaultContext, Pinhole, T
+from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.faults.image_kinds import ImageFault, camera_of
 from sensors.messages import GreyImage
 from sensors.sensor import Message, Sensor, image_fields
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 
 class StereoFault:
@@ -36,7 +37,9 @@ class Desync(StereoFault):
     Its image is taken where the steady motion of the body since the last capture will have carried it by then.
     """
 
-    amounts: ClassVar[tuple[Amount, ...]] = (Amount(name="lag", unit="s", default=0.01, low=0.001, high=0.09),)
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("lag", 0.01, "the right exposure is later by this time", unit="s", low=0.001, high=0.09),
+    )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         self._lag = to_ticks(amount[0], "desync: lag")
@@ -67,8 +70,8 @@ class Desync(StereoFault):
 class Decalibration(StereoFault, ImageFault):
     """The right camera is turned against its calibration."""
 
-    amounts = tuple(
-        Amount(name=name, unit="deg", default=default, low=-5.0, high=5.0)
+    options = tuple(
+        Option(name, default, f"{name} of the right camera", unit="deg", low=-5.0, high=5.0)
         for name, default in (("roll", -0.15), ("yaw", 0.1), ("pitch", 0.0))
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controllers.checked import CheckedLaw
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Guarded
 from controllers.trailer_steering.reverse_lock import ReverseLock
@@ -158,8 +159,9 @@ def test_a_law_without_declarations_can_be_used() -> None:
     law = trailer_law(f"{__name__}:Plain", TRAILER, COMBINATION, {"gain": 2.5, "mode": "fast"})
     assert isinstance(law, ReverseLock)
     assert isinstance(law.law, Guarded)
-    assert isinstance(law.law.law, Plain)
-    assert law.law.law.given == (2.5, "fast", "")
+    assert isinstance(law.law.law, CheckedLaw)
+    assert isinstance(law.law.law.law, Plain)
+    assert law.law.law.law.given == (2.5, "fast", "")
     assert defaults_of(Plain) == {"gain": 1.0}
 
 

@@ -62,7 +62,7 @@ def test_several_faults_survive_being_written_down() -> None:
     ("setting", "complaint"),
     [
         ("faults=dropuot:0.1", "faults: unknown fault 'dropuot'; did you mean 'dropout'"),
-        ("faults=dropout:1.5", "faults.0: dropout: share of messages = 1.5 must be 0 to 1"),
+        ("faults=dropout:1.5", "faults.0: dropout: share = 1.5 must be between 0 and 1"),
         ("faults=nowhere:Flicker:0.2@5", "faults.0: kind = nowhere:Flicker: no module nowhere"),
         ("faults=sensors.messages:BodyPose", "faults.0: sensors.messages:BodyPose is no fault kind"),
         ("faults=dropout:much", "faults.0.amount.0 = 'much' must be a valid number"),

@@ -22,7 +22,7 @@ from scenarios.standards.theory import linear_figures
 from vehicle.combination.description import GRAVITY, Axle, Vehicle, load_vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.frames import FloatArray
-from vehicle.tyres.data import LinearTyre
+from vehicle.tyres.linear import LinearTyre
 
 STIFFNESS = (280_693.53, 581_536.8, 970_209.0)  # of the audited 40 t set's axles [N/rad]
 

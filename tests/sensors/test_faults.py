@@ -15,7 +15,7 @@ import pytest
 from sensors.camera.lens import CameraModel, mount_rotation
 from sensors.camera.rig import StereoRig
 from sensors.faults.catalogue import FAULTS, checked_kind
-from sensors.faults.fault import Amount, Fault, FaultContext, Pinhole, T
+from sensors.faults.fault import Fault, FaultContext, Pinhole, T, defaults
 from sensors.faults.faulty_sensor import with_faults
 from sensors.faults.image_kinds import ImageFault
 from sensors.faults.message_kinds import AnySensorFault
@@ -24,6 +24,7 @@ from sensors.messages import BodyPose, GreyImage, RoverView, SlipReading, Stereo
 from sensors.sensor import Message, Sensor, Stamped, message_type
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
+from vehicle.option import Option
 
 TruthOf = Callable[..., Truth]
 PERIOD = 100  # [ticks]
@@ -284,7 +285,7 @@ def test_faults_of_images_are_refused_where_there_are_none(kind: str) -> None:
 class Flicker(ImageFault):
     """Images are white at random: a user's own kind."""
 
-    amounts: ClassVar[tuple[Amount, ...]] = (Amount(name="share", unit="-", default=0.5, low=0.0, high=1.0),)
+    options: ClassVar[tuple[Option, ...]] = (Option("share", 0.5, "share of images", low=0.0, high=1.0),)
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (self._share,), self._rng = amount, context.rng
@@ -322,7 +323,7 @@ def test_a_kind_that_returns_another_message_is_stopped() -> None:
 
 def test_a_class_that_is_no_fault_kind_is_refused() -> None:
     """The line names the missing members."""
-    with pytest.raises(ValueError, match="own:Sonar is no fault kind: amounts, needs, applies_to missing"):
+    with pytest.raises(ValueError, match="own:Sonar is no fault kind: options, needs, applies_to missing"):
         checked_kind("own:Sonar", Sonar)
 
 
@@ -342,10 +343,8 @@ def test_the_message_of_a_sensor_is_read_from_its_annotation() -> None:
 def test_every_kind_describes_itself(name: str) -> None:
     """Defaults lie within the limits, and the class says in one line what it does."""
     kind = fault(name).kind
-    for amount in kind.amounts:
-        amount.check(amount.default)
-        assert amount.name
-        assert amount.unit
+    Fault(name=name, kind=kind, amount=defaults(kind))
+    assert all(option.name and option.meaning for option in kind.options)
     assert kind.needs.startswith("a ")
     assert (kind.__doc__ or "").splitlines()[0].endswith(".")
 
@@ -353,8 +352,8 @@ def test_every_kind_describes_itself(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "amount", "start", "duration", "complaint"),
     [
-        ("dropout", (1.2,), 0.0, None, "dropout: share of messages = 1.2 must be 0 to 1"),
-        ("desync", (0.1,), 0.0, None, "desync: lag = 0.1 s must be 0.001 to 0.09 s"),
+        ("dropout", (1.2,), 0.0, None, "dropout: share = 1.2 must be between 0 and 1"),
+        ("desync", (0.1,), 0.0, None, "desync: lag = 0.1 s must be between 0.001 and 0.09 s"),
         (
             "decalibration",
             (0.1,),
@@ -362,9 +361,9 @@ def test_every_kind_describes_itself(name: str) -> None:
             None,
             r"amount = \[0.1\] must be roll \[deg\], yaw \[deg\], pitch",
         ),
-        ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6 deg must be -5 to 5 deg"),
+        ("decalibration", (0.0, 6.0, 0.0), 0.0, None, "decalibration: yaw = 6.0 deg must be between -5 and 5 deg"),
         ("blackout", (0.5,), 0.0, None, "blackout: .* must be no number"),
-        ("delay", (1.5,), 0.0, None, "delay = 1.5 captures must be a whole number"),
+        ("delay", (1.5,), 0.0, None, "delay = 1.5 captures must be between 1 and 50 captures, of type int"),
         ("freeze", (), -1.0, None, "start = -1.0 s"),
         ("freeze", (), 0.0, 0.0, "duration = 0.0 s"),
     ],

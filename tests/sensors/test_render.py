@@ -20,7 +20,7 @@ from sensors.world.scenery import Stand
 from sensors.world.shapes import box
 from sensors.world.things import Part, Thing
 from sensors.world.world import World
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 
 RADIUS = 10.0  # of the roundabout in conftest.py [m]
@@ -87,6 +87,21 @@ def test_a_wall_covers_the_pixels_that_its_corners_project_to(
         assert columns[-1] == np.floor(cx + f * (5.0 - y_camera) / Z)
         assert rows[0] == np.ceil(cy - f * (4.0 - 3.0) / Z)  # cameras 3 m up, the wall's top 4 m
         assert wall[rows[0] : rows[0] + 60, columns[0] : columns[-1] + 1].all()
+
+
+def test_depth_of_two_cameras_that_look_different_ways(
+    wall_only: StereoRenderer, calibration: StereoCalibration
+) -> None:
+    """One stands at the origin and sees the wall, the other one turns its back to it and sees ground and sky."""
+    towards = calibration.X_SC
+    away = towards @ transform(rotation_zyx(0.0, np.pi, 0.0), np.zeros(3))  # about the camera's y axis, which is down
+    seen, unseen = wall_only.render_depth_from(towards, away)
+    wall = np.abs(seen[:200] - (29.0 - 13.6)) < 1e-3  # [m] above the ground that lies as far off
+    assert wall.sum() > 10_000
+    assert np.array_equal(seen, wall_only.render_depth(np.eye(4))[0])
+    assert np.isinf(unseen[:100]).all()  # the sky, where the wall would be
+    ground = points_seen(unseen, calibration, away)[300:]
+    assert on_ground(ground, 0.01).mean() > 0.95
 
 
 def warped(right: NDArray[np.uint8], depth: FloatArray, calibration: StereoCalibration, rows: int) -> FloatArray:

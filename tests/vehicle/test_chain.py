@@ -18,7 +18,7 @@ from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.integrator import exact_diagonal
-from vehicle.tyres import ROLLING_SPEED_FLOOR, stiffness
+from vehicle.tyres import ROLLING_SPEED_FLOOR
 
 seeds = st.integers(0, 2**32 - 1)
 few = settings(max_examples=40, deadline=None)  # the first example of a chain compiles it
@@ -300,7 +300,7 @@ def lateral_matrix(vehicle: Vehicle, speed: float) -> tuple[np.ndarray, np.ndarr
 
 def axle_stiffness(unit: Unit, loads: list[float]) -> list[tuple[float, float]]:
     """x [m] and cornering stiffness [N/rad] of each axle at its static load."""
-    return [(axle.x, stiffness(load / 2, axle.tyre).y * load) for axle, load in zip(unit.axles, loads, strict=True)]
+    return [(axle.x, axle.tyre.stiffness(load / 2).y * load) for axle, load in zip(unit.axles, loads, strict=True)]
 
 
 def by_hand(vehicle: Vehicle, V: float) -> np.ndarray:

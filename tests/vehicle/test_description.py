@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from vehicle.combination.description import Actuator, Vehicle, load_vehicle, vehicle_names, vehicle_sources
-from vehicle.tyres.data import TmeasyTyre
+from vehicle.tyres.tmeasy import TmeasyTyre
 
 FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"
 

@@ -15,7 +15,7 @@ from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.trim import straight_running
 from vehicle.surface import Surface
-from vehicle.tyres.data import LinearTyre
+from vehicle.tyres.linear import LinearTyre
 
 STIFFNESS = (4.0, 5.2, 4.4, 4.6, 4.8)  # of the axles, over load [1/rad]: all different
 

@@ -23,7 +23,7 @@ from vehicle.combination.handling import (
 )
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres.data import LinearTyre
+from vehicle.tyres.linear import LinearTyre
 
 SPEED = 24.0  # [m/s] of the audit
 LANE_CHANGE_SPEED = 88.0 / 3.6  # [m/s] ISO 14791

@@ -12,8 +12,11 @@ from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant_changes import NamedChanges, changed_vehicle, number_paths
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Frozen
-from vehicle.tyres import Planar, grip, steady_force, stiffness
-from vehicle.tyres.data import TYRES, BrushTyre, LinearTyre, MagicFormulaTyre, Tyre
+from vehicle.tyres import Planar, Tyre
+from vehicle.tyres.brush import BrushTyre
+from vehicle.tyres.laws import TYRES
+from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.magic_formula import MagicFormulaTyre
 
 _LINEAR = {
     "nominal_load": 30e3,
@@ -92,14 +95,14 @@ def test_initial_slope_scales_and_peak_friction_stays(steered: Vehicle, law: str
     tyre = tyres_of_every_law(steered)[law]
     softer = changed_vehicle(on_tyre(steered, tyre), {"cornering_stiffness_scale": 0.8}).units[0].axles[0].tyre
     F_z = 25e3
-    assert float(stiffness(F_z, softer).y) == pytest.approx(0.8 * float(stiffness(F_z, tyre).y), rel=1e-12)
-    assert float(stiffness(F_z, softer).x) == float(stiffness(F_z, tyre).x)
-    assert float(grip(softer, F_z, 0.7, Planar(0.0, 0.0), 1.0).limit) == float(
-        grip(tyre, F_z, 0.7, Planar(0.0, 0.0), 1.0).limit
+    assert float(softer.stiffness(F_z).y) == pytest.approx(0.8 * float(tyre.stiffness(F_z).y), rel=1e-12)
+    assert float(softer.stiffness(F_z).x) == float(tyre.stiffness(F_z).x)
+    assert float(softer.grip(F_z, 0.7, Planar(0.0, 0.0), 1.0).limit) == float(
+        tyre.grip(F_z, 0.7, Planar(0.0, 0.0), 1.0).limit
     )
     for slip in (0.02, 0.1, 0.4, 1.5):  # up to sliding all over
         force, soft = (
-            float(steady_force(Planar(0.0, s), F_z, 0.7, t).y) for s, t in ((slip, tyre), (slip / 0.8, softer))
+            float(t.steady_force(Planar(0.0, s), F_z, 0.7).y) for s, t in ((slip, tyre), (slip / 0.8, softer))
         )
         assert soft == pytest.approx(force, rel=1e-9)
 

@@ -10,19 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicle.combination.description import Vehicle
-from vehicle.tyres import (
-    Contact,
-    Grip,
-    Planar,
-    contact,
-    deflection_rate,
-    grip,
-    push,
-    rolling_speed,
-    steady_force,
-    stiffness,
-)
-from vehicle.tyres.data import BrushTyre, LinearTyre, MagicFormulaTyre, TmeasyCurve, TmeasyTyre, Tyre
+from vehicle.tyres import Contact, Grip, Planar, Tyre, contact, deflection_rate, laws, rolling_speed
+from vehicle.tyres.brush import BrushTyre
+from vehicle.tyres.linear import LinearTyre
+from vehicle.tyres.magic_formula import MagicFormulaTyre
+from vehicle.tyres.tmeasy import TmeasyCurve, TmeasyTyre
 
 loads = st.floats(2e3, 9e4)
 frictions = st.floats(0.05, 1.2)
@@ -71,16 +63,20 @@ def tyre(request: pytest.FixtureRequest) -> Tyre:
 
 
 def sliding(tyre: Tyre, F_z: float, friction: float, gain: float, drift: float, v_x: float) -> tuple[Planar, Grip]:
-    """Push and grip of a tyre that gains on the ground and drifts left [m/s] while rolling at v_x [m/s]."""
-    pushed = push(tyre, gain, drift)
-    return pushed, grip(tyre, F_z, friction, pushed, rolling_speed(v_x))
+    """Sliding rate and grip of a tyre that gains on the ground and drifts left [m/s] while rolling at v_x [m/s]."""
+    rate = tyre.sliding_rate(gain, drift)
+    return rate, tyre.grip(F_z, friction, rate, rolling_speed(v_x))
 
 
 def standing(tyre: Tyre, F_z: float, friction: float, slip: float) -> Contact:
     """The contact of a tyre long under a lateral slip."""
-    pushed, hold = sliding(tyre, F_z, friction, 0.0, -slip, 1.0)
-    n = Planar(pushed.x / hold.fading, pushed.y / hold.fading)
-    return contact(n, Planar(0.0, 0.0), F_z, hold, tyre.damping)
+    rate_in, grip = sliding(tyre, F_z, friction, 0.0, -slip, 1.0)
+    n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
+    return contact(n, Planar(0.0, 0.0), F_z, grip, tyre.damping)
+
+
+def test_every_law_of_the_catalogue_is_tested_here() -> None:
+    assert {name: type(tyre) for name, tyre in TYRES.items()} == dict(laws.TYRES)
 
 
 # --- the bristle, whatever the law ---
@@ -89,13 +85,13 @@ def standing(tyre: Tyre, F_z: float, friction: float, slip: float) -> Contact:
 @given(F_z=loads, friction=frictions, v_x=speeds, gain=speeds, drift=speeds)
 def test_a_deflection_at_rest_gives_the_steady_force(tyre, F_z, friction, v_x, gain, drift) -> None:
     """Where the rate vanishes the force is the law's, at any speed."""
-    pushed, hold = sliding(tyre, F_z, friction, gain, drift, v_x)
-    n = Planar(pushed.x / hold.fading, pushed.y / hold.fading)
-    scale = 1e-12 * (1.0 + abs(pushed.x) + abs(pushed.y))  # rounding of a difference of two rates
-    assert deflection_rate(n, pushed, hold.fading) == pytest.approx((0.0, 0.0), abs=scale)
+    rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
+    n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
+    scale = 1e-12 * (1.0 + abs(rate_in.x) + abs(rate_in.y))  # rounding of a difference of two rates
+    assert deflection_rate(n, rate_in, grip.decay) == pytest.approx((0.0, 0.0), abs=scale)
     slip = Planar(gain / rolling_speed(v_x), -drift / rolling_speed(v_x))
-    expected = steady_force(slip, F_z, friction, tyre)
-    got = contact(n, Planar(0.0, 0.0), F_z, hold, tyre.damping).force
+    expected = tyre.steady_force(slip, F_z, friction)
+    got = contact(n, Planar(0.0, 0.0), F_z, grip, tyre.damping).force
     assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
 
 
@@ -106,45 +102,45 @@ def test_the_friction_circle_is_never_exceeded_in_random_states(tyre) -> None:
     most = 1.0214 / 0.8 if tyre.model == "tmeasy" else 1.0
     for _ in range(20_000):
         F_z, friction, v_x = rng.uniform(2e3, 9e4), rng.uniform(0.05, 1.2), rng.uniform(-25, 25)
-        _, hold = sliding(tyre, F_z, friction, rng.uniform(-25, 25), rng.uniform(-25, 25), v_x)
+        _, grip = sliding(tyre, F_z, friction, rng.uniform(-25, 25), rng.uniform(-25, 25), v_x)
         n, rate = Planar(*rng.uniform(-5, 5, 2)), Planar(*rng.uniform(-1e3, 1e3, 2))
-        on = contact(n, rate, F_z, hold, tyre.damping)
-        assert math.hypot(*on.force) <= hold.limit * F_z * (1.0 + 1e-12)
+        on = contact(n, rate, F_z, grip, tyre.damping)
+        assert math.hypot(*on.force) <= grip.limit * F_z * (1.0 + 1e-12)
         assert 0.0 <= on.use_along <= 1.0 + 1e-12
-        assert hold.limit <= most * friction * (1.0 + 1e-12)
+        assert grip.limit <= most * friction * (1.0 + 1e-12)
 
 
 @given(F_z=loads, friction=frictions, v_x=speeds, gain=speeds, drift=speeds)
 def test_a_deflection_beyond_the_friction_shrinks(tyre, F_z, friction, v_x, gain, drift) -> None:
     """The bristle cannot wind up: the force it stands for falls outside of the largest force, whatever the sliding."""
-    pushed, hold = sliding(tyre, F_z, friction, gain, drift, v_x)
-    x_factor, y_factor = hold.factor, hold.factor * hold.skew
+    rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
+    x_factor, y_factor = grip.factor, grip.factor * grip.skew
     for angle in np.linspace(0.0, math.tau, 7):
-        u = Planar(1.02 * hold.limit * math.cos(angle), 1.02 * hold.limit * math.sin(angle))  # force over load
-        rate = deflection_rate(Planar(u.x / x_factor, u.y / y_factor), pushed, hold.fading)
+        u = Planar(1.02 * grip.limit * math.cos(angle), 1.02 * grip.limit * math.sin(angle))  # force over load
+        rate = deflection_rate(Planar(u.x / x_factor, u.y / y_factor), rate_in, grip.decay)
         assert u.x * x_factor * rate.x + u.y * y_factor * rate.y < 0.0
 
 
 def test_the_force_opposes_the_slip_angle_and_drives_with_slip(tyre) -> None:
     """A wheel that drifts left is pulled right; a wheel that spins faster than it rolls pulls forward."""
-    F = steady_force(Planar(0.01, -0.02), NOMINAL, 0.8, tyre)
+    F = tyre.steady_force(Planar(0.01, -0.02), NOMINAL, 0.8)
     assert F.x > 0.0 > F.y
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
 def test_friction_scales_the_peak_and_leaves_the_initial_stiffness(tyre, friction: float) -> None:
     """Slope at no slip: stiffness times load; largest side force: friction times load, for TMeasy its table's part."""
-    small = steady_force(Planar(0.0, 1e-4), NOMINAL, friction, tyre)
+    small = tyre.steady_force(Planar(0.0, 1e-4), NOMINAL, friction)
     # falling off with C s / (mu * a number of the law below 1.5): 1e-2 at most here, for 5.9e-4 / 0.1
-    assert small.y == pytest.approx(stiffness(NOMINAL, tyre).y * NOMINAL * 1e-4, rel=1.5e-2 * 0.8 / friction * 0.2)
-    forces = [steady_force(Planar(0.0, s), NOMINAL, friction, tyre).y for s in np.linspace(1e-3, 5.0, 20001)]
+    assert small.y == pytest.approx(tyre.stiffness(NOMINAL).y * NOMINAL * 1e-4, rel=1.5e-2 * 0.8 / friction * 0.2)
+    forces = [tyre.steady_force(Planar(0.0, s), NOMINAL, friction).y for s in np.linspace(1e-3, 5.0, 20001)]
     peak = 0.77253 / 0.8 if tyre.model == "tmeasy" else 1.0
     assert max(forces) == pytest.approx(peak * friction * NOMINAL, rel=1e-4)  # the grid hits the flat top
 
 
 def test_stiffness_falls_with_load(tyre) -> None:
     """7.4 % of it from one to two nominal loads; more along in TMeasy's tables."""
-    one, two = stiffness(NOMINAL, tyre), stiffness(2.0 * NOMINAL, tyre)
+    one, two = tyre.stiffness(NOMINAL), tyre.stiffness(2.0 * NOMINAL)
     along = 13.805 / 17.687 if tyre.model == "tmeasy" else 0.926
     assert (two.x / one.x, two.y / one.y) == pytest.approx((along, 0.926), abs=4e-4)  # 5.506 / 5.948 is 0.9257
 
@@ -164,7 +160,7 @@ def test_the_lever_is_about_that_of_a_brush(name: str, apart: float) -> None:
     """(1 - t)^3 / (1 - t + t^2 / 3) of it is left where a share t of a brush's patch slides, t = linear force / 3."""
     tyre = TYRES[name]
     for t in (0.05, 0.2, 0.5, 0.9):
-        slip = 3.0 * t * 0.8 / stiffness(NOMINAL, tyre).y
+        slip = 3.0 * t * 0.8 / tyre.stiffness(NOMINAL).y
         left = sliding(tyre, NOMINAL, 0.8, 0.0, slip, 1.0)[1].trail / 0.05
         brush = (1.0 - t) ** 3 / (1.0 - t + t**2 / 3.0)
         assert left == pytest.approx(brush, abs=apart)  # for the curves a stated simplification
@@ -187,9 +183,9 @@ def test_rolling_speed_is_never_zero() -> None:
 def test_the_linear_tyre_is_linear_up_to_the_circle() -> None:
     """F = C F_z s, and friction times load beyond, in any direction."""
     tyre = TYRES["linear"]
-    F = steady_force(Planar(0.01, 0.05), NOMINAL, 0.8, tyre)
+    F = tyre.steady_force(Planar(0.01, 0.05), NOMINAL, 0.8)
     assert tuple(F) == pytest.approx((17.7 * 0.01 * NOMINAL, 5.948 * 0.05 * NOMINAL))
-    assert math.hypot(*steady_force(Planar(0.3, 0.4), NOMINAL, 0.8, tyre)) == pytest.approx(0.8 * NOMINAL)
+    assert math.hypot(*tyre.steady_force(Planar(0.3, 0.4), NOMINAL, 0.8)) == pytest.approx(0.8 * NOMINAL)
 
 
 @pytest.mark.parametrize("slip", [0.01, 0.1, 0.3, 0.8])
@@ -203,7 +199,7 @@ def test_the_brush_tyre_is_the_integral_over_its_bristles(slip: float) -> None:
     c = 5.948 * NOMINAL / (2.0 * a**2)
     pressure = friction * 3.0 * NOMINAL / (4.0 * a) * (1.0 - (x / a) ** 2)
     F = -np.trapezoid(np.minimum(c * slip * (a - x), pressure), x)
-    assert steady_force(Planar(0.0, slip), NOMINAL, friction, tyre).y == pytest.approx(F, rel=1e-6)
+    assert tyre.steady_force(Planar(0.0, slip), NOMINAL, friction).y == pytest.approx(F, rel=1e-6)
     assert standing(tyre, NOMINAL, friction, slip).force.y == pytest.approx(F, rel=1e-6)
 
 
@@ -212,7 +208,7 @@ def test_the_magic_formula_is_the_magic_formula(slip: float) -> None:
     """D sin(C atan(B s - E (B s - atan(B s)))) with D the friction and B C D the stiffness, all over the load."""
     B = 5.948 / (1.26 * 0.5)
     expected = 0.5 * math.sin(1.26 * math.atan(B * slip - 0.4 * (B * slip - math.atan(B * slip))))
-    got = steady_force(Planar(0.0, slip), NOMINAL, 0.5, TYRES["magic_formula"]).y / NOMINAL
+    got = TYRES["magic_formula"].steady_force(Planar(0.0, slip), NOMINAL, 0.5).y / NOMINAL
     assert got == pytest.approx(expected, rel=1e-6)  # the floor of the linear force, 1e-6
 
 
@@ -230,7 +226,7 @@ ANGLES = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0, 15.0, 20.0)  # [deg]
 def test_tmeasy_gives_the_published_truck_tyre_on_every_ground(friction: float) -> None:
     """Friction stretches force and slip of peak and sliding; the initial slope stays."""
     got = [
-        steady_force(Planar(0.0, math.tan(math.radians(angle))), NOMINAL, friction, TRUCK_TMEASY).y / NOMINAL
+        TRUCK_TMEASY.steady_force(Planar(0.0, math.tan(math.radians(angle))), NOMINAL, friction).y / NOMINAL
         for angle in ANGLES
     ]
     np.testing.assert_allclose(got, TABLE[friction], atol=0.6e-4)  # the table's last digit
@@ -246,7 +242,7 @@ def test_tmeasy_goes_through_its_points_along_and_across_and_at_both_loads() -> 
                 (1.3 * curve.sliding_slip[k], curve.sliding_force[k]),
             ):
                 s = Planar(slip, 0.0) if axis == 0 else Planar(0.0, slip)
-                got = steady_force(s, F_z, 0.8, TRUCK_TMEASY)[axis] / F_z
+                got = TRUCK_TMEASY.steady_force(s, F_z, 0.8)[axis] / F_z
                 assert got == pytest.approx(expected, rel=1e-6)  # rounding of the direction
 
 
@@ -256,5 +252,5 @@ def test_the_magic_formula_of_the_shipped_trucks_is_like_tmeasy(tractor_semitrai
         like = tyre.model_copy(update={"cornering_stiffness": 5.948})
         for angle, expected in zip(ANGLES, TABLE[0.80], strict=True):
             s = Planar(0.0, math.tan(math.radians(angle)))
-            got = steady_force(s, tyre.nominal_load, 0.77253, like).y / tyre.nominal_load
+            got = like.steady_force(s, tyre.nominal_load, 0.77253).y / tyre.nominal_load
             assert got == pytest.approx(expected, abs=0.03)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, NamedTuple
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializeAsAny, model_validator
 
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
@@ -28,7 +28,8 @@ from vehicle.quantities import (
     Position,
     quantity,
 )
-from vehicle.tyres.data import TYRES, Tyre
+from vehicle.tyres import Tyre
+from vehicle.tyres.laws import TYRES
 
 GRAVITY: Final = 9.81  # [m/s2]
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
@@ -51,7 +52,7 @@ class Axle(Frozen):
     lifted: Flag = False  # raised off the ground: it carries nothing
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
     load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
-    tyre: Tyre
+    tyre: SerializeAsAny[Tyre]
 
 
 class Steering(Frozen):

@@ -9,8 +9,7 @@ import casadi as ca
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
-from vehicle.tyres import Contact, Num, Planar, contact, deflection_rate, grip, push, rolling_speed
-from vehicle.tyres.bristle import nominal_stiffness
+from vehicle.tyres import Contact, Num, Planar, contact, deflection_rate, rolling_speed
 
 _BRAKE_WINDUP: Final = 0.02  # turn over which a brake's holding torque builds up [rad]: 1 cm at the tread
 _CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips and the engine's power is no limit [rad/s]
@@ -68,21 +67,21 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     """The motion of a wheel in a state."""
     axle, tyre = wheel.axle, wheel.axle.tyre
     v = along(s.plane, s.hub)
-    pushed = push(tyre, axle.wheel_radius * s.omega - v.x, v.y)
+    sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
     speed = rolling_speed(v.x)
-    hold = grip(tyre, s.load, s.friction, pushed, speed)
-    rate = deflection_rate(s.deflection, pushed, hold.fading)
-    on = contact(s.deflection, rate, s.load, hold, tyre.damping)
+    grip = tyre.grip(s.load, s.friction, sliding, speed)
+    rate = deflection_rate(s.deflection, sliding, grip.decay)
+    on = contact(s.deflection, rate, s.load, grip, tyre.damping)
     winding = ca.fabs(s.omega)
     return WheelMotion(
         omega=_spin_rate(vehicle, wheel, s, on.force.x),
         deflection=rate,
         brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
-        relaxation=Relaxation(_spin_relaxation(axle, on), hold.fading, (1.0 / _BRAKE_WINDUP) * winding),
+        relaxation=Relaxation(_spin_relaxation(axle, on), grip.decay, (1.0 / _BRAKE_WINDUP) * winding),
         force=from_unit(s.plane, Vector(on.force.x, on.force.y)),
-        moment_opposing=hold.trail * s.brake_windup * on.force.y,
+        moment_opposing=grip.trail * s.brake_windup * on.force.y,
         slip_angle=ca.atan(v.y / speed),
-        friction_used=ca.sqrt(on.force.x**2 + on.force.y**2) / (hold.limit * s.load),
+        friction_used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * s.load),
     )
 
 
@@ -103,7 +102,7 @@ def _spin_relaxation(axle: Axle, on: Contact) -> Num:
     drops out. Exact for a tyre that sticks and for one that slides all over.
     """
     tyre = axle.tyre
-    per_spin = axle.wheel_radius**2 * nominal_stiffness(tyre).x * tyre.damping
+    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * tyre.damping
     return per_spin / (axle.wheel_inertia * tyre.relaxation_length) * (on.per_deflection * (1.0 - on.use_along))
 
 

@@ -1,4 +1,4 @@
-"""Tyres: laws of the steady force, one a module, and the elastic carcass that all of them act through."""
+"""Tyres: laws of the steady force, one a module, and the elastic carcass through which all of them act."""
 
 from vehicle.tyres.bristle import (
     ROLLING_SPEED_FLOOR,
@@ -8,10 +8,9 @@ from vehicle.tyres.bristle import (
     Planar,
     contact,
     deflection_rate,
-    push,
     rolling_speed,
 )
-from vehicle.tyres.laws import grip, steady_force, stiffness
+from vehicle.tyres.tyre import Tyre
 
 __all__ = [
     "ROLLING_SPEED_FLOOR",
@@ -19,11 +18,8 @@ __all__ = [
     "Grip",
     "Num",
     "Planar",
+    "Tyre",
     "contact",
     "deflection_rate",
-    "grip",
-    "push",
     "rolling_speed",
-    "steady_force",
-    "stiffness",
 ]

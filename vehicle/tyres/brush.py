@@ -1,24 +1,31 @@
 """Brush tyre: elastic bristles under a parabolic pressure, which slide from the rear of the contact patch on.
 
-Friction scales the peak and leaves the stiffness. For numbers or ``casadi.SX``.
+Friction scales the peak and leaves the stiffness.
 """
 
 from __future__ import annotations
 
+from typing import Literal
+
 import casadi as ca
 
-from vehicle.tyres.bristle import Grip, Num, Planar, load_factor, size, trail_at
-from vehicle.tyres.data import BrushTyre
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.tyre import StiffnessTyre
 
 
-def brush_grip(tyre: BrushTyre, F_z: Num, friction: Num, pushed: Planar, speed: Num) -> Grip:
-    """Grip of a brush tyre: with t the sliding share of the patch, 1 - (1 - t)^3 of friction times load is used.
+class BrushTyre(StiffnessTyre):
+    """Elastic bristles under a parabolic pressure."""
 
-    Its moment is the trail times the linear force, less by the same share.
-    """
-    factor = load_factor(tyre, F_z)
-    by_limit = factor * (1.0 / friction)
-    pull = by_limit * size(pushed)
-    t = ca.fmin((tyre.relaxation_length / 3.0) * (pull / speed), 1.0)
-    used = t * (3.0 - t * (3.0 - t))
-    return Grip(pull / used, friction, factor, 1.0, by_limit, trail_at(tyre, F_z, (1.0 - used) * (3.0 * t / used)))
+    model: Literal["brush"]
+
+    def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
+        """With t the sliding share of the patch, 1 - (1 - t)^3 of friction times load is used.
+
+        The moment is the trail times the linear force, reduced by the same share.
+        """
+        factor = self.load_factor(F_z)
+        by_limit = factor * (1.0 / friction)
+        pull = by_limit * magnitude(sliding)
+        t = ca.fmin((self.relaxation_length / 3.0) * (pull / speed), 1.0)
+        used = t * (3.0 - t * (3.0 - t))
+        return Grip(pull / used, friction, factor, 1.0, by_limit, self.trail(F_z, (1.0 - used) * (3.0 * t / used)))

@@ -1,21 +1,31 @@
-"""Magic formula: sine of an arc tangent of the slip. For numbers or ``casadi.SX``.
+"""Magic formula: sine of an arc tangent of the slip.
 
 Friction scales the peak and leaves the stiffness: with the linear force over friction as argument there is one curve.
 """
 
 from __future__ import annotations
 
+from typing import Annotated, Literal
+
 import casadi as ca
 
-from vehicle.tyres.bristle import Grip, Num, Planar, load_factor, size, trail_at
-from vehicle.tyres.data import MagicFormulaTyre
+from vehicle.quantities import quantity
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.tyre import StiffnessTyre
 
 
-def magic_formula_grip(tyre: MagicFormulaTyre, F_z: Num, friction: Num, pushed: Planar, speed: Num) -> Grip:
-    """Grip of the magic formula."""
-    factor = load_factor(tyre, F_z)
-    by_limit = factor * (1.0 / friction)
-    pull = by_limit * size(pushed)
-    x = (tyre.relaxation_length / tyre.shape) * (pull / speed)
-    used = ca.sin(tyre.shape * ca.atan((1.0 - tyre.curvature) * x + tyre.curvature * ca.atan(x)))
-    return Grip(pull / used, friction, factor, 1.0, by_limit, trail_at(tyre, F_z, 1.0 - used))
+class MagicFormulaTyre(StiffnessTyre):
+    """Sine of an arc tangent, with the peak at friction times load."""
+
+    model: Literal["magic_formula"]
+    shape: Annotated[float, quantity("-", ge=1.0, le=2.0)]  # C; at 1 the force never falls off
+    curvature: Annotated[float, quantity("-", ge=-10.0, le=1.0)]  # E
+
+    def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
+        """Pacejka's formula without offsets, with the peak at friction times load."""
+        factor = self.load_factor(F_z)
+        by_limit = factor * (1.0 / friction)
+        pull = by_limit * magnitude(sliding)
+        x = (self.relaxation_length / self.shape) * (pull / speed)
+        used = ca.sin(self.shape * ca.atan((1.0 - self.curvature) * x + self.curvature * ca.atan(x)))
+        return Grip(pull / used, friction, factor, 1.0, by_limit, self.trail(F_z, 1.0 - used))

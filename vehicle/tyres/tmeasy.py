@@ -1,4 +1,4 @@
-"""TMeasy: curves through initial slope, peak and sliding, each interpolated over load. For numbers or ``casadi.SX``.
+"""TMeasy: curves through initial slope, peak and sliding, each interpolated over load.
 
 Rill's tyre model, as published with Project Chrono: up to the peak (s < s_M, t = s / s_M) F = s dF0 / (1 + t (t +
 dF0 s_M / F_M - 2)); from there a cubic to the sliding force at s_S. Friction stretches the curves: forces and slips of
@@ -8,50 +8,112 @@ as the linear forces they would cause, and the parameters blend with the squared
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import casadi as ca
+from pydantic import model_validator
 
-from vehicle.tyres.bristle import Grip, Num, Planar, size, trail_at
-from vehicle.tyres.data import TmeasyCurve, TmeasyTyre
+from vehicle.quantities import Frozen, quantity
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.tyre import Stiffness, Tyre
+
+OverLoad = Annotated[float, quantity("-", gt=0.0, le=2.0)]
+Slip = Annotated[float, quantity("-", gt=0.0, le=5.0)]
+
+
+class TmeasyCurve(Frozen):
+    """Force over slip in one direction, each number at the nominal load and at twice of it."""
+
+    initial_slope: tuple[Stiffness, Stiffness]
+    peak_slip: tuple[Slip, Slip]
+    peak_force: tuple[OverLoad, OverLoad]
+    sliding_slip: tuple[Slip, Slip]
+    sliding_force: tuple[OverLoad, OverLoad]
+
+    @model_validator(mode="after")
+    def _is_convex(self) -> TmeasyCurve:
+        for k, load in enumerate(("the nominal load", "twice the nominal load")):
+            if self.sliding_slip[k] <= self.peak_slip[k]:
+                raise ValueError(
+                    f"sliding_slip = {self.sliding_slip[k]:g} must be beyond "
+                    f"peak_slip = {self.peak_slip[k]:g} at {load}"
+                )
+            if self.sliding_force[k] > self.peak_force[k]:
+                raise ValueError(
+                    f"sliding_force = {self.sliding_force[k]:g} must not exceed "
+                    f"peak_force = {self.peak_force[k]:g} at {load}"
+                )
+            if self.initial_slope[k] * self.peak_slip[k] < 2.0 * self.peak_force[k]:
+                raise ValueError(
+                    f"initial_slope = {self.initial_slope[k]:g} must be at least 2 peak_force / peak_slip = "
+                    f"{2.0 * self.peak_force[k] / self.peak_slip[k]:g} at {load}, or the curve is not convex"
+                )
+        return self
+
+
+class TmeasyTyre(Tyre):
+    """Curves through initial slope, peak and sliding, stretched with friction."""
+
+    model: Literal["tmeasy"]
+    reference_friction: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # of the ground the curves are given for
+    lateral: TmeasyCurve
+    longitudinal: TmeasyCurve
+
+    @property
+    def nominal_stiffness(self) -> Planar:
+        """Slip stiffness over load along and across the wheel at the nominal load [-]."""
+        return Planar(self.longitudinal.initial_slope[0], self.lateral.initial_slope[0])
+
+    def with_cornering_scaled(self, factor: float) -> dict[str, object]:
+        """Fields of this tyre with the lateral initial slopes multiplied by ``factor``.
+
+        The slips of peak and sliding are divided by it, as in the other laws: the curve is compressed along the slip
+        axis, and keeps its shape and its forces.
+        """
+        curve = self.lateral
+        lateral = curve.model_dump() | {
+            "initial_slope": [factor * slope for slope in curve.initial_slope],
+            "peak_slip": [slip / factor for slip in curve.peak_slip],
+            "sliding_slip": [slip / factor for slip in curve.sliding_slip],
+        }
+        return self.model_dump() | {"lateral": lateral}
+
+    def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
+        """Curves of both directions at this load, blended by the direction of the linear force."""
+        # The tables' straight line over load, held beyond twice the nominal load.
+        beyond = ca.fmin(F_z * (1.0 / self.nominal_load), 2.0) - 1.0
+        k = friction * (1.0 / self.reference_friction)
+        slopes = [_line(curve.initial_slope, beyond) for curve in (self.longitudinal, self.lateral)]
+        factors = Planar(slopes[0] / self.longitudinal.initial_slope[0], slopes[1] / self.lateral.initial_slope[0])
+        along, across = _at(self.longitudinal, slopes[0], beyond, k), _at(self.lateral, slopes[1], beyond, k)
+        linear = Planar(factors.x * sliding.x, factors.y * sliding.y)
+        pull = magnitude(linear)
+        share = (linear.x / pull) ** 2  # squared cosine of the direction
+        curve = _Curve(*(b + share * (a - b) for a, b in zip(along, across, strict=True)))
+        demand = self.relaxation_length * (pull / speed)
+        force = _force(curve, demand)
+        limit = ca.fmax(along.peak_force, across.peak_force)
+        return Grip(
+            decay=pull / force,
+            limit=limit,
+            factor=factors.x,
+            skew=factors.y / factors.x,
+            factor_by_limit=factors.x / limit,
+            trail=self.trail(F_z, 1.0 - force / curve.peak_force),
+        )
 
 
 class _Curve(NamedTuple):
     """One direction's curve at a load; slips are given as the linear force over load that they would cause."""
 
-    peak: Num  # where
+    peak: Num  # slip at the largest force
     peak_force: Num
-    sliding: Num  # where
+    sliding: Num  # slip from which on the whole patch slides
     sliding_force: Num
 
 
-def tmeasy_grip(tyre: TmeasyTyre, F_z: Num, friction: Num, pushed: Planar, speed: Num) -> Grip:
-    """Grip of a TMeasy tyre."""
-    # The tables' straight line over load, held beyond twice the nominal load.
-    beyond = ca.fmin(F_z * (1.0 / tyre.nominal_load), 2.0) - 1.0
-    k = friction * (1.0 / tyre.reference_friction)
-    slopes = [_line(curve.initial_slope, beyond) for curve in (tyre.longitudinal, tyre.lateral)]
-    factors = Planar(slopes[0] / tyre.longitudinal.initial_slope[0], slopes[1] / tyre.lateral.initial_slope[0])
-    along, across = _at(tyre.longitudinal, slopes[0], beyond, k), _at(tyre.lateral, slopes[1], beyond, k)
-    linear = Planar(factors.x * pushed.x, factors.y * pushed.y)
-    pull = size(linear)
-    share = (linear.x / pull) ** 2  # squared cosine of the direction
-    curve = _Curve(*(b + share * (a - b) for a, b in zip(along, across, strict=True)))
-    demand = tyre.relaxation_length * (pull / speed)
-    force = _force(curve, demand)
-    limit = ca.fmax(along.peak_force, across.peak_force)
-    return Grip(
-        fading=pull / force,
-        limit=limit,
-        factor=factors.x,
-        skew=factors.y / factors.x,
-        factor_by_limit=factors.x / limit,
-        trail=trail_at(tyre, F_z, 1.0 - force / curve.peak_force),
-    )
-
-
 def _line(values: tuple[float, float], beyond: Num) -> Num:
-    """What goes through two values at the nominal load and twice of it, at a load ``beyond`` it (in nominal loads)."""
+    """Linear interpolation between values at the nominal load and at twice of it; ``beyond`` in nominal loads above."""
     return values[0] + (values[1] - values[0]) * beyond
 
 

@@ -23,8 +23,7 @@ import casadi as ca
 from controllers.trailer import Combination, TrailerGeometry
 from vehicle.combination.description import Unit
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres import Planar, contact, deflection_rate, grip, push, rolling_speed, stiffness
-from vehicle.tyres.data import Tyre
+from vehicle.tyres import Planar, Tyre, contact, deflection_rate, rolling_speed
 
 V = TypeVar("V")
 
@@ -69,7 +68,7 @@ class TrailerModel:
     @property
     def stiffness(self) -> float:
         """Cornering stiffness of the axles over their load, by their moments about the hitch [1/rad]."""
-        moments = (float(stiffness(0.5 * axle.load, axle.tyre).y) * axle.load * axle.x for axle in self.axles)
+        moments = (float(axle.tyre.stiffness(0.5 * axle.load).y) * axle.load * axle.x for axle in self.axles)
         return sum(moments) / self.load_moment
 
     @property
@@ -167,14 +166,14 @@ def axle_forces(model: TrailerModel, travel: Travel, deflection: ca.SX, steer: c
         delta = axle_angle(axle, steer)
         v = _wheel_velocity(axle, travel, delta)
         speed, load = rolling_speed(v.x), 0.5 * axle.load
-        pushed = push(axle.tyre, 0.0, v.y)
-        hold = grip(axle.tyre, load, friction, pushed, speed)
+        sliding = axle.tyre.sliding_rate(0.0, v.y)
+        grip = axle.tyre.grip(load, friction, sliding, speed)
         n = Planar(0.0, deflection[k])
-        n_rate = deflection_rate(n, pushed, hold.fading)
-        force = 2.0 * contact(n, n_rate, load, hold, axle.tyre.damping).force.y
-        moment += (axle.x + hold.trail) * force * ca.cos(delta)
+        n_rate = deflection_rate(n, sliding, grip.decay)
+        force = 2.0 * contact(n, n_rate, load, grip, axle.tyre.damping).force.y
+        moment += (axle.x + grip.trail) * force * ca.cos(delta)
         rates.append(n_rate.y)
-        fadings.append(hold.fading)
+        fadings.append(grip.decay)
     return AxleForces(ca.vertcat(*rates), ca.vertcat(*fadings), moment / model.load_moment)
 
 

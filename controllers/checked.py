@@ -1,0 +1,139 @@
+"""Checks of controllers while they run: exceptions and commands that are not finite numbers end with one line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from controllers.driver import Driver, DriverCommand
+from controllers.rover_driver import RoverDriverLike
+from controllers.trailer import Memory, SteerCommand, TrailerSteering
+from estimators.estimates import OffTracking
+from estimators.slip.rover_odometry import RoverPose
+from sensors.messages import CombinationSignals, EgoState
+from vehicle.clock import TICK
+from vehicle.rover.command import RoverCommand
+
+Command = TypeVar("Command", SteerCommand, DriverCommand, RoverCommand)
+
+
+class LawError(ValueError):
+    """Misbehaviour of a controller: one line with its name, the tick and the wrong value."""
+
+
+class CheckedLaw(Generic[Memory]):
+    """A trailer steering law whose every step is checked."""
+
+    def __init__(self, law: TrailerSteering[Memory], name: str, n_steered: int) -> None:
+        """Check a law, which messages call ``name``, for a trailer with ``n_steered`` steered axles."""
+        self.law, self._name, self._n_steered = law, name, n_steered
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+        return self.law.init()
+
+    def step(
+        self, memory: Memory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[Memory, SteerCommand]:
+        """Step of the law.
+
+        Raises:
+            LawError: if the law raises an exception, or returns anything but ``n_steered`` finite angles.
+        """
+        result = _called(self._name, tick, lambda: self.law.step(memory, tick, off_tracking, signals), SteerCommand)
+        angles: object = result[1].angles  # of a user's law: of any type
+        if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
+            raise _error(self._name, tick, f"returned the angles {angles!r}, not an array of numbers")
+        if angles.shape != (self._n_steered,):
+            count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
+            axles = "1 steered axle" if self._n_steered == 1 else f"{self._n_steered} steered axles"
+            raise _error(self._name, tick, f"returned {count}, the trailer has {axles}")
+        if not np.isfinite(angles).all():
+            raise _error(self._name, tick, f"returned the angles {angles.tolist()} rad")
+        return result
+
+
+class CheckedDriver(Generic[Memory]):
+    """A tractor driver whose every step is checked."""
+
+    def __init__(self, driver: Driver[Memory], name: str) -> None:
+        """Check a driver, whom messages call ``name``."""
+        self.driver, self._name = driver, name
+
+    @property
+    def duration(self) -> float:
+        """Planned duration of the drive [s]."""
+        return self.driver.duration
+
+    @property
+    def start_speed(self) -> float | None:
+        """Speed at the start [m/s]; None: any."""
+        return self.driver.start_speed
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+        return self.driver.init()
+
+    def step(self, memory: Memory, tick: int, ego: EgoState, /) -> tuple[Memory, DriverCommand]:
+        """Step of the driver.
+
+        Raises:
+            LawError: if the driver raises an exception, or returns anything but finite numbers.
+        """
+        result = _called(self._name, tick, lambda: self.driver.step(memory, tick, ego), DriverCommand)
+        _check_numbers(self._name, tick, result[1]._asdict())
+        return result
+
+
+class CheckedRoverDriver(Generic[Memory]):
+    """A rover driver whose every step is checked."""
+
+    def __init__(self, driver: RoverDriverLike[Memory], name: str, n_wheels: int) -> None:
+        """Check a driver, whom messages call ``name``, of a rover with ``n_wheels``."""
+        self.driver, self._name, self._n_wheels = driver, name, n_wheels
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+        return self.driver.init()
+
+    def step(self, memory: Memory, pose: RoverPose, /) -> tuple[Memory, RoverCommand]:
+        """Step of the driver.
+
+        Raises:
+            LawError: if the driver raises an exception, or returns anything but a finite number for every wheel.
+        """
+        result = _called(self._name, pose.tick, lambda: self.driver.step(memory, pose), RoverCommand)
+        for field, values in result[1]._asdict().items():
+            if not isinstance(values, tuple) or len(values) != self._n_wheels:
+                raise _error(
+                    self._name, pose.tick, f"returned {field} = {values!r}, the rover has {self._n_wheels} wheels"
+                )
+            _check_numbers(self._name, pose.tick, {f"{field}[{k}]": value for k, value in enumerate(values)})
+        return result
+
+
+def _called(
+    name: str, tick: int, step: Callable[[], tuple[Memory, Command]], kind: type[Command]
+) -> tuple[Memory, Command]:
+    """Result of a step; a user's code may raise or return anything."""
+    try:
+        result: object = step()
+    except Exception as error:
+        raise _error(name, tick, f"raised {type(error).__name__}: {error}") from error
+    if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], kind)):
+        raise _error(name, tick, f"returned {result!r}, not (memory, {kind.__name__})")
+    return result
+
+
+def _check_numbers(name: str, tick: int, values: dict[str, object]) -> None:
+    for field, value in values.items():
+        if not isinstance(value, int | float | np.number) or not math.isfinite(value):
+            raise _error(name, tick, f"returned {field} = {value}")
+
+
+def _error(name: str, tick: int, event: str) -> LawError:
+    one_line = " ".join(event.split())
+    return LawError(f"{name}: at tick {tick} ({tick * TICK:g} s) it {one_line}")

@@ -1,0 +1,233 @@
+"""Every page escapes the text it is given: names, descriptions, outcomes, error texts, files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from html import escape
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Final, cast
+
+import numpy as np
+import pytest
+
+from scenarios.recordings import recording_page, slip_page
+from scenarios.recordings.estimation import Estimation
+from scenarios.recordings.rover_recording import RoverRecording
+from scenarios.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
+from scenarios.recordings.slip_estimation import SlipEstimation
+from scenarios.report.drawing import drawn
+from scenarios.report.page import (
+    Bar,
+    Card,
+    Cell,
+    Column,
+    Content,
+    Items,
+    Page,
+    Photo,
+    Photos,
+    Preformatted,
+    Section,
+    Stroke,
+    Table,
+    Verdict,
+)
+from scenarios.report.rover_page import rover_report_html
+from scenarios.report.run_page import report_html
+from scenarios.results.log import Log, Signal
+from scenarios.results.rover import RoverResult, rover_summary
+from scenarios.results.run import RunResult, Timing, summary
+from scenarios.standards.assessment import Assessment
+from scenarios.standards.assessment_page import assessment_page
+from scenarios.standards.manoeuvre import Manoeuvre
+from scenarios.studies.case import Case, Outcome
+from scenarios.studies.study import Study
+from scenarios.studies.study_page import study_page
+from scenarios.studies.table import rows_of
+from scenarios.studies.tuning import Range, Trial, Tuning
+from scenarios.studies.tuning_page import tuning_page
+from scenarios.validation.check import Check, Plot, Series
+from scenarios.validation.check import Section as ValidationSection
+from scenarios.validation.validation_page import validation_page
+from sensors.sand.trace_rig import TraceRig
+from vehicle.combination.description import load_vehicle
+
+BAD: Final = "<script>alert('$x^')</script>"  # a tag, quotes, and mathematics that matplotlib can not parse
+VOID: Final = {"meta", "link", "br", "img", "image", "path", "use", "circle", "rect"}
+
+
+class Balance(HTMLParser):
+    """Notes tags that are not closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.wrong: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Closed in itself."""
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID and (not self.open or self.open.pop() != tag):
+            self.wrong.append(tag)
+
+
+TEMPLATES: Final = Path(__file__).resolve().parents[2] / "scenarios" / "report" / "templates"
+
+
+def table_log(*columns: tuple[str, str], rows: int = 5) -> Log:
+    """A log with these signals, all of them rising from 0 to 1."""
+    values = np.linspace(0.0, 1.0, rows)[:, None] * np.ones(len(columns))
+    return Log(tuple(Signal(name, unit, name) for name, unit in columns), values)
+
+
+def run_html(run: RunResult) -> str:
+    """The page of a run with a unit, a scenario, an outcome and a manifest of that name."""
+    renamed = [dataclasses.replace(one, name=one.name.replace("trailer", BAD)) for one in run.log.signals]
+    units = tuple(dataclasses.replace(unit, name=unit.name.replace("trailer", BAD)) for unit in run.units)
+    log = Log(tuple(renamed), run.log.rows)
+    bad = dataclasses.replace(
+        run, scenario=BAD, scenario_toml=BAD, outcome=BAD, log=log, units=units, manifest={BAD: BAD}
+    )
+    return report_html(bad, summary(bad))
+
+
+def rover_html(_: RunResult) -> str:
+    rig = cast(TraceRig, SimpleNamespace(wheels=(SimpleNamespace(name=BAD),), watched=0))
+    names = ["tick", "time", "x", "y", "x_wheels", "y_wheels", "x_corrected", "y_corrected", "station", "health",
+             "cross_track_true", "slip_angle_true", "slip_angle_estimate", "slip_angle_std", "slip_angle_lagged",
+             "slip_angle_laser", f"slip_ratio_{BAD}", f"sinkage_{BAD}"]  # fmt: skip
+    result = RoverResult(
+        scenario=BAD,
+        scenario_toml=BAD,
+        seed=1,
+        outcome=BAD,
+        rover=BAD,
+        log=table_log(*((name, "-") for name in names)),
+        path=np.array([[0.0, 0.0], [1.0, 1.0]]),
+        rig=rig,
+        timing=Timing(simulated_s=1.0, wall_s=1.0, physics_s=0.5, render_s=0.5, odometry_s=0.0),
+        frames=(),
+        manifest={BAD: BAD},
+    )
+    return rover_report_html(result, rover_summary(result))
+
+
+def recording_html(_: RunResult) -> str:
+    recording = SimpleNamespace(
+        sequence=SimpleNamespace(directory=Path(BAD.replace("/", "|"))),
+        calibration=SimpleNamespace(width=1, height=1, baseline=0.5),
+        follow_distance=1.0,
+        assumed=(BAD,),
+    )
+    estimation = cast(Estimation, SimpleNamespace(recording=recording, outcome=BAD, frames=()))
+    numbers = {
+        "frames": {"duration_s": 1.0}, "odometry": {"name": BAD}, "notes": [BAD],
+        "dropped_frames": [{"frame": 3, "reason": BAD}],
+    }  # fmt: skip
+    return recording_page.report_page(estimation, table_log(("time", "s"), rows=1), numbers)
+
+
+def slip_html(_: RunResult) -> str:
+    log = table_log(*((signal.name, signal.unit) for signal in SLIP_SIGNALS))
+    estimation = SlipEstimation(
+        recording=cast(RoverRecording, None),
+        estimator=BAD, outcome=BAD, dropped={2: BAD}, log=log, seconds=1.0,
+    )  # fmt: skip
+    return slip_page.report_page(estimation, {"recording": BAD, "frames": {"images": 5}})
+
+
+def study_html(_: RunResult) -> str:
+    study = Study(scenario=BAD, fixed=(), axes={"trailer_steering": (BAD,)}, seeds=(1,))
+    case = Case(scenario=BAD, fixed=(), axes=(("trailer_steering", BAD), (BAD, "3")), seed=1)
+    outcomes = [Outcome(case=case, numbers={"outcome": f"failed: {BAD}", "steer": {"max_deg": 1.0}})]
+    return study_page(BAD, study, outcomes, rows_of(outcomes), Path("cells"))
+
+
+def tuning_html(_: RunResult) -> str:
+    study = Study(scenario=BAD, fixed=(), axes={BAD: (BAD,)}, seeds=(1,))
+    tuning = Tuning(
+        law=BAD, ranges={BAD: Range(low=0.0, high=1.0)}, defaults={}, objectives=(BAD, "b"), tuned_on=study,
+        judged_on=study,
+    )  # fmt: skip
+    trials = [Trial(number=k, parameters={BAD: 0.5}, values=(1.0 + k, 2.0 - k)) for k in range(2)]
+    return tuning_page(tuning, trials, trials[0], {BAD: (1.0, 2.0)})
+
+
+def assessment_html(_: RunResult) -> str:
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    units = (vehicle.units[0], vehicle.units[1].model_copy(update={"name": BAD}))
+    vehicle = vehicle.model_copy(update={"name": BAD, "summary": BAD, "units": units})
+    log = table_log(("time", "s"), ("yaw_rate_tractor", "rad/s"), (f"yaw_rate_{BAD}", "rad/s"))
+    pulse = Manoeuvre(key="pulse", title=BAD, how=BAD, outcome=BAD, figures={"yaw_damping": math.nan}, log=log)
+    return assessment_page(Assessment(vehicle=vehicle, trailer_steering=BAD, manoeuvres=(pulse,), linear={}))
+
+
+def validation_html(_: RunResult) -> str:
+    check = Check(name=BAD, value=1.0, target=1.0, tolerance=0.1, unit=BAD, source=BAD, remark=BAD)
+    curve = Series(BAD, np.arange(3.0), np.arange(3.0), "model")
+    plot = Plot(title=BAD, x_label=BAD, y_label=BAD, series=(curve,))
+    return validation_page([ValidationSection(title=BAD, text=BAD, checks=(check,), plots=(plot,))], {BAD: BAD})
+
+
+PAGES: Final = (run_html, rover_html, recording_html, slip_html, study_html, tuning_html, assessment_html,
+                validation_html)  # fmt: skip
+
+
+@pytest.mark.parametrize("made", PAGES, ids=lambda made: made.__name__.removesuffix("_html"))
+def test_a_page_shows_hostile_names_as_text(made: Callable[[RunResult], str], camera_run: RunResult) -> None:
+    """A name with a tag in it is shown with its brackets; it opens no element, in the page or in a figure."""
+    html = made(camera_run)
+    assert "<script" not in html
+    assert "&lt;script&gt;alert(" in html
+    balance = Balance()
+    balance.feed(html)
+    assert (balance.wrong, balance.open) == ([], [])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        Table((Column("name", BAD), Column("number", BAD)), [[BAD], [BAD, Cell(BAD, colour=BAD, share=0.5)]]),
+        Photos([Photo(b"", (1, 1), BAD, [Stroke((0.0, 0.0), (1.0, 1.0), BAD)])]),
+        Bar([(BAD, 0.5)]),
+        Items([BAD]),
+        Items([BAD], numbered=True),
+        Preformatted(BAD),
+    ],
+    ids=lambda content: content.kind,
+)
+def test_every_kind_of_content_is_escaped(content: Content) -> None:
+    """Text and attributes alike."""
+    html = Page(
+        title=BAD, heading=BAD, subtitle=BAD, verdict=Verdict(BAD, True), cards=[Card(BAD, BAD, BAD, BAD)],
+        sections=[Section(BAD, BAD, [content], Verdict(BAD, False)), Section(BAD, content=[content], collapsed=True)],
+    ).html()  # fmt: skip
+    assert "<script" not in html
+    assert "'$x^'" not in html
+    assert escape(BAD, quote=False).replace("'", "&#39;") in html
+
+
+def test_a_figure_keeps_its_lettering_as_text() -> None:
+    """Labels are escaped by matplotlib, and their dollars are not read as mathematics."""
+    with drawn("hostile") as (drawing, ax):
+        ax.plot([0.0, 1.0], [0.0, 1.0], label=BAD)
+        ax.set(xlabel=BAD, ylabel=BAD)
+    assert "<script" not in drawing.content.svg
+    assert drawing.content.svg.count(escape(BAD, quote=False)) == 3
+
+
+def test_markup_is_marked_as_safe_in_one_place() -> None:
+    """The SVG of a figure, and nothing else, goes into a page as it is."""
+    templates = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES.glob("*.j2"))
+    assert templates.count("safe") == 1
+    assert "{{ figure.svg | safe }}" in templates
+    assert "autoescape" not in templates
