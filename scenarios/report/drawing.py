@@ -82,9 +82,12 @@ def plan_drawn(
     To scale, unless the course is so slender that it has to be stretched.
     """
     everything = np.concatenate([part.reshape(-1, 2) for part in points])
-    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
-    shape = float((high[1] - low[1]) / (high[0] - low[0]))
+    low, high = np.nanmin(everything, axis=0), np.nanmax(everything, axis=0)
+    width, height = high - low + 2.0 * margin
+    shape = float(height / width)
     to_scale = shape >= _SLENDER
+    room = np.array([margin, margin if to_scale else max(min(margin, 0.1 * (height - 2.0 * margin)), 1e-3)])
+    low, high = low - room, high + room
     with drawn(name, min(WIDTH * shape + 0.9, tallest) if to_scale else FLAT) as (drawing, ax):
         drawing.to_scale = to_scale
         ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]")
@@ -138,7 +141,8 @@ def outlines(ax: Axes, corners: FloatArray) -> None:
 def _legend_below(canvas: Canvas, ax: Axes) -> None:
     _, labels = ax.get_legend_handles_labels()
     if labels:
-        columns = max(1, min(len(labels), _LETTERS // (max(map(len, labels)) + 8)))
+        lengths = [len(label) + 8 for label in labels]  # with the line in front
+        columns = len(labels) if sum(lengths) <= _LETTERS else max(1, _LETTERS // max(lengths))
         canvas.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, handlelength=1.6)
 
 

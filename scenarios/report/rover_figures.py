@@ -28,11 +28,12 @@ def plan(result: RoverResult) -> Figure:
     """The path to follow, the path driven, and two dead-reckoned paths."""
     log = result.log
     driven = np.column_stack([log["x"], log["y"]])
-    with plan_drawn("rover plan", (result.path, driven), margin=0.3, tallest=6.5) as (drawing, ax):
+    reckoned = [np.column_stack([log[f"x_{name}"], log[f"y_{name}"]]) for name in ("wheels", "corrected")]
+    with plan_drawn("rover plan", (result.path, driven, *reckoned), margin=0.3, tallest=6.5) as (drawing, ax):
         ax.plot(*result.path.T, color=GREY, linewidth=4.0, alpha=0.5, label="path to follow")
         ax.plot(*driven.T, color=TRUE, label="path driven")
-        ax.plot(log["x_wheels"], log["y_wheels"], color=INK, dashes=(4, 3), linewidth=1.0, label=_WHEELS)
-        ax.plot(log["x_corrected"], log["y_corrected"], color=ESTIMATED, linewidth=1.2, label=_CORRECTED)
+        ax.plot(*reckoned[0].T, color=INK, dashes=(4, 3), linewidth=1.0, label=_WHEELS)
+        ax.plot(*reckoned[1].T, color=ESTIMATED, linewidth=1.2, label=_CORRECTED)
     return drawing.content
 
 

@@ -37,7 +37,7 @@ QUANTITIES: Final = (
     Quantity(
         path="off_tracking.true_rms_m",
         label="error RMS",
-        meaning="follow point beside the hitch's path, RMS",
+        meaning="distance of the follow point from the hitch's path, RMS",
         unit="m",
         digits=3,
         over_seeds="rms",
@@ -45,7 +45,7 @@ QUANTITIES: Final = (
     Quantity(
         path="off_tracking.true_max_m",
         label="error max",
-        meaning="the largest of it",
+        meaning="distance of the follow point from the hitch's path, maximum",
         unit="m",
         digits=3,
         over_seeds="max",
@@ -62,7 +62,7 @@ QUANTITIES: Final = (
     Quantity(
         path="swept_path.tail_swing_entry_m",
         label="swing in",
-        meaning="tail swing at the entry",
+        meaning="tail swing at the entry of the turn",
         unit="m",
         digits=2,
         over_seeds="max",
@@ -70,7 +70,7 @@ QUANTITIES: Final = (
     Quantity(
         path="swept_path.tail_swing_exit_m",
         label="swing out",
-        meaning="tail swing at the exit",
+        meaning="tail swing at the exit of the turn",
         unit="m",
         digits=2,
         over_seeds="max",
@@ -78,7 +78,7 @@ QUANTITIES: Final = (
     Quantity(
         path="steer.max_deg",
         label="steer",
-        meaning="largest steer angle of a trailer's axle",
+        meaning="largest steer angle of a trailer axle",
         unit="°",
         digits=1,
         over_seeds="max",
@@ -86,7 +86,7 @@ QUANTITIES: Final = (
     Quantity(
         path="steer.max_rate_deg_s",
         label="rate",
-        meaning="fastest steering of it",
+        meaning="largest steer rate of a trailer axle",
         unit="°/s",
         digits=1,
         over_seeds="max",
@@ -102,7 +102,7 @@ QUANTITIES: Final = (
     Quantity(
         path="slip.cross_track_rms_m",
         label="cross RMS",
-        meaning="rover beside its path, RMS",
+        meaning="cross-track error of the rover, RMS",
         unit="m",
         digits=3,
         over_seeds="rms",
