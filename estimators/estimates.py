@@ -23,7 +23,7 @@ class Health(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Anchor:
-    """An older frame A that the current frame C was measured from, whatever lies between them."""
+    """Older frame A that the current frame C was measured from directly."""
 
     tick: int  # capture of A
     X_AC: FloatArray  # (4, 4)
@@ -34,12 +34,12 @@ class Anchor:
 class Motion:
     """Motion of the left camera from the previous frame P to the current frame C.
 
-    A ``LOST`` motion carries the identity and an infinite covariance. After one the next may start at the same
-    ``previous_tick`` again: the frame that showed nothing is passed over.
+    A ``LOST`` motion carries the identity and an infinite covariance. The next motion may start at the same
+    ``previous_tick`` again: the frame without information is skipped.
 
-    Errors of motions without anchor are independent, and add up along the way. Where P and C were both measured from
-    the same anchor, the motions between them add up to one error, not many: then ``anchor`` has it, and the
-    ``covariance`` is that of this single motion.
+    Errors of motions without an anchor are independent and accumulate. If P and C were both measured from the same
+    anchor, the errors between them do not accumulate: ``anchor`` then holds the pose error of C, and ``covariance`` is
+    that of this single motion.
     """
 
     tick: int  # capture of the current frame
@@ -57,8 +57,8 @@ class Motion:
 class OffTracking:
     """Off-tracking of a trailer and the hitch path it comes from, in the trailer frame S at ``tick``.
 
-    Without health (``LOST``: the buffer does not reach back to the follow point yet, or the odometry failed) the
-    value is 0, its standard deviation infinite, and the path is what there is.
+    If it is ``LOST`` (the buffer does not reach back to the follow point yet, or the odometry failed), the value is 0,
+    its standard deviation is infinite, and the path ends where the buffer ends.
     """
 
     tick: int
@@ -66,15 +66,15 @@ class OffTracking:
     std: float  # [m]
     health: Health
     path: FloatArray  # (n, 2) past hitch positions in S, newest first, starting at the hitch itself (0, 0) [m]
-    hitch_direction: float  # direction of the hitch's travel in S, + left; going back, that of the line it goes [rad]
+    hitch_direction: float  # direction of the hitch's travel in S, + left; in reverse the opposite one [rad]
     hitch_direction_rate: float  # its rate of change in S [rad/s]
-    path_tangent: float  # direction of the hitch path (as it was travelled) beside the follow point, in S [rad]
+    path_tangent: float  # direction of the hitch path, in the sense of forward travel, at the follow point, in S [rad]
     v_x: float  # velocity of the hitch along the axes of S, from the last motions [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # of the trailer [rad/s]
 
     def age(self, tick: int) -> float:
-        """How old the measurement is at ``tick`` [s]."""
+        """Age of the measurement at ``tick`` [s]."""
         return (tick - self.tick) * TICK
 
 
@@ -90,28 +90,28 @@ class CameraOffTracking:
 class SlipAngle:
     """Slip angle of a rover from the trace of its left rear wheel, at ``tick``.
 
-    Without health (``LOST``: no trace is seen) the values are 0 and their standard deviations infinite.
+    If it is ``LOST`` (no trace is visible), the values are 0 and their standard deviations infinite.
     """
 
     tick: int
     value: float  # beta of the body at R's origin, + left (Reina 2008, eq. 2) [rad]
     std: float  # [rad]
     health: Health
-    wheel_slip: float  # alpha_r of the wheel: its direction of travel against its heading, + left [rad]
-    trace_offset: float  # of the trace beside the wheel centre B, + left [m]
+    wheel_slip: float  # alpha_r of the wheel: direction of travel minus heading, + left [rad]
+    trace_offset: float  # lateral distance of the trace from the wheel centre B, + left [m]
     confidence: float  # 0 to 1 that the trace is the wheel's own
-    way: float = 0.0  # before now, over which the values are means: a straight line through a trace has its length [m]
-    lagged_tick: int | None = None  # an earlier moment, whose slip is known better by now; None: none is
-    lagged_value: float = 0.0  # beta at that moment [rad]
+    averaged_over: float = 0.0  # the values are means over this last distance: length of the visible trace [m]
+    lagged_tick: int | None = None  # tick of a delayed, more accurate estimate; None: there is none
+    lagged_value: float = 0.0  # beta at that tick [rad]
     lagged_std: float = np.inf  # [rad]
 
     def age(self, tick: int) -> float:
-        """How old the measurement is at ``tick`` [s]."""
+        """Age of the measurement at ``tick`` [s]."""
         return (tick - self.tick) * TICK
 
 
 def lost_slip(tick: int) -> SlipAngle:
-    """No trace is seen."""
+    """Estimate without information: no trace is visible."""
     return SlipAngle(
         tick=tick,
         value=0.0,

@@ -1,4 +1,4 @@
-"""Motions between frames with their uncertainty: composed, seen from another point of the body, and stretched.
+"""Uncertain rigid motions: composition, change of the body-fixed frame, and scaling in time.
 
 The covariance (6, 6) of a motion X_PC is that of (rotation vector [rad], translation [m]) along the axes of P:
 the true rotation is ``so3_exp(d_theta) @ R_PC``, the true translation ``p_PC + d_p``.
@@ -22,13 +22,13 @@ class UncertainMotion(NamedTuple):
 
 
 def chained(X_AB: FloatArray, X_BC: FloatArray) -> FloatArray:
-    """X_AC = X_AB @ X_BC, its rotation kept on SO(3) however long the chain grows."""
+    """X_AC = X_AB @ X_BC with its rotation projected back onto SO(3), so that long chains stay rotations."""
     X_AC = X_AB @ X_BC
     return transform(orthonormalised(X_AC[:3, :3]), X_AC[:3, 3])
 
 
 def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion:
-    """X_AC = X_AB @ X_BC, the two errors being independent."""
+    """X_AC = X_AB @ X_BC for independent errors."""
     R_AB, p_BC_A = first.X[:3, :3], first.X[:3, :3] @ second.X[:3, 3]
     # p_AC = p_AB + R_AB p_BC, so d p_AC = d p_AB + d_theta_AB x (R_AB p_BC) + R_AB d p_BC
     J = np.eye(6)
@@ -49,9 +49,9 @@ def seen_from(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
 
 
 def stretched(X: FloatArray, ratio: float) -> FloatArray:
-    """The motion at the same constant velocity over ``ratio`` times the span of X (4, 4).
+    """Motion at the same constant velocity over ``ratio`` times the duration of X (4, 4).
 
-    Rotation scales, the chord scales and turns with half the extra rotation: exact to second order in the angle.
+    The rotation scales. The chord scales and turns by half the extra rotation: exact to second order in the angle.
     """
     rotation = rotation_vector(X[:3, :3])
     chord = ratio * so3_exp(0.5 * (ratio - 1.0) * rotation) @ X[:3, 3]
@@ -59,9 +59,9 @@ def stretched(X: FloatArray, ratio: float) -> FloatArray:
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
-    """The rotation vector (3,) [rad] of R (3, 3), for turns well below half a turn.
+    """Rotation vector (3,) [rad] of R (3, 3), for angles well below pi.
 
-    OpenCV's Rodrigues takes rotations below 1e-5 rad for none; the increments of an odometry are of that order.
+    OpenCV's Rodrigues rounds rotations below 1e-5 rad to zero; increments of an odometry are of that order.
     """
     w = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])  # sin(angle) along the axis
     sine = float(np.linalg.norm(w))

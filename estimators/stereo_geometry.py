@@ -7,18 +7,18 @@ import numpy as np
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
-NEAREST = 0.5  # points are taken to be at least so far in front of the cameras; nothing the cameras see is nearer [m]
+NEAREST = 0.5  # least depth of a point [m]; nothing in view is nearer
 
 
 def triangulate(calibration: StereoCalibration, z: FloatArray) -> FloatArray:
-    """Points (..., 3) in the left camera from their images (..., 3), which need a positive disparity."""
+    """Points (..., 3) in the left camera from their images (..., 3) with positive disparity."""
     depth = calibration.focal_length * calibration.baseline / (z[..., 0] - z[..., 2])
     scale = depth / calibration.focal_length
     return np.stack([(z[..., 0] - calibration.cx) * scale, (z[..., 1] - calibration.cy) * scale, depth], axis=-1)
 
 
 def triangulation_jacobian(calibration: StereoCalibration, p: FloatArray) -> FloatArray:
-    """dp/dz, shape (..., 3, 3), of points (..., 3), all of whose coordinates go with one over the disparity."""
+    """dp/dz (..., 3, 3) of points (..., 3); all coordinates are proportional to 1 / disparity."""
     scale = p[..., 2] / calibration.focal_length
     J = np.zeros((*p.shape, 3))
     J[..., 2] = p * (scale / calibration.baseline)[..., None]

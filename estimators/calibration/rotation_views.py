@@ -15,7 +15,14 @@ from estimators.calibration.right_rotation import RightRotation, homography, mov
 from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS, LEVELS_NEAR, track
-from estimators.odometry.warped_matching import MARGIN, Float32Array, Found, find, templates, warped_patches
+from estimators.odometry.warped_matching import (
+    MARGIN,
+    Float32Array,
+    PatchMatches,
+    match_patches,
+    templates,
+    warped_patches,
+)
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse
@@ -23,7 +30,7 @@ from vehicle.frames import FloatArray, inverse
 FEWEST = 25  # points; fewer may agree by chance
 _PER_BUCKET = 2  # corners; 250 to 350 points on an ordinary road
 _CLOSURE = 0.6  # from left to right and back must end where it began, within this [px]
-_LIKENESS = 0.8  # least normalised correlation of two patches
+_LEAST_CORRELATION = 0.8  # least normalised correlation of two patches
 _MOVED = 2.5  # that the warped match may go from where Lucas-Kanade ended [px]
 _FINEST = 0.03  # no patch is located better: sampling and interpolation, measured on rendered frames [px]
 _SAME_ROW = 1.5  # rows in left and right may differ by this beyond the doubt about the rotation [px]
@@ -64,7 +71,7 @@ def new_view(
     beside = np.array([-calibration.baseline, 0.0, 0.0])
     patches = warped_patches(image, left, warps(np.eye(3), beside, planes, rays_through(calibration, left)))
     found = _found(patches, frame.right, right)
-    kept = (found.likeness > _LIKENESS) & (_longest(found.points - right) < _MOVED)
+    kept = (found.correlation > _LEAST_CORRELATION) & (_longest(found.points - right) < _MOVED)
     variance = found.variance[kept].astype(np.float64) + _FINEST**2
     return View(image, left[kept], found.points[kept], variance, planes[kept])
 
@@ -88,7 +95,7 @@ def seen_again(
     shift = left.points - predicted[:, :2]
     guess = moved(_back(H), predicted[:, [2, 1]] + shift).astype(np.float32)
     right = _found(patches[1], frame.right, guess)
-    kept = (left.likeness > _LIKENESS) & (right.likeness > _LIKENESS)
+    kept = (left.correlation > _LEAST_CORRELATION) & (right.correlation > _LEAST_CORRELATION)
     kept &= (_longest(shift) < _GATE) & (_longest(right.points - guess) < _MOVED)
     of = shown[kept]
     # the view's left image defines where its points are, but for its sampling; the mean of two rows has half the error
@@ -130,11 +137,11 @@ def _pairs(
     return corners[kept], right[kept]
 
 
-def _found(patches: Float32Array, image: GreyImage, guess: Points) -> Found:
+def _found(patches: Float32Array, image: GreyImage, guess: Points) -> PatchMatches:
     """Where the image shows the patches, each near its guess."""
     if len(guess) == 0:
-        return Found(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
-    return find(templates(patches), image.astype(np.float32), guess)
+        return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
+    return match_patches(templates(patches), image.astype(np.float32), guess)
 
 
 def _disparity_guess(calibration: StereoCalibration, corners: Points) -> FloatArray:

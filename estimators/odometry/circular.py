@@ -1,8 +1,8 @@
 """Stereo odometry from frame to frame, by circular matching.
 
 Follows the steps of VISO2-S as de Saxe 2018, section 2.1, lists them (corners, circular matching, buckets, RANSAC,
-Gauss-Newton on the reprojection error), with sub-pixel tracks and, in place of the Kalman filter, the motion at the
-last velocity as a first guess: a filter would smooth the very increments whose sum is wanted.
+Gauss-Newton on the reprojection error), with sub-pixel tracks. In place of the Kalman filter, the motion at the last
+velocity is the initial guess: a filter would smooth the increments whose sum is wanted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular_matching import Matches, match
 from estimators.odometry.corners import Points, detect_corners
-from estimators.odometry.pose import Sightings, Solution, point_covariance, refined
+from estimators.odometry.pose import Observations, Solution, point_covariance, refined
 from estimators.odometry.protocol import above_ground
 from estimators.odometry.ransac import consensus
 from estimators.rigid_motion import stretched
@@ -25,17 +25,17 @@ from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-PER_BUCKET = 4  # corners; gives 450 to 550 matches on an ordinary road
-PLENTY = 250  # matches below which errors grow: de Saxe 2018, section 3.2.1
-_SHARE = np.array([1.0, 0.5, 1.0])  # variance of (u left, v, u right) to that of a coordinate; v is a mean of two
+PER_BUCKET = 4  # corners; 450 to 550 matches on an ordinary road
+ENOUGH_MATCHES = 250  # with fewer matches errors grow: de Saxe 2018, section 3.2.1
+_SHARE = np.array([1.0, 0.5, 1.0])  # variances of (u left, v, u right) relative to one coordinate; v is the mean of two
 _FEWEST_INLIERS = 25  # fewer may agree by chance
-_AGREEING = 0.5  # share of inliers below which something else than the world may be what most matches see
-_SWERVE = 25.0  # acceleration that no trailer has, scatter of three-point motions included: a moving vehicle [m/s2]
-LONGEST_SPAN = 500  # between two frames; a truck has then gone too far to recognise the ground [ticks]
+_AGREEING = 0.5  # share of inliers below which most matches may lie on a moving object
+_LARGEST_ACCELERATION = 25.0  # upper limit of a trailer's acceleration, scatter of three-point motions included [m/s2]
+LONGEST_SPAN = 500  # between two frames; after that a truck no longer sees the same ground [ticks]
 
 
 class OdometryMemory(NamedTuple):
-    """The frame that the next one is compared with, its corners, and the last motion that was not lost."""
+    """Reference frame, its corners, and the last motion that was not lost."""
 
     reference: StereoFrame | None = None
     corners: Points | None = None
@@ -43,7 +43,7 @@ class OdometryMemory(NamedTuple):
 
 
 class CircularOdometry:
-    """Motion between the pairs of a stereo rig, each compared with the one before."""
+    """Stereo odometry from frame to frame with sub-pixel tracks (after VISO2-S)."""
 
     def __init__(self, calibration: StereoCalibration, *, seed: int = 0) -> None:
         """An odometry for this rig; ``seed`` and a frame's tick fix the draws of RANSAC.
@@ -61,8 +61,8 @@ class CircularOdometry:
     def step(self, memory: OdometryMemory, frame: StereoFrame) -> tuple[OdometryMemory, Motion | None]:
         """Memory with the frame in it, and the motion since the frame before; None for the first frame.
 
-        A frame without texture (dark, blinded) is lost and passed over: the next motion starts again at the frame
-        before it, unless that is too long ago.
+        A frame without texture (dark, blinded) is lost and skipped: the next motion starts again at the frame before,
+        unless that is too old.
         """
         corners = detect_corners(frame.left, per_bucket=PER_BUCKET)
         if memory.reference is None or memory.corners is None:
@@ -70,29 +70,29 @@ class CircularOdometry:
         motion = self.motion(memory.reference, memory.corners, frame, memory.last)
         if motion.health is not Health.LOST:
             return OdometryMemory(frame, corners, motion), motion
-        if is_passed_over(corners, motion):
+        if is_skipped(corners, motion):
             return memory, motion
         return OdometryMemory(frame, corners, memory.last), motion
 
     def motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
-        """The motion since the reference frame with its corners: near the one at the last velocity.
+        """Motion since the reference frame with its corners, near the motion predicted from the last velocity.
 
-        Any from rest, with doubt, when none is there.
+        If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded.
         """
         if last is None:
-            return self._second_look(np.eye(4), np.inf, reference, corners, frame)
+            return self._rematched(np.eye(4), np.inf, reference, corners, frame)
         ticks = frame.tick - reference.tick
         guess = stretched(last.X_PC, ticks / (last.tick - last.previous_tick))
-        motion = self._second_look(guess, longest_reach(ticks), reference, corners, frame)
+        motion = self._rematched(guess, search_radius(ticks), reference, corners, frame)
         if motion.health is not Health.LOST:
             return motion
-        motion = self._second_look(np.eye(4), np.inf, reference, corners, frame)
+        motion = self._rematched(np.eye(4), np.inf, reference, corners, frame)
         return replace(motion, health=Health.DEGRADED) if motion.health is Health.OK else motion
 
-    def _second_look(
+    def _rematched(
         self, guess: FloatArray, reach: float, reference: StereoFrame, corners: Points, frame: StereoFrame
     ) -> Motion:
-        """The motion near the guess; a doubtful one is matched again from itself, as a wrong guess costs matches."""
+        """Motion near the guess; a degraded one becomes the next guess, as a wrong guess costs matches."""
         first = self._motion_near(guess, reach, reference, corners, frame)
         if first.health is not Health.DEGRADED:
             return first
@@ -111,29 +111,29 @@ class CircularOdometry:
             if np.count_nonzero(agreed.inliers) >= _FEWEST_INLIERS:
                 covariance = point_covariance(self._calibration, points, _SHARE)
                 variance = np.broadcast_to(_SHARE, points.shape)
-                seen = Sightings(points, covariance, matches.current, variance)
-                solution = refined(self._calibration, seen, agreed.X_PC, agreed.inliers)
+                observations = Observations(points, covariance, matches.current, variance)
+                solution = refined(self._calibration, observations, agreed.X_PC, agreed.inliers)
         return _message(reference.tick, frame.tick, matches, solution)
 
 
-def is_passed_over(corners: Points, lost: Motion) -> bool:
-    """Whether a frame with these corners, on which the odometry was lost, is left out: the next starts before it."""
-    return len(corners) < PLENTY and lost.tick - lost.previous_tick < LONGEST_SPAN
+def is_skipped(corners: Points, lost: Motion) -> bool:
+    """True if a frame on which the odometry was lost is skipped: it has few corners, and the frame before is recent."""
+    return len(corners) < ENOUGH_MATCHES and lost.tick - lost.previous_tick < LONGEST_SPAN
 
 
-def longest_reach(ticks: int) -> float:
-    """How far a motion over ``ticks`` may be from the one at the last velocity [m]."""
-    return _SWERVE * (ticks * TICK) ** 2
+def search_radius(ticks: int) -> float:
+    """Largest distance of a motion over ``ticks`` from the motion predicted at the last velocity [m]."""
+    return _LARGEST_ACCELERATION * (ticks * TICK) ** 2
 
 
 def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:
-    """The motion with its health; lost without a solution that enough matches agree with."""
+    """Motion message with its health; lost without a solution that has enough inliers."""
     inliers = np.zeros(len(matches.current), np.bool_) if solution is None else solution.inliers
     agreeing = int(np.count_nonzero(inliers))
     X_PC, covariance, health = np.eye(4), np.diag(np.full(6, np.inf)), Health.LOST
     if solution is not None and solution.converged and agreeing >= _FEWEST_INLIERS:
         X_PC, covariance = solution.X_PC, solution.covariance
-        doubtful = len(inliers) < PLENTY or agreeing < _AGREEING * len(inliers)
+        doubtful = len(inliers) < ENOUGH_MATCHES or agreeing < _AGREEING * len(inliers)
         health = Health.DEGRADED if doubtful else Health.OK
     tracks = np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers]
     return Motion(

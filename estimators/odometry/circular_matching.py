@@ -1,4 +1,4 @@
-"""Circular matching: corners followed through left and right, previous and current image, and back to themselves.
+"""Circular matching: corners tracked through the previous and current, left and right image, back to the start.
 
 After VISO2-S as de Saxe 2018, section 2.1, steps 1 to 3 describe it, with sub-pixel tracks (pyramidal Lucas-Kanade)
 in place of descriptors.
@@ -18,7 +18,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
 
-_CLOSURE = 0.6  # the way around must end where it began, within this; 0.3 costs matches in fast turns [px]
+_CLOSURE = 0.6  # largest distance between start and end of the circle; 0.3 costs matches in fast turns [px]
 
 
 class Matches(NamedTuple):
@@ -31,10 +31,10 @@ class Matches(NamedTuple):
 def match(
     calibration: StereoCalibration, previous: StereoFrame, corners: Points, current: StereoFrame, X_PC: FloatArray
 ) -> Matches:
-    """Corners of the previous left image found in all four images, looked for where the motion ``X_PC`` takes them.
+    """Match corners of the previous left image through all four images, starting from the predicted motion ``X_PC``.
 
-    The way around is previous left, current left, current right, previous right; it must end where the direct way
-    from left to right leads.
+    The circle is previous left, current left, current right, previous right. It must end where the direct match from
+    previous left to previous right lies.
     """
     left_P, right_P = stereo_pairs(calibration, previous, corners)
     z_P = _images(left_P, right_P)
@@ -49,12 +49,12 @@ def match(
 
 
 def moved(calibration: StereoCalibration, z_P: FloatArray, X_PC: FloatArray) -> NDArray[np.float32]:
-    """Images (n, 3) after the motion of the points whose images before it were z_P (n, 3)."""
+    """Predict the images (n, 3) after the motion of points with images z_P (n, 3) before it."""
     p_C = (triangulate(calibration, z_P) - X_PC[:3, 3]) @ X_PC[:3, :3]
     p_C[:, 2] = np.maximum(p_C[:, 2], NEAREST)
     return project(calibration, p_C).astype(np.float32)
 
 
 def _images(left: Points, right: Points) -> FloatArray:
-    """z (n, 3) of pairs; the row is the mean of the two."""
+    """Stereo images z (n, 3) of left and right points; v is the mean of both rows."""
     return np.column_stack([left[:, 0], 0.5 * (left[:, 1] + right[:, 1]), right[:, 0]]).astype(np.float64)

@@ -1,4 +1,4 @@
-"""Corners, spread over the image by buckets."""
+"""Corner detection with buckets that spread the corners over the image."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ Points = NDArray[np.float32]  # (n, 2) u, v [px]
 
 _BUCKET = 50  # de Saxe 2018, section 3.1 [px]
 _BLOCK = 3  # window of the structure tensor, in pixels of the halved image
-_APART = 5  # a corner is the strongest within this window, in pixels of the halved image
-_WEAKEST = 1e-4  # least eigenvalue; sensor noise of 2 grey levels alone gives about a tenth of it
-_BORDER = 6  # no corners nearer to the edge, the tracker's window must fit, in pixels of the halved image
+_APART = 5  # non-maximum suppression window, in pixels of the halved image
+_WEAKEST = 1e-4  # smallest accepted least eigenvalue; sensor noise of 2 grey levels gives about a tenth of it
+_BORDER = 6  # no corners nearer to the edge: the tracker's window must fit, in pixels of the halved image
 
 
 def detect_corners(image: GreyImage, *, per_bucket: int) -> Points:
-    """The strongest corners (least eigenvalue of the structure tensor), at most ``per_bucket`` in each square bucket.
+    """Detect the strongest corners (least eigenvalue of the structure tensor), at most ``per_bucket`` per bucket.
 
-    They are sought in the image halved: the tracker looks at windows of 11 px, for which a corner need not be
-    located to a pixel, and this takes a fifth of the time.
+    Detection works on the image at half size, in a fifth of the time: the tracker's windows of 11 px do not need
+    corners located to a pixel.
     """
     halved = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     strength = np.asarray(cv2.cornerMinEigenVal(halved, _BLOCK), dtype=np.float32)
     neighbours = np.ones((_APART, _APART), np.uint8)
-    summit = (strength >= cv2.dilate(strength, neighbours)) & (strength > _WEAKEST)
-    inside = np.zeros_like(summit)
+    is_maximum = (strength >= cv2.dilate(strength, neighbours)) & (strength > _WEAKEST)
+    inside = np.zeros_like(is_maximum)
     inside[_BORDER:-_BORDER, _BORDER:-_BORDER] = True
-    v, u = np.nonzero(summit & inside)
+    v, u = np.nonzero(is_maximum & inside)
     points = np.stack([2 * u + 0.5, 2 * v + 0.5], axis=1)  # centre of 2 x 2 pixels
     return points[strongest_in_buckets(points, strength[v, u], per_bucket)].astype(np.float32)
 
@@ -39,8 +39,8 @@ def strongest_in_buckets(points: NDArray[np.float64], strength: NDArray[np.float
     column, row = (points.T / _BUCKET).astype(np.int64)
     bucket = row * (column.max(initial=0) + 1) + column
     order = np.lexsort((-strength, bucket))
-    place = np.arange(len(order))
+    position = np.arange(len(order))
     new = np.diff(bucket[order], prepend=-1) > 0
-    rank = place - np.maximum.accumulate(np.where(new, place, 0))
+    rank = position - np.maximum.accumulate(np.where(new, position, 0))
     chosen: NDArray[np.intp] = order[rank < count]
     return chosen

@@ -1,4 +1,4 @@
-"""Keyframes: views whose points are known in depth and in slope, so that later frames can be matched against them."""
+"""Keyframes: stereo views whose points have depth and a local plane, for matching later frames against them."""
 
 from __future__ import annotations
 
@@ -11,50 +11,52 @@ from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS_NEAR, stereo_pairs, track
 from estimators.odometry.pose import point_covariance
-from estimators.odometry.warped_matching import Float32Array, find, templates, warped_patches
+from estimators.odometry.warped_matching import Float32Array, match_patches, templates, warped_patches
 from estimators.stereo_geometry import triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
 
-_PER_BUCKET = 4  # corners; bare ground fills no more than half of the buckets
-_CLOSURE = 0.6  # from left to right and back must end where it began, within this [px]
-_LIKENESS = 0.8  # least normalised correlation of left and right patch
-_MOVED = 2.5  # that the warped match may go from where Lucas-Kanade ended [px]
-_SAME_ROW = 1.0  # rows in left and right may differ by this [px]
-FINEST = 0.03  # no patch is located better in a later frame: sampling and interpolation, on rendered frames [px]
-_FINEST_STEREO = 0.06  # or in the right image: depth within a patch is not quite a plane's; measured likewise [px]
-_OWN = 0.02  # the keyframe's left image defines where its points are, but for its sampling [px]
+_PER_BUCKET = 4  # corners; bare ground fills at most half of the buckets
+_CLOSURE = 0.6  # largest distance between start and end of the track from left to right and back [px]
+_LEAST_CORRELATION = 0.8  # least normalised correlation of left and right patch
+_MOVED = 2.5  # largest distance of the warped match from the Lucas-Kanade result [px]
+_SAME_ROW = 1.0  # largest difference of the rows in left and right [px]
+FINEST = 0.03  # least error of a patch in a later frame: sampling and interpolation, on rendered frames [px]
+_FINEST_STEREO = 0.06  # the same in the right image: a patch is not exactly a plane; measured likewise [px]
+_OWN = 0.02  # error in the keyframe's left image, which defines its points: sampling alone [px]
 
 
 class Keyframe(NamedTuple):
-    """A view and its n points in random order, so that the first few are always a fair sample, and the same one."""
+    """A view with n points in random order, so that the first few are a fair and repeatable sample."""
 
     tick: int
-    X_OK: FloatArray  # (4, 4) pose of the left camera in O, wherever the odometry began
+    X_OK: FloatArray  # (4, 4) pose of the left camera in O, the frame in which the odometry started
     image: Float32Array  # left
     centres: Points  # (n, 2) of the points' patches [px]
     points: FloatArray  # (n, 3) in K [m]
     covariance: FloatArray  # (n, 3, 3) of the points [m2]
     planes: FloatArray  # (n, 3) around the points: n . X = 1 [1/m]
-    misses: NDArray[np.int64]  # (n,) times in a row that the point was not where the motion takes it
+    misses: NDArray[np.int64]  # (n,) consecutive frames in which the point was not found where predicted
 
 
 def new_keyframe(
     calibration: StereoCalibration, frame: StereoFrame, X_OK: FloatArray, rng: np.random.Generator
 ) -> Keyframe:
-    """The frame at pose ``X_OK`` as a keyframe."""
+    """Keyframe from a frame at pose ``X_OK``."""
     left, right = _stereo_pairs(calibration, frame)
     planes = local_planes(calibration, left, (left[:, 0] - right[:, 0]).astype(np.float64), rng)
     image = frame.left.astype(np.float32)
     bent = warps(np.eye(3), np.array([-calibration.baseline, 0.0, 0.0]), planes, rays_through(calibration, left))
-    found = find(templates(warped_patches(image, left, bent)), frame.right.astype(np.float32), right)
-    apart = left - found.points
-    kept = (found.likeness > _LIKENESS) & (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > 0.0)
-    kept &= np.abs(found.points - right).max(axis=1, initial=0.0) < _MOVED
+    matched = match_patches(templates(warped_patches(image, left, bent)), frame.right.astype(np.float32), right)
+    apart = left - matched.points
+    kept = (matched.correlation > _LEAST_CORRELATION) & (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > 0.0)
+    kept &= np.abs(matched.points - right).max(axis=1, initial=0.0) < _MOVED
     chosen = rng.permutation(np.flatnonzero(kept))
-    z = np.column_stack([left[:, 0], 0.5 * (left[:, 1] + found.points[:, 1]), found.points[:, 0]]).astype(np.float64)
-    u, v = (found.variance + _FINEST_STEREO**2).T
+    z = np.column_stack([left[:, 0], 0.5 * (left[:, 1] + matched.points[:, 1]), matched.points[:, 0]]).astype(
+        np.float64
+    )
+    u, v = (matched.variance + _FINEST_STEREO**2).T
     points = triangulate(calibration, z[chosen])
     variance = np.column_stack([np.full(len(u), _OWN**2), 0.5 * v, u])[chosen]
     return Keyframe(
@@ -70,7 +72,7 @@ def new_keyframe(
 
 
 def _stereo_pairs(calibration: StereoCalibration, frame: StereoFrame) -> tuple[Points, Points]:
-    """Corners of the left image and where the right one shows them, found both ways."""
+    """Corners in the left and right image that track there and back."""
     left, right = stereo_pairs(calibration, frame, detect_corners(frame.left, per_bucket=_PER_BUCKET))
     back, found = track(frame.right, frame.left, right, left, LEVELS_NEAR)
     closed = found & (np.abs(back - left).max(axis=1, initial=0.0) < _CLOSURE)

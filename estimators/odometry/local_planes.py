@@ -1,4 +1,4 @@
-"""The plane around each point of a view, from the disparities around it: what its patch looks like from elsewhere.
+"""Local plane around each point of a stereo view, fitted to the disparities of its neighbours.
 
 A plane is given by n (3,) [1/m] with n . X = 1 for its points X in the camera. Then 1/Z = n . ray over the rays
 (x, y, 1), and disparity is linear in the image; under X' = R X + t the plane's images map by the homography R + t n'.
@@ -14,20 +14,20 @@ from estimators.odometry.corners import Points
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
-_HYPOTHESES = 150  # triples for the ground; a third of the points on it would do
-_TOLERANCE = 0.6  # of a point on the ground in disparity [px]
+_HYPOTHESES = 150  # triples for the ground plane; enough if a third of the points lie on it
+_TOLERANCE = 0.6  # disparity error of a point on the ground [px]
 _STEEPEST_GROUND = 0.97  # cosine of 14 deg: slope, roll and pitch of the body together
-_ON_GROUND, _ON_GROUND_SHARE = 0.8, 0.05  # what is expected to lie flat, [px] or share of the disparity: rough ground
-_NEIGHBOURS = 8  # that a local plane is fitted to, the point itself included
-_FLAT = 2.0  # neighbours above and below count as so much farther: depth changes faster along v
-_REACH = 70.0  # weight of neighbours falls with the distance, standard deviation [px]
-_UNIT = 50.0  # slopes are solved for over this length, so that all unknowns are of one size [px]
-_PULL = 0.15  # weight of the expected slope against that of one neighbour at _UNIT
-_ROUNDS = 3  # of re-weighting, in which neighbours on other things drop out
-_SCATTER, _SCATTER_SHARE = 0.25, 0.01  # misfit where a neighbour weighs half, [px] plus share of the disparity
-_AGREEING = 0.35  # share of the neighbours' weight that must remain, or the neighbourhood is no plane
-_MISFIT, _MISFIT_SHARE = 0.5, 0.02  # allowed to the point itself, [px] plus share of the disparity
-_STEEPEST = np.array([0.25, 0.35])  # slopes along u and v beyond which a patch is too bent to be matched
+_ON_GROUND, _ON_GROUND_SHARE = 0.8, 0.05  # tolerance for points on rough ground: [px], or share of the disparity
+_NEIGHBOURS = 8  # points of a local fit, the point itself included
+_FLAT = 2.0  # scale of vertical distances to neighbours: depth changes faster along v
+_REACH = 70.0  # standard deviation of the Gaussian weight of neighbours over their distance [px]
+_UNIT = 50.0  # length that slopes are scaled with, so that all unknowns have the same magnitude [px]
+_PULL = 0.15  # weight of the expected slope relative to one neighbour at _UNIT
+_ROUNDS = 3  # of re-weighting, which removes neighbours on other surfaces
+_SCATTER, _SCATTER_SHARE = 0.25, 0.01  # residual that halves a neighbour's weight: [px] plus share of the disparity
+_AGREEING = 0.35  # least share of the neighbours' weight that remains in a planar neighbourhood
+_MISFIT, _MISFIT_SHARE = 0.5, 0.02  # largest residual of the point itself: [px] plus share of the disparity
+_STEEPEST = np.array([0.25, 0.35])  # largest slopes along u and v of a patch that can be matched
 
 
 def local_planes(
@@ -35,8 +35,8 @@ def local_planes(
 ) -> FloatArray:
     """Planes n (n, 3) [1/m] through the points (n, 2) with their disparities (n,) [px].
 
-    Each is fitted to the disparities nearby, with a pull towards the ground for points that lie on it and towards a
-    plane that faces the camera for all others; where no plane fits, these are taken.
+    Each plane is fitted to the disparities nearby, with a prior: the ground for points that lie on it, a plane facing
+    the camera for all others. If no plane fits, the prior is returned.
     """
     expected = _expected_slopes(calibration, points, disparity, rng)
     slopes, flat = _fitted_slopes(points, disparity, expected)
@@ -44,14 +44,14 @@ def local_planes(
 
 
 def warps(R: FloatArray, t: FloatArray, planes: FloatArray, rays: FloatArray) -> FloatArray:
-    """How offsets around images (..., 2, 2) in a camera map back to offsets in the camera of the planes and rays.
+    """Warps (..., 2, 2): image offsets in a second camera mapped to offsets in the camera of the planes and rays.
 
-    X' = R X + t takes points into that camera; R (..., 3, 3) may be one for all, as the others (..., 3) may be. The
-    inverse of the Jacobian of x' = (H x) / (H x)_z, H = R + t n'.
+    X' = R X + t transforms points into the second camera; R (..., 3, 3), t, planes and rays (..., 3) broadcast. The
+    warp is the inverse of the Jacobian of x' = (H x) / (H x)_z, H = R + t n'.
     """
     H = R + t[..., None] * planes[..., None, :]
-    seen = np.einsum("...ij,...j->...i", H, rays)
-    forward = (H[..., :2, :2] - (seen[..., :2] / seen[..., 2:])[..., None] * H[..., 2:, :2]) / seen[..., 2:, None]
+    mapped = np.einsum("...ij,...j->...i", H, rays)
+    forward = (H[..., :2, :2] - (mapped[..., :2] / mapped[..., 2:])[..., None] * H[..., 2:, :2]) / mapped[..., 2:, None]
     determinant = forward[..., 0, 0] * forward[..., 1, 1] - forward[..., 0, 1] * forward[..., 1, 0]
     backward: FloatArray = np.empty_like(forward)
     backward[..., 0, 0], backward[..., 1, 1] = forward[..., 1, 1], forward[..., 0, 0]
@@ -70,21 +70,21 @@ def rays_through(calibration: StereoCalibration, points: Points) -> FloatArray:
 def _expected_slopes(
     calibration: StereoCalibration, points: Points, disparity: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Slopes (n, 2) of the disparity: those of the ground for points on it, otherwise none."""
+    """Prior slopes (n, 2) of the disparity: those of the ground plane for points on it, otherwise 0."""
     rays = rays_through(calibration, points)
     inverse_depth = disparity / (calibration.focal_length * calibration.baseline)
     ground = _ground(calibration, rays, inverse_depth, rng)
     if ground is None:
         return np.zeros((len(points), 2))
-    off = np.abs(inverse_depth - rays @ ground) * calibration.focal_length * calibration.baseline
-    on_ground = off < np.maximum(_ON_GROUND, _ON_GROUND_SHARE * disparity)
+    error = np.abs(inverse_depth - rays @ ground) * calibration.focal_length * calibration.baseline
+    on_ground = error < np.maximum(_ON_GROUND, _ON_GROUND_SHARE * disparity)
     return np.where(on_ground[:, None], calibration.baseline * ground[:2], 0.0)
 
 
 def _ground(
     calibration: StereoCalibration, rays: FloatArray, inverse_depth: FloatArray, rng: np.random.Generator
 ) -> FloatArray | None:
-    """The plane n (3,) that most points lie on, out of those that are nearly level; None if there is none."""
+    """Nearly level plane n (3,) with the most points on it, by RANSAC; None if there is none."""
     if len(rays) < 3:
         return None
     down = -calibration.X_SC[2, :3]
@@ -102,7 +102,7 @@ def _ground(
 
 
 def _fitted_slopes(points: Points, disparity: FloatArray, expected: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Slopes (n, 2) of the disparity around each point, and whether the neighbourhood is a plane at all."""
+    """Slopes (n, 2) of the disparity around each point, and a mask (n,) of planar neighbourhoods."""
     if len(points) <= _NEIGHBOURS:
         return expected, np.zeros(len(points), np.bool_)
     distance, near = cKDTree(points * [1.0, _FLAT]).query(points * [1.0, _FLAT], _NEIGHBOURS)

@@ -1,4 +1,4 @@
-"""Points followed from image to image by pyramidal Lucas-Kanade, and from the left image of a pair to the right."""
+"""Point tracking by pyramidal Lucas-Kanade, from image to image and from the left to the right image of a pair."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from estimators.odometry.corners import Points
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 
-LEVELS = 3  # pyramid levels above the image where the guess may be wrong by some 40 px
-LEVELS_NEAR = 1  # where only the noise of the tracks before is left
+LEVELS = 3  # pyramid levels above the image, for guesses wrong by up to some 40 px
+LEVELS_NEAR = 1  # the same, for guesses wrong by noise alone
 _WINDOW = 11  # [px]; 15 shears more on the ground and doubles the off-tracking error, 9 is not better
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01)
-_FLATTEST = 1e-4  # least eigenvalue of a window that still says where it is
-_EPIPOLAR = 1.2  # rows in left and right may differ by this: tracking error and 0.1 deg of mis-rotation [px]
-_LEAST_DISPARITY = 0.5  # farther points say nothing of the translation, and their depth is skewed [px]
-_SCENERY_DEPTH = 30.0  # first guess for what is not ground [m]
+_FLATTEST = 1e-4  # least eigenvalue of a window that can be tracked
+_EPIPOLAR = 1.2  # largest difference of the rows in left and right: tracking error and 0.1 deg of mis-rotation [px]
+_LEAST_DISPARITY = 0.5  # farther points carry no information on the translation, and their depth is biased [px]
+_SCENERY_DEPTH = 30.0  # initial guess of the depth of points above the ground [m]
 
 
 def track(
     source: GreyImage, target: GreyImage, points: Points, guess: Points, levels: int
 ) -> tuple[Points, NDArray[np.bool_]]:
-    """Where points of the source appear in the target, near the guess, and whether they were found."""
+    """Track points from the source to the target image, near the guess; the mask (n,) tells which were found."""
     if len(points) == 0:
         return points, np.zeros(0, dtype=np.bool_)
     tracked, found, _ = cv2.calcOpticalFlowPyrLK(
@@ -41,7 +41,7 @@ def track(
 
 
 def exposed_like(image: GreyImage, other: GreyImage) -> GreyImage:
-    """The image with the mean and the contrast of another: Lucas-Kanade takes grey levels for what they are."""
+    """Image adapted to the mean and contrast of another, as Lucas-Kanade assumes constant brightness."""
     (mean, spread), (other_mean, other_spread) = (
         tuple(float(value[0, 0]) for value in cv2.meanStdDev(one)) for one in (image, other)
     )
@@ -50,7 +50,7 @@ def exposed_like(image: GreyImage, other: GreyImage) -> GreyImage:
 
 
 def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:
-    """The corners of the left image that the right one shows, in both."""
+    """Corners of the left image that are also found in the right one, with their positions in both."""
     guess = corners - _disparity_guess(calibration, corners)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     kept = found & same_row(corners, right)
@@ -58,18 +58,18 @@ def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Po
 
 
 def same_row(left: Points, right: Points) -> NDArray[np.bool_]:
-    """Whether the pairs lie on one epipolar line, with a disparity that places them in front of the cameras."""
-    apart = left - right
-    one_row: NDArray[np.bool_] = (np.abs(apart[:, 1]) < _EPIPOLAR) & (apart[:, 0] > _LEAST_DISPARITY)
+    """Mask (n,) of pairs on one epipolar line, with a disparity that places them in front of the cameras."""
+    difference = left - right
+    one_row: NDArray[np.bool_] = (np.abs(difference[:, 1]) < _EPIPOLAR) & (difference[:, 0] > _LEAST_DISPARITY)
     return one_row
 
 
 def _disparity_guess(calibration: StereoCalibration, corners: Points) -> Points:
-    """Shift (n, 2) [px] between left and right of corners on level ground, or on scenery where that is farther."""
+    """Predicted shift (n, 2) [px] from left to right of corners, on level ground or on nearer scenery."""
     rays = np.column_stack(
         [(corners - [calibration.cx, calibration.cy]) / calibration.focal_length, np.ones(len(corners))]
     )
-    fall = -rays @ calibration.X_SC[2, :3]  # towards the ground, per depth
-    inverse_depth = np.maximum(fall / calibration.X_SC[2, 3], 1.0 / _SCENERY_DEPTH)
+    towards_ground = -rays @ calibration.X_SC[2, :3]  # per unit of depth
+    inverse_depth = np.maximum(towards_ground / calibration.X_SC[2, 3], 1.0 / _SCENERY_DEPTH)
     shift = calibration.focal_length * calibration.baseline * inverse_depth
     return np.column_stack([shift, np.zeros(len(shift))]).astype(np.float32)

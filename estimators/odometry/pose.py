@@ -1,9 +1,8 @@
 """Motion of a stereo pair from matches: robust Gauss-Newton on the reprojection error, with its covariance.
 
-The residual is taken in both current images and weighted with their errors and with those of the points, which go
-through into the images. A point and the three image coordinates that it was triangulated from determine each other,
-and the way from there to the current images is straight within 1e-4 px of noise, so this is the joint maximum
-likelihood of motion and points with the points eliminated (their Schur complement).
+Residuals are taken in both current images. Their weights include the errors of these images and the errors of the
+points, propagated into the images. This propagation is linear to within 1e-4 px of noise. So the result is the joint
+maximum likelihood of motion and points, with the points eliminated by the Schur complement.
 """
 
 from __future__ import annotations
@@ -18,20 +17,20 @@ from estimators.stereo_geometry import triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-_ITERATIONS = 20  # a round, at most; four will mostly do
-_CONVERGED = 0.1  # standard deviations that the last step may have been long
-_TUNING = (2.0, 1.0)  # a match at so many sigma weighs a quarter; first a wide round, then a narrow one
-_CUT = 4.0  # matches beyond so many sigma are no inliers
-_CORRELATION = 1.4  # tracking errors of neighbours and of the four images of a point are not independent: measured
-_MEDIAN = 0.888  # of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
-_FINEST = 0.02  # no tracker is better [px]
-_FEWEST = 6  # matches for a solution with something left over to judge it by
-_DAMPING = 1e-12  # share of the trace; keeps the solution finite where all matches are alike
+_ITERATIONS = 20  # at most, in each round; usually four are enough
+_CONVERGED = 0.1  # largest last step [standard deviations]
+_TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
+_CUT = 4.0  # inliers have smaller residuals [sigma]
+_CORRELATION = 1.4  # factor for correlated errors of neighbours and of the four images of a point: measured
+_MEDIAN = 0.888  # median of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
+_FINEST = 0.02  # least tracking error [px]
+_FEWEST = 6  # matches that leave residuals to estimate the variance from
+_DAMPING = 1e-12  # share of the trace; keeps the solution finite for degenerate matches
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]  # rows and columns of cofactors
 
 
-class Sightings(NamedTuple):
-    """Points known from before, given in P, and their images z = (u left, v, u right) [px] in C."""
+class Observations(NamedTuple):
+    """Points known in P and their images z = (u left, v, u right) [px] in C."""
 
     points: FloatArray  # (n, 3) [m]
     covariance: FloatArray  # (n, 3, 3) of the points [m2]
@@ -40,7 +39,7 @@ class Sightings(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """A motion, its covariance (as ``estimates.Motion`` has it) and the matches it rests on."""
+    """Motion, its covariance (as in ``estimates.Motion``) and its inliers."""
 
     X_PC: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6)
@@ -48,14 +47,13 @@ class Solution(NamedTuple):
     converged: bool
 
 
-def refined(calibration: StereoCalibration, seen: Sightings, X_PC: FloatArray, inliers: NDArray[np.bool_]) -> Solution:
-    """The motion that fits the sightings best, starting from ``X_PC`` and those (n,) that agree with it.
-
-    At least six must agree.
-    """
-    points, z = np.ascontiguousarray(seen.points.T), np.ascontiguousarray(seen.z.T)
+def refined(
+    calibration: StereoCalibration, observations: Observations, X_PC: FloatArray, inliers: NDArray[np.bool_]
+) -> Solution:
+    """Robust least-squares motion for the observations, starting from ``X_PC`` and its ``inliers`` (n,), at least 6."""
+    points, z = np.ascontiguousarray(observations.points.T), np.ascontiguousarray(observations.z.T)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
-    information = _information(calibration, R, p, seen)  # hardly depends on the motion
+    information = _information(calibration, R, p, observations)  # hardly depends on the motion
     for tuning in _TUNING:
         for _ in range(_ITERATIONS):
             r, J = linearised(calibration, R, p, points, z)
@@ -75,17 +73,17 @@ def refined(calibration: StereoCalibration, seen: Sightings, X_PC: FloatArray, i
     return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)
 
 
-def own_covariance(calibration: StereoCalibration, seen: Sightings, solution: Solution) -> FloatArray:
-    """The part (6, 6) of the solution's covariance that comes from the images in C, the points being what they are.
+def own_covariance(calibration: StereoCalibration, observations: Observations, solution: Solution) -> FloatArray:
+    """Part (6, 6) of the solution's covariance that comes from the images in C alone, for given points.
 
-    It is what differs between two frames that see the same points.
+    This part is independent between two frames that see the same points.
     """
     R, p = solution.X_PC[:3, :3], solution.X_PC[:3, 3]
-    seen = Sightings(*(of_all[solution.inliers] for of_all in seen))
-    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(seen.points.T))
-    A = _weighted(J, _information(calibration, R, p, seen))
+    used = Observations(*(part[solution.inliers] for part in observations))
+    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(used.points.T))
+    A = _weighted(J, _information(calibration, R, p, used))
     normal = A.reshape(6, -1) @ J.reshape(6, -1).T
-    own = (A * seen.variance.T).reshape(6, -1) @ A.reshape(6, -1).T
+    own = (A * used.variance.T).reshape(6, -1) @ A.reshape(6, -1).T
     # covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal)
     share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ solution.covariance
     symmetric: FloatArray = 0.5 * (share + share.T)
@@ -102,13 +100,13 @@ def _normal_equations(
 
 
 def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
-    """Jacobian (6, 3, n), its rows times the inverse covariances (3, 3, n)."""
+    """Jacobian (6, 3, n) times the inverse covariances (3, 3, n)."""
     weighted: FloatArray = np.einsum("kin,ijn->kjn", J, information)
     return weighted
 
 
 def _variance(error: FloatArray, sigma: float) -> float:
-    """Factor to the inverse normal matrix without weights, for the estimate with weights (Huber's asymptotics).
+    """Factor from the inverse of the unweighted normal matrix to the covariance of the robust estimate (Huber).
 
     With residuals of three equal components, psi = w r: E[psi psi'] = E[w^2 error^2] I, and the mean slope of psi is
     E[w + (u / 3) dw/du], u = error / (c sigma).
@@ -116,7 +114,7 @@ def _variance(error: FloatArray, sigma: float) -> float:
     u_squared = (error / (_TUNING[-1] * sigma)) ** 2
     weight = 1.0 / (1.0 + u_squared) ** 2
     slope = float(np.mean(weight * (1.0 - 4.0 / 3.0 * u_squared / (1.0 + u_squared))))
-    spread = float(np.mean((weight * error) ** 2)) * len(error) / (len(error) - 2.0)  # 6 of 3 n are used up
+    spread = float(np.mean((weight * error) ** 2)) * len(error) / (len(error) - 2.0)  # 6 degrees of freedom of 3 n
     return _CORRELATION**2 * (_FINEST**2 + spread / slope**2)
 
 
@@ -127,12 +125,16 @@ def point_covariance(calibration: StereoCalibration, points: FloatArray, varianc
     return covariance
 
 
-def _information(calibration: StereoCalibration, R: FloatArray, p: FloatArray, seen: Sightings) -> FloatArray:
+def _information(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, observations: Observations
+) -> FloatArray:
     """Inverse covariance (3, 3, n) of the residuals."""
-    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(seen.points.T))[3:]  # as with points, but for the sign
-    covariance = np.ascontiguousarray(seen.covariance.transpose(1, 2, 0))
+    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(observations.points.T))[
+        3:
+    ]  # as the derivative by the points, but for the sign
+    covariance = np.ascontiguousarray(observations.covariance.transpose(1, 2, 0))
     carried = np.einsum("lin,ljn->ijn", np.einsum("kin,kln->lin", J, covariance), J)
-    return _inverse(np.eye(3)[:, :, None] * seen.variance.T + carried)
+    return _inverse(np.eye(3)[:, :, None] * observations.variance.T + carried)
 
 
 def _inverse(S: FloatArray) -> FloatArray:
@@ -144,7 +146,7 @@ def _inverse(S: FloatArray) -> FloatArray:
 
 
 def _normalised(r: FloatArray, information: FloatArray, inliers: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """Root mean square error (n,) of each match, and its robust scale over the inliers, one standard deviation [px]."""
+    """Normalised RMS error (n,) of each match, and its robust standard deviation over the inliers."""
     error = np.sqrt((np.einsum("in,ijn->jn", r, information) * r).sum(axis=0) / 3.0)
     ordered = np.sort(error[inliers])
     median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])

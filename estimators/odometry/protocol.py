@@ -15,7 +15,7 @@ class Odometry(Estimator[Memory, StereoFrame, Motion], Protocol[Memory]):
 
 
 def above_ground(calibration: StereoCalibration) -> StereoCalibration:
-    """The calibration, if its cameras can see the ground from above.
+    """Return the calibration if its left camera is above the ground.
 
     Raises:
         ValueError: if the left camera is not above the ground.

@@ -1,4 +1,4 @@
-"""The motion that most matches agree with, out of hypotheses from three matches each."""
+"""RANSAC for the stereo motion: hypotheses from three matches each, scored by the truncated reprojection error."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from vehicle.frames import FloatArray, skew, transform
 
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong
 _ITERATIONS = 4  # of Gauss-Newton from the prediction, for three points
-_GATE = 1.5  # reprojection error of an inlier that is tracked to sub-pixels [px]
-_JUDGES = 250  # matches that judge the hypotheses; more do not change the verdict
-_DAMPING = 1e-9  # share of the trace; keeps three points in a line from being singular
-_LONGEST_STEP = 1.0  # an iteration may go; triples of wrong matches would run away [rad, m]
+_GATE = 1.5  # largest reprojection error of an inlier with sub-pixel tracks [px]
+_SCORED = 250  # matches that score the hypotheses; more do not change the result
+_DAMPING = 1e-9  # share of the trace; keeps three collinear points from being singular
+_LONGEST_STEP = 1.0  # of an iteration; triples of wrong matches would diverge [rad, m]
 _SKEW = np.array([skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # w @ _SKEW are the rows of skew(w)
 
 
 class Consensus(NamedTuple):
-    """A motion and the matches that agree with it."""
+    """Motion and its inliers."""
 
     X_PC: FloatArray  # (4, 4)
     inliers: NDArray[np.bool_]  # (n,)
@@ -36,16 +36,16 @@ def consensus(
     rng: np.random.Generator,
     gate: float = _GATE,
 ) -> Consensus:
-    """The best of the prediction ``X_PC`` and of the hypotheses that end within ``reach`` [m] of it.
+    """Best of the prediction ``X_PC`` and of the hypotheses within ``reach`` [m] of it.
 
-    The points (n, 3), n >= 3, are given in P and seen at z (n, 3) in C; inliers within ``gate`` [px].
+    The points (n, 3), n >= 3, are given in P and have images z (n, 3) in C; inliers lie within ``gate`` [px].
     """
     triples = rng.integers(0, len(points), (_HYPOTHESES, 3))
     R, p = _from_triples(calibration, points[triples].swapaxes(1, 2), z[triples].swapaxes(1, 2), X_PC)
     R, p = np.concatenate([R, X_PC[None, :3, :3]]), np.concatenate([p, X_PC[None, :3, 3]])
     points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
-    judges = slice(None, None, max(1, points.shape[1] // _JUDGES))
-    cost = np.minimum(_squared(residuals(calibration, R, p, points[:, judges], z[:, judges])), gate**2).sum(axis=1)
+    scored = slice(None, None, max(1, points.shape[1] // _SCORED))
+    cost = np.minimum(_squared(residuals(calibration, R, p, points[:, scored], z[:, scored])), gate**2).sum(axis=1)
     cost[np.linalg.norm(p - X_PC[:3, 3], axis=1) > reach] = np.inf
     best = int(np.argmin(cost))
     inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < gate**2
@@ -55,7 +55,7 @@ def consensus(
 def _from_triples(
     calibration: StereoCalibration, points: FloatArray, z: FloatArray, X_PC: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and positions (m, 3) that fit triples (m, 3, 3) of columns, all solved from ``X_PC``."""
+    """Rotations (m, 3, 3) and positions (m, 3) that fit triples (m, 3, 3) of columns; Gauss-Newton from ``X_PC``."""
     m = len(points)
     R, p = np.broadcast_to(X_PC[:3, :3], (m, 3, 3)), np.broadcast_to(X_PC[:3, 3], (m, 3))
     for _ in range(_ITERATIONS):

@@ -10,10 +10,10 @@ from estimators.rigid_motion import UncertainMotion, rotation_vector
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, so3_exp, transform
 
-# Jerk that changes the acceleration, white, as a density: 6 m/s3 and 3 rad/s3 for a tenth of a second, which is how a
-# driver brakes and how a trailer's body rolls and pitches over bumps.
+# Density of white jerk: 6 m/s3 and 3 rad/s3 for a tenth of a second, as in braking and as a trailer's body rolls and
+# pitches over bumps.
 _JERK = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # [rad/s3/sqrt(Hz)], [m/s3/sqrt(Hz)]
-_START = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])  # standard deviation of the acceleration at first [rad/s2], [m/s2]
+_START = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])  # initial standard deviation of the acceleration [rad/s2], [m/s2]
 
 
 class Velocity(NamedTuple):
@@ -25,7 +25,7 @@ class Velocity(NamedTuple):
 
 
 def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:
-    """The velocity after the first motion, which took ``span`` ticks."""
+    """Initial velocity from the first motion, which took ``span`` ticks."""
     velocity, variance = _velocity(span, measured)
     covariance = np.zeros((6, 2, 2))
     covariance[:, 0, 0], covariance[:, 1, 1] = variance, _START**2
@@ -33,7 +33,7 @@ def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:
 
 
 def updated(last: Velocity, tick: int, span: int, measured: UncertainMotion) -> Velocity:
-    """The velocity after a motion of ``span`` ticks that ended at ``tick``."""
+    """Velocity updated with a motion of ``span`` ticks that ended at ``tick``."""
     predicted = _predicted(last, tick)
     velocity, variance = _velocity(span, measured)
     gain = predicted.covariance[:, :, 0] / (predicted.covariance[:, 0, 0] + variance)[:, None]
@@ -43,7 +43,7 @@ def updated(last: Velocity, tick: int, span: int, measured: UncertainMotion) -> 
 
 
 def expected_motion(last: Velocity, tick: int, span: int) -> FloatArray:
-    """The motion X (4, 4) over the ``span`` ticks before ``tick`` that the velocity predicted for then amounts to."""
+    """Motion X (4, 4) over the ``span`` ticks before ``tick`` at the velocity predicted for ``tick``."""
     twist = _predicted(last, tick).state[:, 0] * (span * TICK)
     return transform(so3_exp(twist[:3]), twist[3:])
 
@@ -56,7 +56,7 @@ def _velocity(span: int, measured: UncertainMotion) -> tuple[FloatArray, FloatAr
 
 
 def _predicted(last: Velocity, tick: int) -> Velocity:
-    """The velocity at a later tick, at constant acceleration but for the jerk."""
+    """Velocity predicted for a later tick at constant acceleration, with white jerk as process noise."""
     t = (tick - last.tick) * TICK
     F = np.array([[1.0, t], [0.0, 1.0]])
     Q = np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])

@@ -1,7 +1,7 @@
-"""VISO2-S in the stages of de Saxe 2018, section 2.1: the odometry of the paper, to compare others with.
+"""VISO2-S in the stages of de Saxe 2018, section 2.1: the odometry of the paper, as a reference.
 
 (1) corner-like features, (2) circular matching, (3) buckets, (4) Gauss-Newton on the reprojection error inside (5)
-RANSAC, (6) a constant-acceleration Kalman filter. Features lie at whole pixels: their rounding is what limits it.
+RANSAC, (6) a constant-acceleration Kalman filter. Features lie at whole pixels, and this rounding limits the accuracy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.circular import LONGEST_SPAN, PLENTY
+from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
 from estimators.odometry.circular_matching import Matches
 from estimators.odometry.protocol import above_ground
 from estimators.odometry.ransac import consensus
@@ -25,17 +25,17 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-NEAR, _FAR = 24.0, 60.0  # how far to look from the prediction, and from rest when there is none [px]
-_GATE = 2.0  # reprojection error of an inlier: four roundings, and what they make of the point [px]
+NEAR, _FAR = 24.0, 60.0  # search radius around the prediction, and around no motion without one [px]
+_GATE = 2.0  # largest reprojection error of an inlier: four roundings and their effect on the point [px]
 _FEWEST_INLIERS = 12  # two for each unknown
 _ITERATIONS = 20  # of Gauss-Newton, at most
 _CONVERGED = 1e-6  # [rad, m]
-_CORRELATION = 1.6  # roundings of neighbours, and of the point that they place, are not independent: measured
-_BOTH_ROWS = np.array([1.0, 2.0, 1.0])  # the row is the mean of two images, so it counts for two
+_CORRELATION = 1.6  # factor for correlated rounding errors: measured
+_BOTH_ROWS = np.array([1.0, 2.0, 1.0])  # weights: the row is the mean of two images
 
 
 class Viso2Memory(NamedTuple):
-    """The features that the next pair is matched with, and the filter."""
+    """Features of the previous pair, and the velocity filter."""
 
     tick: int = 0
     features: PairFeatures | None = None
@@ -43,7 +43,7 @@ class Viso2Memory(NamedTuple):
 
 
 class Viso2Odometry:
-    """Motion between the pairs of a stereo rig, each compared with the one before, as the paper does it."""
+    """VISO2-S stereo odometry from frame to frame (de Saxe 2018)."""
 
     def __init__(self, calibration: StereoCalibration, *, seed: int = 0) -> None:
         """An odometry for this rig; ``seed`` and a frame's tick fix the draws of RANSAC.
@@ -61,8 +61,8 @@ class Viso2Odometry:
     def step(self, memory: Viso2Memory, frame: StereoFrame) -> tuple[Viso2Memory, Motion | None]:
         """Memory with the frame in it, and the filtered motion since the frame before; None for the first frame.
 
-        The filter spreads the error of a motion over those after it but leaves the sum as it is; so the covariance is
-        that of the motion before the filter. A frame with next to no features is lost and passed over.
+        The filter spreads the error of a motion over later ones but keeps the sum. So the covariance is that of the
+        motion before the filter. A frame with almost no features is lost and skipped.
         """
         features = pair_features(frame)
         if memory.features is None:
@@ -78,8 +78,8 @@ class Viso2Odometry:
                 break
         if measured is None:
             motion = _lost(frame.tick, memory.tick, matches)
-            dark = len(features.left.points) < PLENTY and span < LONGEST_SPAN
-            return (memory if dark else Viso2Memory(frame.tick, features)), motion
+            skipped = len(features.left.points) < ENOUGH_MATCHES and span < LONGEST_SPAN
+            return (memory if skipped else Viso2Memory(frame.tick, features)), motion
         velocity = started(frame.tick, span, measured) if last is None else updated(last, frame.tick, span, measured)
         motion = Motion(
             tick=frame.tick,
@@ -88,7 +88,7 @@ class Viso2Odometry:
             covariance=measured.covariance,
             matches=len(matches.current),
             inliers=int(np.count_nonzero(inliers)),
-            health=Health.OK if len(matches.current) >= PLENTY else Health.DEGRADED,
+            health=Health.OK if len(matches.current) >= ENOUGH_MATCHES else Health.DEGRADED,
             tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
         )
         return Viso2Memory(frame.tick, features, velocity), motion
@@ -96,7 +96,7 @@ class Viso2Odometry:
     def _measured(
         self, matches: Matches, guess: FloatArray, tick: int
     ) -> tuple[NDArray[np.bool_], UncertainMotion | None]:
-        """The matches that RANSAC finds to agree, and the motion that fits them best; None if too few agree."""
+        """Inliers of RANSAC and their least-squares motion; None if there are too few."""
         nothing = np.zeros(len(matches.current), np.bool_)
         if len(matches.current) < _FEWEST_INLIERS:
             return nothing, None
@@ -105,15 +105,15 @@ class Viso2Odometry:
         agreed = consensus(self._calibration, points, matches.current, guess, np.inf, rng, gate=_GATE)
         if np.count_nonzero(agreed.inliers) < _FEWEST_INLIERS:
             return nothing, None
-        seen = points[agreed.inliers], matches.current[agreed.inliers]
-        measured = _least_squares(self._calibration, *seen, agreed.X_PC)
+        used = points[agreed.inliers], matches.current[agreed.inliers]
+        measured = _least_squares(self._calibration, *used, agreed.X_PC)
         return (nothing, None) if measured is None else (agreed.inliers, measured)
 
 
 def _least_squares(
     calibration: StereoCalibration, points: FloatArray, z: FloatArray, X_PC: FloatArray
 ) -> UncertainMotion | None:
-    """The motion of least reprojection error in both current images, by Gauss-Newton; None if it does not settle."""
+    """Least-squares motion over the reprojection errors in both current images; None without convergence."""
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
     for _ in range(_ITERATIONS):

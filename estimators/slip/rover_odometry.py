@@ -218,7 +218,7 @@ def _pointed(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:
     then = _turn_near(turns, slip.tick)
     if abs(then.tick - slip.tick) > _NEAR:
         return None
-    begin = bisect_left(turns, then.way - slip.way, key=attrgetter("way"))
+    begin = bisect_left(turns, then.way - slip.averaged_over, key=attrgetter("way"))
     end = bisect_right(turns, then.way, key=attrgetter("way"))
     return math.fsum(turn.direction for turn in turns[begin:end]) / (end - begin)
 

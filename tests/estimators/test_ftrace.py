@@ -118,7 +118,7 @@ def test_pointing_is_averaged_over_the_way_behind_the_wheel() -> None:
 
 def test_estimate_is_a_mean_over_the_way_in_view() -> None:
     """The upper edge of the image sees 0.60 m behind the camera's nearer edge (Reina 2008), the wheel is before it."""
-    assert 0.55 < last([view(rut(0.0))]).way < 0.70
+    assert 0.55 < last([view(rut(0.0))]).averaged_over < 0.70
 
 
 def test_turning_adds_the_rear_axles_way_round() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.odometry.circular_matching import Matches
-from estimators.odometry.pose import _CORRELATION, Sightings, own_covariance, point_covariance, refined
+from estimators.odometry.pose import _CORRELATION, Observations, own_covariance, point_covariance, refined
 from estimators.odometry.ransac import consensus
 from estimators.odometry.reprojection import linearised
 from estimators.rigid_motion import rotation_vector
@@ -44,15 +44,15 @@ def error(X_PC: FloatArray) -> FloatArray:
     return np.concatenate([rotation_vector(MOTION[:3, :3] @ X_PC[:3, :3].T), MOTION[:3, 3] - X_PC[:3, 3]])
 
 
-def sightings(calibration: StereoCalibration, matches: Matches, variance: FloatArray = VARIANCE) -> Sightings:
+def observations(calibration: StereoCalibration, matches: Matches, variance: FloatArray = VARIANCE) -> Observations:
     """The points that the previous images define, and the current images, with the variance of ``images``."""
     points = triangulate(calibration, matches.previous)
     covariance = point_covariance(calibration, points, VARIANCE)
-    return Sightings(points, covariance, matches.current, np.broadcast_to(variance, points.shape))
+    return Observations(points, covariance, matches.current, np.broadcast_to(variance, points.shape))
 
 
 def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0):
-    seen = sightings(calibration, matches)
+    seen = observations(calibration, matches)
     agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(seed))
     return agreed, refined(calibration, seen, agreed.X_PC, agreed.inliers)
 
@@ -194,7 +194,7 @@ def test_own_part_of_the_covariance_is_the_difference_between_frames(calibration
     moved = (points - MOTION[:3, 3]) @ MOTION[:3, :3]
     solutions = [solved(calibration, Matches(previous, images(calibration, moved, rng, STD)))[1] for _ in range(60)]
     across = np.std([error(solution.X_PC) for solution in solutions], axis=0)
-    seen = sightings(calibration, Matches(previous, images(calibration, moved, rng, STD)))
+    seen = observations(calibration, Matches(previous, images(calibration, moved, rng, STD)))
     solution = refined(calibration, seen, MOTION, np.ones(len(points), np.bool_))
     own = np.sqrt(np.diag(own_covariance(calibration, seen, solution))) / _CORRELATION
     assert own == pytest.approx(across, rel=0.4)  # a standard deviation of 60: 9 %, times 4

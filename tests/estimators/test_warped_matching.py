@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from estimators.odometry.warped_matching import find, templates, warped_patches
+from estimators.odometry.warped_matching import match_patches, templates, warped_patches
 from vehicle.frames import FloatArray
 
 SHIFT = np.array([1.37, -0.62])  # [px]
@@ -38,8 +38,8 @@ def seen_through(image: FloatArray, A: FloatArray, about: FloatArray) -> FloatAr
 
 
 def matched(first: FloatArray, second: FloatArray, points: FloatArray, A: FloatArray, guess: FloatArray):
-    sought = templates(warped_patches(first, points, np.broadcast_to(A, (len(points), 2, 2))))
-    return find(sought, second, guess.astype(np.float32))
+    patches = templates(warped_patches(first, points, np.broadcast_to(A, (len(points), 2, 2))))
+    return match_patches(patches, second, guess.astype(np.float32))
 
 
 def test_shift_is_found_to_hundredths_of_a_pixel(scene: FloatArray) -> None:
@@ -49,22 +49,22 @@ def test_shift_is_found_to_hundredths_of_a_pixel(scene: FloatArray) -> None:
     error = found.points - points - SHIFT
     assert np.abs(error).max() < 0.06  # single patches
     assert np.abs(error.mean(axis=0)).max() < 0.01  # no bias
-    assert found.likeness.min() > 0.98
+    assert found.correlation.min() > 0.98
 
 
 def test_warp_is_what_finds_a_sheared_patch(scene: FloatArray) -> None:
     """The patch seen from elsewhere is found where it is; merely shifted it is less alike and less accurate."""
-    errors, likeness = [], []
+    errors, correlation = [], []
     for point in centres()[::7]:
         second = seen_through(scene, SHEARED, point)
         for A in (SHEARED, STRAIGHT):
             found = matched(scene, second, point[None], A, point[None] + 1.0)
             errors.append(np.linalg.norm(found.points[0] - point - SHIFT))
-            likeness.append(float(found.likeness[0]))
+            correlation.append(float(found.correlation[0]))
     warped, shifted = np.array(errors)[::2], np.array(errors)[1::2]
     assert warped.max() < 0.06  # [px] as without a shear
     assert np.sqrt(np.mean(shifted**2)) > 3.0 * np.sqrt(np.mean(warped**2))
-    assert min(likeness[::2]) > max(likeness[1::2])
+    assert min(correlation[::2]) > max(correlation[1::2])
 
 
 def test_exposure_does_not_matter(scene: FloatArray) -> None:
@@ -73,7 +73,7 @@ def test_exposure_does_not_matter(scene: FloatArray) -> None:
     second = seen_through(scene, STRAIGHT, points[0])
     same, brighter = (matched(scene, image, points, STRAIGHT, points) for image in (second, 0.6 * second + 30.0))
     assert brighter.points == pytest.approx(same.points, abs=0.01)  # where the last step ends
-    assert brighter.likeness == pytest.approx(same.likeness, abs=1e-3)
+    assert brighter.correlation == pytest.approx(same.correlation, abs=1e-3)
 
 
 def test_variance_is_that_of_the_spread(scene: FloatArray) -> None:
@@ -91,12 +91,12 @@ def test_variance_is_that_of_the_spread(scene: FloatArray) -> None:
 
 
 def test_plain_patches_are_finite_and_unlike() -> None:
-    """No texture: no place, no likeness, and no division by nothing."""
+    """No texture: no place, no correlation, and no division by nothing."""
     plain = np.full((100, 100), 90.0, np.float32)
     points = np.array([[50.0, 50.0]], np.float32)
     found = matched(plain, plain, points, STRAIGHT, points)
     assert np.isfinite(found.points).all()
-    assert found.likeness[0] < 0.5
+    assert found.correlation[0] < 0.5
 
 
 def test_nothing_to_find() -> None:

@@ -126,7 +126,7 @@ class FTrace:
             wheel_slip=theta - steer,
             trace_offset=beside,
             confidence=float(seen.confidences[seen.best]),
-            way=self._visible,
+            averaged_over=self._visible,
         )
         return memory._replace(reference=reference, missed=0), estimate
 
