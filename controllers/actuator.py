@@ -1,26 +1,31 @@
-"""A controller's own model of a steering actuator: first-order lag under a rate limit."""
+"""Controllers' model of a steering actuator: first-order lag under a rate limit."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from controllers.functions import ARRAYS, Functions, Num
 from vehicle.frames import FloatArray
 
 
-def settle(angle: ArrayLike, demand: ArrayLike, duration: ArrayLike, *, lag: float, max_rate: float) -> FloatArray:
+def settled(f: Functions[Num], angle: Num, demand: Num, duration: Num | float, *, lag: float, max_rate: float) -> Num:
     """Angle [rad] ``duration`` [s] after the demand [rad] was set: exact for d(angle)/dt = clip((demand - angle)/lag).
 
     ``lag`` [s] is the first-order time constant (zero: the rate limit alone), ``max_rate`` [rad/s] the limit.
     """
-    angle, demand = np.asarray(angle, dtype=np.float64), np.asarray(demand, dtype=np.float64)
-    duration = np.asarray(duration, dtype=np.float64)
     gap = demand - angle
     # The rate is at its limit while |gap| > max_rate lag; from there on the gap decays exponentially.
-    at_limit = np.maximum(np.abs(gap) / max_rate - lag, 0.0)  # [s]
-    linear = np.minimum(at_limit, duration)
-    left = np.abs(gap) - max_rate * linear
+    linear = f.fmin(f.fmax(f.fabs(gap) / max_rate - lag, 0.0), duration)  # time at the limit [s]
+    remaining = f.fabs(gap) - max_rate * linear
     if lag > 0.0:
-        left = left * np.exp(-(duration - linear) / lag)
-    settled: FloatArray = demand - np.sign(gap) * left
-    return settled
+        remaining = remaining * f.exp((linear - duration) / lag)
+    return demand - f.sign(gap) * remaining
+
+
+def settle(angle: ArrayLike, demand: ArrayLike, duration: ArrayLike, *, lag: float, max_rate: float) -> FloatArray:
+    """`settled` for arrays."""
+    angle, demand = np.asarray(angle, dtype=np.float64), np.asarray(demand, dtype=np.float64)
+    duration = np.asarray(duration, dtype=np.float64)
+    angles: FloatArray = settled(ARRAYS, angle, demand, duration, lag=lag, max_rate=max_rate)
+    return angles

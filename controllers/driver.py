@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
-from controllers.actuator import settle
+from controllers import preview_law as law
+from controllers.functions import FLOATS
 from controllers.path import Path
 from controllers.speed_profile import SpeedProfile
 from sensors.messages import EgoState
@@ -14,15 +15,8 @@ from vehicle.clock import TICK
 from vehicle.frames import Pose2
 from vehicle.option import Option
 
-PERIOD = 0.02  # the driver's step [s]
-
-_CREEP = 0.3  # below this speed a direction of travel is not a measurement [m/s]
-_SLIP_TIME = 0.1  # low-pass on the front axle's slip angle: longer than tyre dynamics, shorter than a turn-in [s]
-_SPEED_GAIN = 2.0  # acceleration demand per speed error [1/s]
-_SPEED_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above, and still with the lag of a driveline
-_CROSSOVER = 7.0  # of the lateral loop at most: the steering's lag and the tractor's yaw leave no phase beyond [rad/s]
-_MAX_ACCELERATION = 1.5  # comfortable for a standing load [m/s2]
-_COMFORTABLE = 0.7  # planned braking and speeding up: half of it, which leaves room to control [m/s2]
+PERIOD: Final = law.PERIOD  # the driver's step [s]
+_COMFORTABLE: Final = 0.7  # planned braking and speeding up: half of the limit, which leaves room to control [m/s2]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +91,7 @@ class PreviewDriver(Driver[DriverMemory]):
     """
 
     options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", 0.6, "turn towards the path per lateral error", "rad/m", 0.01, 5.0),
+        Option("gain", law.GAIN, "turn towards the path per lateral error", "rad/m", 0.01, 5.0),
         Option("max_lateral_acceleration", None, "limit in turns", "m/s2", 0.1, 10.0, default_text="none"),
     )
 
@@ -107,7 +101,7 @@ class PreviewDriver(Driver[DriverMemory]):
         path: Path,
         speed: float,
         *,
-        gain: float = 0.6,
+        gain: float = law.GAIN,
         max_lateral_acceleration: float = math.inf,
     ) -> None:
         """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m].
@@ -120,7 +114,7 @@ class PreviewDriver(Driver[DriverMemory]):
         if not gain > 0.0:
             raise ValueError(f"gain = {gain} rad/m must be positive")
         self._tractor, self._path, self._speed = tractor, path, speed
-        self._gain = min(gain, _CROSSOVER / speed)
+        self._gain = law.gain_at(FLOATS, gain, speed)
         self._profile: SpeedProfile | None = None
         if math.isfinite(max_lateral_acceleration):
             self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
@@ -155,7 +149,9 @@ class PreviewDriver(Driver[DriverMemory]):
         """New memory and command at ``tick``; no faster than ``speed_limit`` [m/s]."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
-        front_slip = self._front_slip(memory.front_slip, steer, ego, elapsed)
+        front_slip = law.filtered_front_slip(
+            FLOATS, self._tractor, memory.front_slip, steer, ego.v_x, ego.v_y, ego.yaw_rate, elapsed
+        )
         station, demand = self._steer_demand(memory._replace(steer=steer, front_slip=front_slip), ego)
         wanted = self._speed if self._profile is None else self._profile.at(station)
         error = min(wanted, speed_limit) - ego.v_x
@@ -172,37 +168,32 @@ class PreviewDriver(Driver[DriverMemory]):
         return DriverMemory(tick, station, demand, steer, 0.0, 0.0)
 
     def _settled(self, steer: float, demand: float, duration: float) -> float:
-        t = self._tractor
-        return float(settle(steer, demand, duration, lag=t.actuator_lag, max_rate=t.max_steer_rate))
-
-    def _front_slip(self, front_slip: float, steer: float, ego: EgoState, elapsed: float) -> float:
-        if ego.v_x < _CREEP:
-            return front_slip
-        seen = math.atan2(ego.v_y + self._tractor.wheelbase * ego.yaw_rate, ego.v_x) - steer
-        return front_slip + (1.0 - math.exp(-elapsed / _SLIP_TIME)) * (seen - front_slip)
+        return float(law.steer_after(FLOATS, self._tractor, steer, demand, duration))
 
     def _steer_demand(self, memory: DriverMemory, ego: EgoState) -> tuple[float, float]:
-        """Where the guided point is along the path [m] and the steer angle it needs [rad]."""
+        """Station of the guided point on the path [m] and the steer angle that it needs [rad]."""
         t = self._tractor
         ahead = self._predicted(memory, ego)
         point = ahead @ Pose2(t.x_ref, t.y_ref, 0.0)
         station = self._path.project(point.x, point.y, memory.station)
         on_path = self._path.pose(station)
-        to_path = math.cos(on_path.psi) * (on_path.y - point.y) - math.sin(on_path.psi) * (on_path.x - point.x)
-        chi = math.remainder(on_path.psi - ahead.psi, math.tau) + math.atan(self._gain * to_path)
-        # The guided point travels along chi if v_y + r x_ref = (v_x - r y_ref) tan(chi); solved for r / v_x:
-        tan_chi = math.tan(max(-1.2, min(1.2, chi)))
-        drift = ego.v_y / ego.v_x if ego.v_x > _CREEP else 0.0
-        curvature = (tan_chi - drift) / (t.x_ref + t.y_ref * tan_chi)
-        demand = math.atan(drift + t.wheelbase * curvature) - memory.front_slip
-        return station, max(-t.max_steer, min(t.max_steer, demand))
+        demand = law.steer_demand(
+            FLOATS,
+            t,
+            guided_point=(t.x_ref, t.y_ref),
+            heading_error=math.remainder(on_path.psi - ahead.psi, math.tau),
+            to_path=math.cos(on_path.psi) * (on_path.y - point.y) - math.sin(on_path.psi) * (on_path.x - point.x),
+            v_x=ego.v_x,
+            v_y=ego.v_y,
+            front_slip=memory.front_slip,
+            gain=self._gain,
+        )
+        return station, demand
 
     def _predicted(self, memory: DriverMemory, ego: EgoState) -> Pose2:
         """X_WT when the steering will have answered the demand of this step."""
-        t = self._tractor
-        horizon = t.actuator_lag + 0.5 * PERIOD
-        halfway = self._settled(memory.steer, memory.demand, 0.5 * horizon)
-        yaw_rate = ego.yaw_rate + ego.v_x * (math.tan(halfway) - math.tan(memory.steer)) / t.wheelbase
+        horizon = law.horizon(self._tractor)
+        yaw_rate = law.mean_yaw_rate(FLOATS, self._tractor, memory.steer, memory.demand, ego.v_x, ego.yaw_rate)
         turned = 0.5 * yaw_rate * horizon
         c, s = math.cos(turned), math.sin(turned)
         step = Pose2(horizon * (c * ego.v_x - s * ego.v_y), horizon * (s * ego.v_x + c * ego.v_y), 2.0 * turned)
@@ -210,12 +201,5 @@ class PreviewDriver(Driver[DriverMemory]):
 
 
 def speed_control(integral: float, error: float, elapsed: float) -> tuple[float, float]:
-    """New integral and acceleration demand, both [m/s2], against an ``error`` of the speed [m/s].
-
-    The integral waits while the demand is at its limit.
-    """
-    wanted = integral + _SPEED_INTEGRAL * error * elapsed
-    demand = _SPEED_GAIN * error + wanted
-    if abs(demand) <= _MAX_ACCELERATION:
-        return wanted, demand
-    return integral, math.copysign(_MAX_ACCELERATION, demand)
+    """`preview_law.speed_control` in floats."""
+    return law.speed_control(FLOATS, integral, error, elapsed)

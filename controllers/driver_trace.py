@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from controllers.driver import Driver, DriverCommand
+from controllers.preview_law import SPEED_GAIN, SPEED_INTEGRAL
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
-
-_SPEED_GAIN = 2.0  # acceleration demand per speed error [1/s]
-_SPEED_INTEGRAL = 1.0  # [1/s2]: aperiodic with the gain above
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,8 +78,8 @@ class TraceDriver(Driver[TraceMemory]):
         integral = memory.integral
         if trace.speed is not None:
             error = float(np.interp(now, trace.time, trace.speed)) - ego.v_x
-            integral += _SPEED_INTEGRAL * error * elapsed
-            acceleration += _SPEED_GAIN * error + integral
+            integral += SPEED_INTEGRAL * error * elapsed
+            acceleration += SPEED_GAIN * error + integral
         return TraceMemory(tick, integral), DriverCommand(steer=steer, acceleration=acceleration)
 
     def _recorded_acceleration(self, now: float) -> float:

@@ -9,18 +9,14 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers import preview_law as law
 from controllers.driver import PERIOD, TractorGeometry
+from controllers.functions import ARRAYS
 from scenarios.environments.tracks import Tracks, Way, on_path
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 
 V = TypeVar("V")  # an array (n,), or SX
-
-# The numbers of that law, with its reasons there.
-_GAIN, _CROSSOVER = 0.6, 7.0  # [rad/m], [rad/s]
-_CREEP, _SLIP_TIME = 0.3, 0.1  # [m/s], [s]
-_SPEED_GAIN, _SPEED_INTEGRAL, _MAX_ACCELERATION = 2.0, 1.0, 1.5  # [1/s], [1/s2], [m/s2]
-_STEEPEST = 1.2  # [rad]
 
 
 class Drive(NamedTuple, Generic[V]):
@@ -79,7 +75,7 @@ class Drivers:
         """These drivers start afresh on these courses at these set speeds [m/s]."""
         given = self._given
         self._course[lanes], given.speed[lanes] = course, speed
-        given.gain[lanes] = np.minimum(_GAIN, _CROSSOVER / speed)
+        given.gain[lanes] = law.gain_at(ARRAYS, law.GAIN, speed)
         given.x_ref[lanes], given.y_ref[lanes] = self._tracks.references[course].T
         self._memory[lanes] = 0.0
 
@@ -114,15 +110,11 @@ def _function(t: TractorGeometry) -> Any:
 
 def _stepped(t: TractorGeometry, old: Drive[ca.SX], on: _Given[ca.SX], way: Way[ca.SX]) -> Drive[ca.SX]:
     """A driver one period later."""
-    steer = _settled(t, old.steer, old.demand, PERIOD)
-    seen = ca.atan2(on.v_y + t.wheelbase * on.yaw_rate, on.v_x) - steer
-    blend = ca.if_else(on.v_x < _CREEP, 0.0, 1.0 - math.exp(-PERIOD / _SLIP_TIME))
-    front_slip = old.front_slip + blend * (seen - old.front_slip)
-    station, demand, beside = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, way)
-    wanted = old.integral + _SPEED_INTEGRAL * PERIOD * (on.speed - on.v_x)
-    push = _SPEED_GAIN * (on.speed - on.v_x) + wanted
-    integral = ca.if_else(ca.fabs(push) <= _MAX_ACCELERATION, wanted, old.integral)
-    return Drive(station, demand, steer, front_slip, integral, beside, _within(push, _MAX_ACCELERATION))
+    steer = law.steer_after(ca, t, old.steer, old.demand, PERIOD)
+    front_slip = law.filtered_front_slip(ca, t, old.front_slip, steer, on.v_x, on.v_y, on.yaw_rate, PERIOD)
+    station, demand, offset = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, way)
+    integral, acceleration = law.speed_control(ca, old.integral, on.speed - on.v_x, PERIOD)
+    return Drive(station, demand, steer, front_slip, integral, offset, acceleration)
 
 
 def _steering(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX], way: Way[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -138,34 +130,25 @@ def _steering(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX], way: Way
     path = on_path(way, station)
     to_path = ca.cos(path.psi) * (path.y - y) - ca.sin(path.psi) * (path.x - x)
     turn = path.psi - psi
-    chi = turn - math.tau * ca.floor(turn / math.tau + 0.5) + ca.atan(on.gain * to_path)
-    tan_chi = ca.tan(_within(chi, _STEEPEST))
-    drift = ca.if_else(on.v_x > _CREEP, on.v_y / ca.fmax(on.v_x, _CREEP), 0.0)
-    curvature = (tan_chi - drift) / (on.x_ref + on.y_ref * tan_chi)
-    demand = ca.atan(drift + t.wheelbase * curvature) - now.front_slip
-    return station, _within(demand, t.max_steer), -to_path
+    demand = law.steer_demand(
+        ca,
+        t,
+        guided_point=(on.x_ref, on.y_ref),
+        heading_error=turn - math.tau * ca.floor(turn / math.tau + 0.5),
+        to_path=to_path,
+        v_x=on.v_x,
+        v_y=on.v_y,
+        front_slip=now.front_slip,
+        gain=on.gain,
+    )
+    return station, demand, -to_path
 
 
 def _predicted(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Pose of the tractor when the steering will have answered this demand."""
-    horizon = t.actuator_lag + 0.5 * PERIOD
-    halfway = _settled(t, now.steer, now.demand, 0.5 * horizon)
-    yaw_rate = on.yaw_rate + on.v_x * (ca.tan(halfway) - ca.tan(now.steer)) / t.wheelbase
+    horizon = law.horizon(t)
+    yaw_rate = law.mean_yaw_rate(ca, t, now.steer, now.demand, on.v_x, on.yaw_rate)
     middle = on.psi + 0.5 * horizon * yaw_rate
     c, s = ca.cos(middle), ca.sin(middle)
     x, y = on.x + horizon * (c * on.v_x - s * on.v_y), on.y + horizon * (s * on.v_x + c * on.v_y)
     return x, y, on.psi + horizon * yaw_rate
-
-
-def _settled(t: TractorGeometry, angle: ca.SX, demand: ca.SX, duration: float) -> ca.SX:
-    """As ``controllers.actuator.settle``."""
-    gap = demand - angle
-    linear = ca.fmin(ca.fmax(ca.fabs(gap) / t.max_steer_rate - t.actuator_lag, 0.0), duration)
-    left = ca.fabs(gap) - t.max_steer_rate * linear
-    if t.actuator_lag > 0.0:
-        left = left * ca.exp((linear - duration) / t.actuator_lag)
-    return demand - ca.sign(gap) * left
-
-
-def _within(value: ca.SX, limit: float) -> ca.SX:
-    return ca.fmax(-limit, ca.fmin(limit, value))
