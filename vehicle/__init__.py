@@ -1,1 +1,1 @@
-"""Physics, and the words everything else is written in (frames, clock)."""
+"""Physics: vehicles, tyres, ground and time; and the frames and the clock that all other rooms use."""

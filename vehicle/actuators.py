@@ -1,4 +1,4 @@
-"""Actuators: first-order lag with limits of value and rate. Every function takes numbers or ``casadi.SX``."""
+"""Actuators: first-order lag with limits on value and rate. Every function takes numbers or ``casadi.SX``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vehicle.tyres import Num
 
 
 def limited(value: Num, low: float, high: float) -> Num:
-    """The value brought into [low, high]."""
+    """The value clipped to [low, high]."""
     return ca.fmax(low, ca.fmin(high, value))
 
 
@@ -18,5 +18,5 @@ def steer_rate(angle: Num, demand: Num, *, lag: float, limit: float, rate_limit:
 
 
 def demand_rate(acceleration: Num, demand: Num, *, lag: float, braking: float, driving: float) -> Num:
-    """Rate [m/s3] of the acceleration that drive and brake torques stand for, behind a demand [m/s2]."""
+    """Rate [m/s3] of the acceleration that drive and brake torques produce, which lags a demand [m/s2]."""
     return (limited(demand, -braking, driving) - acceleration) / lag

@@ -1,6 +1,6 @@
 """Time as integer ticks: schedules of sampled parts and messages in flight.
 
-After dm_control's observables: rates in whole ticks, latency outside the sensor's mathematics.
+As in dm_control's observables, rates are whole ticks and latency is kept out of the sensor models.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Message = TypeVar("Message")
 
 
 def to_ticks(seconds: float, name: str) -> int:
-    """Whole ticks in a time span [s]; a span that is not a whole number of ticks is refused.
+    """Number of ticks in a time span [s].
 
     Raises:
         ValueError: if ``seconds`` is negative or does not divide into ticks of 1 ms.
@@ -49,7 +49,7 @@ class Schedule:
         return cls(period=to_ticks(1.0 / rate_hz, f"1/{name}"), latency=to_ticks(latency, "latency"))
 
     def due(self, tick: int) -> bool:
-        """Whether a sample is taken at this tick."""
+        """True if a sample is taken at this tick."""
         return tick >= self.offset and (tick - self.offset) % self.period == 0
 
 
@@ -60,10 +60,10 @@ class Pipe(Generic[Message]):
     in_flight: tuple[tuple[int, Message], ...] = ()
 
     def put(self, delivery_tick: int, message: Message) -> Pipe[Message]:
-        """The pipe with one more message in flight."""
+        """A pipe with one more message in flight."""
         return Pipe((*self.in_flight, (delivery_tick, message)))
 
     def deliver(self, tick: int) -> tuple[Pipe[Message], tuple[Message, ...]]:
-        """The pipe without the messages due by ``tick``, and those messages."""
+        """A pipe without the messages due by ``tick``, and those messages."""
         due = tuple(message for when, message in self.in_flight if when <= tick)
         return Pipe(tuple(item for item in self.in_flight if item[0] > tick)), due

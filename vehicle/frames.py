@@ -1,4 +1,4 @@
-"""Frames, poses and angles: the words every other module is written in.
+"""Frames, poses and angles, as every other module uses them.
 
 All frames are right-handed. ``X_AB`` is the pose of frame B in frame A, ``p_AQ`` the position of Q from the
 origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel (``X_WC = X_WS @ X_SC``).
@@ -11,7 +11,7 @@ origin of A along the axes of A, ``R_AB`` a rotation; inner letters must cancel 
 | C, Cl, Cr      | optical centre (C is the left camera) | x right, y down, z forward (OpenCV) |
 
 Yaw, steer, curvature and articulation are positive to the left (about +z); pitch about +y (nose down), roll
-about +x (left side up), as ISO 8855 has them.
+about +x (left side up), as in ISO 8855.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class Pose2(NamedTuple):
     def apply(self, points: FloatArray) -> FloatArray:
         """Points given in B, shape (n, 2), expressed in A."""
         c, s = math.cos(self.psi), math.sin(self.psi)
-        moved: FloatArray = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
-        return moved
+        transformed: FloatArray = points @ np.array([[c, s], [-s, c]]) + np.array([self.x, self.y])
+        return transformed
 
 
 def wrap(angle: float) -> float:
-    """The angle [rad] brought into (-pi, pi]."""
+    """The angle [rad] wrapped to (-pi, pi]."""
     wrapped = math.remainder(angle, 2.0 * math.pi)
     return math.pi if wrapped == -math.pi else wrapped
 
@@ -74,7 +74,7 @@ def rotation_zyx(yaw: float, pitch: float, roll: float) -> FloatArray:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a x b of two single vectors, (3,) each; NumPy's own takes its time to find out that they are."""
+    """a x b of two single vectors, (3,) each; faster than NumPy's, which checks their shapes."""
     (a_x, a_y, a_z), (b_x, b_y, b_z) = a.tolist(), b.tolist()
     return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
 
@@ -99,7 +99,7 @@ def planar(X: FloatArray) -> Pose2:
 
 
 def skew(w: FloatArray) -> FloatArray:
-    """The matrix (3, 3) with ``skew(w) @ a == cross(w, a)``."""
+    """Matrix (3, 3) with ``skew(w) @ a == cross(w, a)``."""
     return np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
 
 
@@ -113,7 +113,7 @@ def so3_exp(w: FloatArray) -> FloatArray:
 
 
 def orthonormalised(R: FloatArray) -> FloatArray:
-    """The rotation nearest to R (3, 3): products of many rotations drift off SO(3)."""
+    """The rotation nearest to R (3, 3), as products of many rotations drift off SO(3)."""
     U, _, Vt = np.linalg.svd(R)
     nearest: FloatArray = U @ Vt
     return nearest

@@ -1,7 +1,7 @@
-"""A semi-implicit integrator for systems whose stiffness sits on known places of the diagonal.
+"""Semi-implicit integrator for systems whose stiff terms lie on known places of the Jacobian's diagonal.
 
 A Rosenbrock W-method of two stages: second order for any approximation A of the Jacobian J, and stable for fast modes
-that A contains. Here A is a diagonal, so that no system is solved. With S = 1 / (1 - g h A)
+that A contains. Here A is diagonal, so no system of equations is solved. With S = 1 / (1 - g h A)
     k_1 = S f(x),  k_2 = S (f(x + h k_1 / 2) - k_1),  x + h (k_1 + k_2):
 up to h^2, k_1 = f + g h A f and k_2 = h J f / 2 - g h A f, whatever A is. Where A is 0 this is the midpoint rule.
 """
@@ -15,16 +15,16 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-_GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable where the diagonal is all there is
+_GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that diagonal
 
 
 def semi_implicit_step(
     rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float, stiff: ca.SX | Iterable[tuple[int, int]]
 ) -> ca.SX:
-    """State one step of h [s] after x.
+    """State after one step of h [s] from x.
 
-    ``stiff`` says for every state how fast it relaxes when the others hold [1/s], minus the diagonal A and nowhere
-    negative; or else it names ranges (start, stop) of states of which none acts on another's rate: there A is exact.
+    ``stiff`` is the relaxation rate of every state with the others held [1/s], which is minus the diagonal A and not
+    negative; or ranges (start, stop) of states that do not act on each other's rates, for which A is exact.
     """
     f_1 = rate(x)
     relaxation = stiff if isinstance(stiff, ca.SX) else -exact_diagonal(f_1, x, stiff)
@@ -34,11 +34,11 @@ def semi_implicit_step(
 
 
 class _Step:
-    """The step of one state: weights of its two rates."""
+    """Weights of the two rates of one state."""
 
     def __init__(self, relaxation: ca.SX, h: float) -> None:
         damped = (2.0 * _GAMMA) * relaxation
-        self.whole = 2.0 / (2.0 / h + damped)  # h S; the numerator keeps CasADi from dividing by it three times
+        self.whole = 2.0 / (2.0 / h + damped)  # h S; written so that CasADi divides only once
         self.half = 0.5 * self.whole
         self.first = self.half * damped  # 1 - S
 
@@ -48,7 +48,7 @@ class _Step:
 
 
 def exact_diagonal(f: ca.SX, x: ca.SX, blocks: Iterable[tuple[int, int]]) -> ca.SX:
-    """The diagonal of df/dx inside the blocks, 0 elsewhere: one forward sweep for a whole block."""
+    """Diagonal of df/dx inside the blocks, 0 elsewhere; one forward sweep per block."""
     diagonal = ca.SX.zeros(x.numel())
     for start, stop in blocks:
         seed = np.zeros(x.numel())

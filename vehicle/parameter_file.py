@@ -1,4 +1,4 @@
-"""Parameter files: TOML whose numbers may carry their source, and complaints about them in one clear line.
+"""Parameter files: TOML whose numbers may carry their source, with error messages of one line.
 
 A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; models see the plain number only.
 """
@@ -17,7 +17,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The contents of a TOML file, sources still in it.
+    """Contents of a TOML file, sources included.
 
     Raises:
         ValueError: if the file is missing or is not TOML.
@@ -31,7 +31,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def without_sources(node: Any) -> Any:
-    """The same tree with every ``{value, source}`` replaced by its value."""
+    """Copy of the tree with every ``{value, source}`` replaced by its value."""
     if isinstance(node, dict):
         if node.keys() == {"value", "source"}:
             return node["value"]
@@ -42,18 +42,18 @@ def without_sources(node: Any) -> Any:
 
 
 def sources(node: Any, key: str = "") -> dict[str, str]:
-    """Where the numbers come from: dotted key to source, for every number that states one."""
+    """Sources of the numbers that state one, by dotted key."""
     if isinstance(node, dict) and node.keys() == {"value", "source"}:
         return {key: str(node["source"])}
     children = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    found: dict[str, str] = {}
+    by_key: dict[str, str] = {}
     for name, child in children:
-        found |= sources(child, f"{key}.{name}" if key else str(name))
-    return found
+        by_key |= sources(child, f"{key}.{name}" if key else str(name))
+    return by_key
 
 
 def checked(model: type[Model], plain: dict[str, Any], file: str, table: str = "") -> Model:
-    """The model filled from plain contents, which lie in the ``table`` of this dotted name in the file.
+    """Build the model from plain contents, which are the ``table`` of this dotted name in the file.
 
     Raises:
         ValueError: one line naming file, dotted key, value, limit and unit of the first thing wrong.
@@ -61,20 +61,20 @@ def checked(model: type[Model], plain: dict[str, Any], file: str, table: str = "
     try:
         return model.model_validate(plain)
     except ValidationError as error:
-        raise ValueError(f"{file}: {_first_complaint(model, error, table)}") from error
+        raise ValueError(f"{file}: {_first_error(model, error, table)}") from error
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """The end of a complaint about an unknown word: the known word most like it, or else all of them."""
+    """Ending of an error message on an unknown word: the known word most like it, or else all known words."""
     words = list(known)
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
     return f"; did you mean '{close[0]}'?" if close else f"; known: {', '.join(words)}"
 
 
-def _first_complaint(model: type[BaseModel], error: ValidationError, table: str) -> str:
-    complaints = error.errors()
-    unknown = [one for one in complaints if one["type"] == "extra_forbidden"]  # a misspelt key is missing, too
-    first = (unknown or complaints)[0]
+def _first_error(model: type[BaseModel], error: ValidationError, table: str) -> str:
+    errors = error.errors()
+    unknown = [one for one in errors if one["type"] == "extra_forbidden"]  # a misspelt key is also a missing one
+    first = (unknown or errors)[0]
     key = ".".join(str(part) for part in (*([table] if table else []), *first["loc"]))
     if first["type"] == "extra_forbidden":
         known = _fields_at(model, first["loc"][:-1])
@@ -89,7 +89,7 @@ def _first_complaint(model: type[BaseModel], error: ValidationError, table: str)
 
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, Any]:
-    """The fields of the model that lies at a location of an error."""
+    """Fields of the model at the location of an error."""
     for part in location:
         if isinstance(part, str):
             model = _model_in(model.model_fields[part].annotation)

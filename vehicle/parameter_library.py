@@ -1,4 +1,4 @@
-"""Parameter files that come with the program, by name: vehicles, rovers, soils; a user's own by its path."""
+"""Parameter files of the package by name (vehicles, rovers, soils), and of a user by path."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from vehicle.parameter_file import nearest
 
 @dataclass(frozen=True, slots=True)
 class ParameterLibrary:
-    """The files of one kind of thing."""
+    """All parameter files of one kind."""
 
-    kind: str  # as people call it: "vehicle"
-    folder: str  # where they lie in this package
+    kind: str  # noun for messages: "vehicle"
+    folder: str  # in this package
 
     def names(self) -> tuple[str, ...]:
-        """What there is, by name."""
+        """Names of the files, without suffix."""
         return tuple(sorted(path.stem for path in self._home().glob("*.toml")))
 
     def file(self, name_or_path: str) -> Path:
-        """The file of this name; a path that ends in ``.toml`` stays what it is.
+        """Path of the file of this name; a path that ends in ``.toml`` is returned as it is.
 
         Raises:
             ValueError: one line with the nearest known name.

@@ -1,4 +1,4 @@
-"""Numbers with a unit and limits, as the models behind the parameter files use them."""
+"""Types of numbers with unit and limits, for the models of the parameter files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def quantity(
     return Field(ge=ge, gt=gt, le=le, strict=True, allow_inf_nan=False, json_schema_extra=extra, description=meaning)
 
 
-# The limits are those of road vehicles from a hand cart to the largest road train: they catch slips of unit and sign.
+# Limits from a hand cart to the largest road train: they catch errors of unit and sign.
 Mass = Annotated[float, quantity("kg", gt=0.0, le=2e5)]
 Inertia = Annotated[float, quantity("kg m2", gt=0.0, le=1e7)]
 Position = Annotated[float, quantity("m", ge=-40.0, le=40.0)]
@@ -24,10 +24,12 @@ Fraction = Annotated[float, quantity("-", ge=0.0, le=1.0)]
 Flag = Annotated[bool, Field(strict=True)]
 Lag = Annotated[float, quantity("s", gt=0.0, le=5.0)]
 Gradient = Annotated[float, quantity("rad/(m/s2)", gt=0.0, le=0.1)]
-Frequency = Annotated[float, quantity("Hz", gt=0.0, le=5.0)]  # undamped; stiffer is beyond a 1 ms explicit step's care
+Frequency = Annotated[
+    float, quantity("Hz", gt=0.0, le=5.0)
+]  # undamped; a higher one is too stiff for an explicit step of 1 ms
 
 
 class Frozen(BaseModel):
-    """A checked value that cannot be changed and knows no other keys than its own."""
+    """Immutable, validated model that accepts no unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

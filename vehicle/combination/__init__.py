@@ -1,1 +1,1 @@
-"""Tractors with the units that they tow: data, equations of motion, and the plant that steps them."""
+"""Tractors and the units they tow: data, equations of motion, and the plants that step them."""

@@ -1,4 +1,4 @@
-"""Poses of the sprung bodies in space, from the state and the ground they stand on, as CasADi expressions."""
+"""Poses of the sprung bodies in space, from the state and the ground, as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
 class SmoothGround(NamedTuple, Generic[V]):
-    """The smooth ground at the points that carry the units, front and rear, unit by unit."""
+    """Smooth ground at the support points, front and rear, unit by unit."""
 
     height: V  # (2 N,) [m]
     slope_x: V  # (2 N,) along W's x [-]
@@ -31,13 +31,13 @@ def smooth_ground_sizes(vehicle: Vehicle) -> SmoothGround[int]:
 def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: SmoothGround[ca.SX]) -> ca.SX:
     """X_WB of every sprung body, row by row and unit by unit, (16 N,).
 
-    A body stands on the ground as ``Surface.pose_on`` has it, heaved, pitched and rolled about the point of its roll
-    axis under its centre of gravity.
+    A body stands on the ground as in ``Surface.pose_on``, with heave, pitch and roll about the point of its roll axis
+    below its centre of gravity.
     """
-    flat = kinematics(vehicle, s).poses
-    found = []
+    planar = kinematics(vehicle, s).poses
+    poses = []
     for i, unit in enumerate(vehicle.units):
-        x, y, psi = (flat[3 * i + k] for k in range(3))
+        x, y, psi = (planar[3 * i + k] for k in range(3))
         front, rear = vehicle.supports(i)
         rise = (ground.height[2 * i] - ground.height[2 * i + 1]) / (front - rear)
         across = _mean(ground.slope_y, i) * ca.cos(psi) - _mean(ground.slope_x, i) * ca.sin(psi)
@@ -45,10 +45,10 @@ def body_poses(vehicle: Vehicle, s: State[ca.SX], ground: SmoothGround[ca.SX]) -
         road = _rotation(psi, nose_down, ca.atan(across * ca.cos(nose_down)))
         body = _rotation(0.0, s.pitch[i], s.roll[i])
         pivot = ca.vertcat(unit.cg_x, 0.0, unit.roll_axis_height)
-        risen = pivot + ca.vertcat(0.0, 0.0, s.heave[i])
-        origin = ca.vertcat(x, y, ground.height[2 * i + 1] - rise * rear) + road @ (risen - body @ pivot)
-        found.append(ca.vertcat(ca.horzcat(road @ body, origin), ca.horzcat(0.0, 0.0, 0.0, 1.0)))
-    return ca.densify(ca.vertcat(*(ca.vec(X.T) for X in found)))
+        heaved = pivot + ca.vertcat(0.0, 0.0, s.heave[i])
+        origin = ca.vertcat(x, y, ground.height[2 * i + 1] - rise * rear) + road @ (heaved - body @ pivot)
+        poses.append(ca.vertcat(ca.horzcat(road @ body, origin), ca.horzcat(0.0, 0.0, 0.0, 1.0)))
+    return ca.densify(ca.vertcat(*(ca.vec(X.T) for X in poses)))
 
 
 def _mean(of_supports: ca.SX, unit: int) -> Num:
@@ -56,7 +56,7 @@ def _mean(of_supports: ca.SX, unit: int) -> Num:
 
 
 def _rotation(yaw: Num, pitch: Num, roll: Num) -> ca.SX:
-    """As ``frames.rotation_zyx``."""
+    """``frames.rotation_zyx`` for symbols."""
     return _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
 
 

@@ -2,9 +2,9 @@
 
 Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; each unit's sprung body in
 heave, pitch and roll, whose springs and dampers load the wheels; slope as gravity along the ground under each unit;
-steering and drive actuators inside, so that one step integrates everything. Not modelled: aerodynamic drag, friction
-and play of the hitch, what roll and pitch do to the yaw plane other than through the loads, contact between the units'
-bodies, and going over once a side has lifted off.
+steering and drive actuators included, so that one step integrates everything. Not modelled: aerodynamic drag, friction
+and play of the hitch, effects of roll and pitch on the yaw plane other than through the loads, contact between the
+units' bodies, and rolling over after a side has lifted off.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, whe
 from vehicle.tyres import Num, Planar
 
 
-class _Ground(NamedTuple):
-    """What the ground does to a unit."""
+class _GroundForce(NamedTuple):
+    """Action of the ground on a unit."""
 
     force: Vector  # of its tyres, along the tractor's axes [N]
     moment: Num  # of its tyres, about its centre of gravity [N m]
@@ -43,7 +43,7 @@ class _Ground(NamedTuple):
 
 
 class _Moment(NamedTuple):
-    """A state with what follows from it at once."""
+    """A state with the quantities that follow from it algebraically."""
 
     layout: tuple[Wheel, ...]
     e: list[Vector]  # directions of the units' x axes
@@ -51,7 +51,7 @@ class _Moment(NamedTuple):
     bodies: list[Ride]
     loads: list[Num]  # of every wheel [N]
     rolling: list[WheelMotion]
-    ground: list[_Ground]
+    ground: list[_GroundForce]
 
 
 def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -95,20 +95,20 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
-    """How fast every state relaxes when the others hold [1/s], for the integrator: 0 where that is not stiff."""
-    wheel_by_wheel = [motion.relaxation for motion in _moment(vehicle, s, u).rolling]
-    deflection = _column(of_one.deflection for of_one in wheel_by_wheel)
+    """Relaxation rate of every state with the others held [1/s], for the integrator; 0 where not stiff."""
+    of_wheels = [motion.relaxation for motion in _moment(vehicle, s, u).rolling]
+    deflection = _column(wheel.deflection for wheel in of_wheels)
     none = State(*(ca.SX(size, 1) for size in state_sizes(vehicle)))
     return none._replace(
-        omega=_column(of_one.omega for of_one in wheel_by_wheel),
+        omega=_column(wheel.omega for wheel in of_wheels),
         deflection_x=deflection,
         deflection_y=deflection,
-        brake_windup=_column(of_one.brake_windup for of_one in wheel_by_wheel),
+        brake_windup=_column(wheel.brake_windup for wheel in of_wheels),
     )
 
 
 def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
-    """What can be told of the wheels, and the forces of the ground on the units."""
+    """Outputs of the wheels, and the forces of the ground on the units."""
     now = _moment(vehicle, s, u)
     return Output(
         load=_column(now.loads),
@@ -122,7 +122,7 @@ def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
 
 
 def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
-    """The state with what follows from it at once."""
+    """Quantities that follow from the state algebraically."""
     layout = wheels(vehicle)
     psi = ca.vertsplit(s.psi)
     e, speeds = axes(psi), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
@@ -134,7 +134,7 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *entries)  # the empty start makes no entry at all a column too
+    return ca.vertcat(ca.SX(0, 1), *entries)  # the empty start makes a column of no entries, too
 
 
 def _course(s: State[ca.SX]) -> Vector:
@@ -177,22 +177,22 @@ def _wheel_loads(
     hitches = [Vector(0.0, 0.0), *(Vector(s.hitch_x[i], s.hitch_y[i]) for i in range(n - 1))]
     on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e)
     moments = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
-    found: list[Num] = []
-    for wheel in layout[::2]:  # the left ones; their partners follow
-        found += wheel_loads(on_axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * moments[wheel.unit])
-    return found
+    loads: list[Num] = []
+    for wheel in layout[::2]:  # the left ones; the right ones follow them
+        loads += wheel_loads(on_axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * moments[wheel.unit])
+    return loads
 
 
 def _load_transfers(vehicle: Vehicle, now: _Moment) -> list[Num]:
     """Right less left wheel loads of each unit over their sum."""
-    found = []
+    transfers = []
     for i in range(len(vehicle.units)):
         left, right = (
             sum(load for w, load in zip(now.layout, now.loads, strict=True) if (w.unit, w.side) == (i, side))
             for side in (+1, -1)
         )
-        found.append((right - left) / (right + left))
-    return found
+        transfers.append((right - left) / (right + left))
+    return transfers
 
 
 def _wheel_motions(
@@ -206,7 +206,7 @@ def _wheel_motions(
 ) -> list[WheelMotion]:
     """The motion of every wheel, front to rear, left before right."""
     origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(vehicle.units))]
-    found = []
+    motions = []
     for k, wheel in enumerate(layout):
         r = speeds.yaw_rate[wheel.unit]
         state = WheelState(
@@ -220,8 +220,8 @@ def _wheel_motions(
             acceleration=s.acceleration,
             gear=u.gear,
         )
-        found.append(wheel_motion(vehicle, wheel, state))
-    return found
+        motions.append(wheel_motion(vehicle, wheel, state))
+    return motions
 
 
 def _plane(wheel: Wheel, s: State[ca.SX]) -> Vector:
@@ -237,11 +237,11 @@ def _ground(
     rolling: list[WheelMotion],
     s: State[ca.SX],
     u: Input[ca.SX],
-) -> list[_Ground]:
-    """What the ground does to each unit."""
+) -> list[_GroundForce]:
+    """Action of the ground on each unit."""
     course = _course(s)
     axles = list(zip(layout[::2], rolling[::2], rolling[1::2], strict=True))
-    found = []
+    forces = []
     for i, unit in enumerate(vehicle.units):
         force = Vector(0.0, 0.0)
         moment: Num = 0.0
@@ -251,24 +251,26 @@ def _ground(
             moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
             force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
         gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
-        found.append(_Ground(from_unit(e[i], force), moment, gravity))
-    return found
+        forces.append(_GroundForce(from_unit(e[i], force), moment, gravity))
+    return forces
 
 
 def _specific_forces(
-    vehicle: Vehicle, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[_Ground]
+    vehicle: Vehicle, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[_GroundForce]
 ) -> list[Vector]:
     """Acceleration less gravity at each centre of gravity, along the tractor's axes [m/s2]."""
-    found = []
+    specific = []
     for i, unit in enumerate(vehicle.units):
         a = acceleration(levers_to(vehicle, i, unit.cg_x), e, speeds, rates)
-        found.append(Vector(a.x - ground[i].gravity.x, a.y - ground[i].gravity.y))
-    return found
+        specific.append(Vector(a.x - ground[i].gravity.x, a.y - ground[i].gravity.y))
+    return specific
 
 
-def _hitch_forces(vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_Ground]) -> list[Vector]:
-    """Force at the front hitch of each towed unit, along that unit's axes [N]: what its tyres leave to the hitch."""
-    found: list[Vector] = []
+def _hitch_forces(
+    vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_GroundForce]
+) -> list[Vector]:
+    """Force at the front hitch of each towed unit, along its axes [N], from the balance of the units behind it."""
+    forces: list[Vector] = []
     behind = Vector(0.0, 0.0)
     for i in reversed(range(1, len(vehicle.units))):
         mass, tyres = vehicle.units[i].mass, ground[i].force
@@ -276,5 +278,5 @@ def _hitch_forces(vehicle: Vehicle, e: list[Vector], specific: list[Vector], gro
             mass * specific[i].x - tyres.x + behind.x,
             mass * specific[i].y - tyres.y + behind.y,
         )
-        found.insert(0, along(e[i], behind))
-    return found
+        forces.insert(0, along(e[i], behind))
+    return forces

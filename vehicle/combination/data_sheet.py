@@ -1,4 +1,4 @@
-"""A combination's data sheet: what stands on which axle, how tight it turns, how it handles, what looks wrong."""
+"""Data sheet of a combination: axle loads, smallest circles, handling figures, and warnings."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
 from vehicle.combination.loads import static_axle_loads
 
 STANDARD_SPEED = 80.0 / 3.6  # [m/s] at which European heavy vehicles are limited and assessed
-_SQUARE = math.radians(89.0)  # a wheel turns no further than square to its unit, all but
-_OVERLOAD = 2.0  # wheel load over its tyre's nominal load, at which the data of any tyre law end
+_SQUARE = math.radians(89.0)  # largest road-wheel angle: nearly square to the unit
+_OVERLOAD = 2.0  # wheel load over its tyre's nominal load, up to which tyre data are given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +26,8 @@ class AxleSheet:
     steered: bool
     driven: bool
     lifted: bool
-    reach: float | None  # largest road-wheel angle of the axle's middle [rad]; None if it is not steered
-    group: str | None  # axles of a unit that name the same one turn together
+    reach: float | None  # largest road-wheel angle at the axle's middle [rad]; None if it is not steered
+    group: str | None  # axles of a unit in the same group turn together
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class UnitSheet:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Handling:
-    """How the combination answers at one speed."""
+    """Handling figures at one speed."""
 
     speed: float  # [m/s]
     understeer_gradient: float  # [rad/(m/s2)], + understeer
@@ -58,7 +58,7 @@ class Handling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DataSheet:
-    """The data sheet of a combination."""
+    """Data sheet of a combination, without its handling."""
 
     name: str
     summary: str
@@ -67,16 +67,16 @@ class DataSheet:
     width: float  # [m]
     height: float  # [m]
     units: tuple[UnitSheet, ...]
-    warnings: tuple[str, ...]  # what no limit on a single number can tell, a line each
+    warnings: tuple[str, ...]  # inconsistencies between numbers, a line each
 
     @property
     def stands(self) -> bool:
-        """Whether every axle that is not lifted carries something."""
+        """True if every axle that is not lifted carries a load."""
         return all(axle.load > 0.0 or axle.lifted for unit in self.units for axle in unit.axles)
 
 
 def data_sheet(vehicle: Vehicle) -> DataSheet:
-    """The data sheet of a combination, without its handling."""
+    """Data sheet of a combination, without its handling."""
     loads, couplings = _axle_loads(vehicle), coupling_loads(vehicle)
     units = tuple(
         UnitSheet(
@@ -103,10 +103,10 @@ def data_sheet(vehicle: Vehicle) -> DataSheet:
 
 
 def handling_at(vehicle: Vehicle, speed: float = STANDARD_SPEED) -> Handling:
-    """How the combination answers at a ``speed`` [m/s].
+    """Handling figures at a ``speed`` [m/s].
 
     Raises:
-        ValueError: if its drive can not hold this speed.
+        ValueError: if its drive cannot hold this speed.
     """
     amplifies = len(vehicle.units) > 1
     return Handling(
@@ -121,11 +121,11 @@ def handling_at(vehicle: Vehicle, speed: float = STANDARD_SPEED) -> Handling:
 
 
 def origins(vehicle: Vehicle) -> tuple[float, ...]:
-    """Where the units' origins lie in the tractor's frame when the combination is straight [m]."""
-    found = [0.0]
+    """Positions of the units' origins in the tractor's frame, combination straight [m]."""
+    positions = [0.0]
     for ahead in vehicle.units[:-1]:
-        found.append(found[-1] + ahead.rear_hitch[0])
-    return tuple(found)
+        positions.append(positions[-1] + ahead.rear_hitch[0])
+    return tuple(positions)
 
 
 def coupling_loads(vehicle: Vehicle) -> tuple[float | None, ...]:
@@ -139,7 +139,7 @@ def coupling_loads(vehicle: Vehicle) -> tuple[float | None, ...]:
 
 
 def tightest_turn(unit: Unit) -> float | None:
-    """Radius [m] that the outer front corner of a motor vehicle sweeps at full lock, no wheel slipping."""
+    """Radius [m] swept by the outer front corner of a motor vehicle at full lock, without slip."""
     fixed = [axle.x for axle in unit.axles if not axle.steered]
     if not fixed or not unit.steered_axles:
         return None
@@ -149,9 +149,9 @@ def tightest_turn(unit: Unit) -> float | None:
 
 
 def tightest_following(unit: Unit) -> float | None:
-    """Radius [m] of the smallest circle on which a towed unit's steered axles can hold its follow point on the path.
+    """Radius [m] of the smallest circle on which a towed unit's steered axles keep its follow point on the path.
 
-    In that steady circle it turns about a point beside the middle of hitch and follow point, no steered wheel slipping.
+    In that steady turn the unit's turning centre lies beside the middle between hitch and follow point, without slip.
     """
     if unit.follow_x is None or not unit.steered_axles:
         return None
@@ -161,9 +161,9 @@ def tightest_following(unit: Unit) -> float | None:
 
 
 def reach(unit: Unit, axle: Axle) -> float:
-    """Largest road-wheel angle [rad] of a steered axle's middle."""
-    asked = unit.steering.limit * abs(axle.steer_ratio) if unit.steering else 0.0
-    return min(asked, _SQUARE)
+    """Largest road-wheel angle [rad] at a steered axle's middle."""
+    largest = unit.steering.limit * abs(axle.steer_ratio) if unit.steering else 0.0
+    return min(largest, _SQUARE)
 
 
 def _axle_loads(vehicle: Vehicle) -> list[list[float]]:
@@ -189,14 +189,20 @@ def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[Axl
 
 
 def _warnings(units: Sequence[UnitSheet]) -> tuple[str, ...]:
-    found = []
+    warnings = []
     for i, unit in enumerate(units):
         if unit.coupling_load is not None and unit.coupling_load < 0.0:
-            found.append(f"units.{i} ({unit.name}): its front hitch pulls up with {-unit.coupling_load / 1e3:.1f} kN")
+            warnings.append(
+                f"units.{i} ({unit.name}): its front hitch pulls up with {-unit.coupling_load / 1e3:.1f} kN"
+            )
         for k, axle in enumerate(unit.axles):
             name = f"units.{i}.axles.{k} ({unit.name})"
             if axle.load <= 0.0 and not axle.lifted:
-                found.append(f"{name}: carries {axle.load / 1e3:.1f} kN, it must be above 0 kN to stay on the ground")
+                warnings.append(
+                    f"{name}: carries {axle.load / 1e3:.1f} kN, it must be above 0 kN to stay on the ground"
+                )
             if axle.nominal_share > _OVERLOAD:
-                found.append(f"{name}: {axle.nominal_share:.1f} times its tyres' nominal load, more than {_OVERLOAD:g}")
-    return tuple(found)
+                warnings.append(
+                    f"{name}: {axle.nominal_share:.1f} times its tyres' nominal load, more than {_OVERLOAD:g}"
+                )
+    return tuple(warnings)

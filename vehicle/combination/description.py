@@ -1,7 +1,7 @@
-"""A combination of vehicles as data: what its file says, checked, and where each number comes from.
+"""Combinations of vehicles as data: the validated contents of a vehicle file, and the sources of its numbers.
 
-A number in a vehicle file is either plain or ``{ value = ..., source = "..." }``. Positions run along a unit's own
-x axis (forward): from the rear-axle centre for the tractor, from the front hitch for every towed unit, so that
+A number in a vehicle file is either plain or ``{ value = ..., source = "..." }``. Positions are along a unit's own
+x axis (forward), from the rear-axle centre for the tractor and from the front hitch for every towed unit, so that
 axles and follow points of towed units have negative x.
 """
 
@@ -46,17 +46,17 @@ class Axle(Frozen):
     driven: Flag = False
     wheel_radius: Annotated[float, quantity("m", gt=0.0, le=3.0)]
     wheel_inertia: Annotated[float, quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
-    ackermann_x: Position | None = None  # where the axes of the axle's steered wheels meet; None: they stay parallel
+    ackermann_x: Position | None = None  # at which the axes of the steered wheels meet; None: the wheels stay parallel
     steer_group: str | None = None  # axles of a unit with the same name are turned by one actuator
     steer_ratio: Annotated[float, quantity("-", ge=-2.0, le=2.0)] = 1.0  # angle of the axle over its actuator's
-    lifted: Flag = False  # raised off the ground: it carries nothing
+    lifted: Flag = False  # off the ground, carries no load
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
     load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
     tyre: SerializeAsAny[Tyre]
 
 
 class Steering(Frozen):
-    """The steering actuators of a unit; files speak degrees, the rest of the program radians."""
+    """Steering actuators of a unit; degrees in files, radians elsewhere."""
 
     lag: Lag  # first-order time constant
     limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0)]
@@ -74,7 +74,7 @@ class Steering(Frozen):
 
 
 class Drive(Frozen):
-    """What the driveline and the brakes together can do with a demanded acceleration."""
+    """Limits and lag of driveline and brakes under a demanded acceleration."""
 
     lag: Lag  # first-order time constant of torque build-up
     max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
@@ -103,30 +103,28 @@ class Unit(Frozen):
     height: Length  # top of the body
     hitch_x: Position | None = None  # hitch for the next unit
     hitch_height: Annotated[float, quantity("m", ge=0.0, le=10.0)] | None = None
-    hitch_roll_share: Fraction = 0.0  # part of the roll moment that the unit in front takes through the hitch
-    follow_x: Position | None = None  # the point of a towed unit that is to follow the hitch
+    hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
+    follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
     roll_gradient: Gradient  # body roll per lateral acceleration
     pitch_gradient: Gradient  # body pitch per braking
     roll_axis_height: Annotated[float, quantity("m", ge=0.0, le=5.0)]
     heave_frequency: Frequency  # of the body on its springs, undamped
     pitch_frequency: Frequency
     roll_frequency: Frequency
-    suspension_damping: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # damping ratio of the three motions
+    suspension_damping: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # damping ratio of heave, pitch and roll
     steering: Steering | None = None
-    axles: Annotated[
-        tuple[Axle, ...], Field(min_length=1)
-    ]  # those on the ground; a file lists the raised ones here too
+    axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
 
     @property
     def rear_hitch(self) -> tuple[float, float]:
-        """Place along x and height [m] of the hitch for the next unit; zeros, which nothing looks at, without one."""
+        """Position along x and height [m] of the hitch for the next unit; zeros without one."""
         x, height = self.hitch_x, self.hitch_height
         return 0.0 if x is None else x, 0.0 if height is None else height
 
     @property
     def hitch_lag(self) -> float:
-        """Lag [s] of the load that the front hitch's force moves behind that force: its pitching body's."""
+        """Lag [s] of the load transfer that the front hitch's force causes: that of the pitching body."""
         return 1.0 / (math.tau * self.pitch_frequency)
 
     @property
@@ -146,19 +144,19 @@ class Unit(Frozen):
         )
 
     @model_validator(mode="after")
-    def _lifted_apart(self) -> Unit:
+    def _separate_lifted(self) -> Unit:
         if any(behind.x >= ahead.x for ahead, behind in zip(self.axles, self.axles[1:], strict=False)):
             raise ValueError("axles must be listed front to rear, each at its own x [m]")
         raised = tuple(axle for axle in self.axles if axle.lifted)
         if len(raised) == len(self.axles):
-            raise ValueError("an axle at least must stay on the ground: all of them are lifted")
-        if raised:  # object.__setattr__: how a frozen class derives one field from another at construction
+            raise ValueError("at least one axle must stay on the ground: all are lifted")
+        if raised:  # a frozen model sets derived fields at construction this way
             object.__setattr__(self, "lifted_axles", raised)
             object.__setattr__(self, "axles", tuple(axle for axle in self.axles if not axle.lifted))
         return self
 
     @model_validator(mode="after")
-    def _consistent(self) -> Unit:
+    def _is_consistent(self) -> Unit:
         if self.rear_x >= self.front_x:
             raise ValueError(f"rear_x = {self.rear_x:g} m must be behind front_x = {self.front_x:g} m")
         if any(axle.steer_ratio == 0.0 for axle in self.steered_axles):
@@ -194,7 +192,7 @@ class Vehicle(Frozen):
         return self.units[0].front_x - min(rears)
 
     def supports(self, unit: int) -> tuple[float, float]:
-        """Where along its x the ground carries a unit, front and rear [m]: hitch and axles if towed, else its axles."""
+        """Positions along x of a unit's supports, front and rear [m]: hitch and axles if towed, else its axles."""
         axles = self.units[unit].axles
         if unit == 0:
             return axles[0].x, axles[-1].x
@@ -206,7 +204,7 @@ class Vehicle(Frozen):
         return 2 * sum(len(unit.axles) for unit in self.units)
 
     @model_validator(mode="after")
-    def _a_chain(self) -> Vehicle:
+    def _is_a_chain(self) -> Vehicle:
         tractor, towed = self.units[0], self.units[1:]
         if not tractor.steered_axles:
             raise ValueError("units.0: the tractor needs a steered axle")
@@ -228,7 +226,7 @@ class Vehicle(Frozen):
 
 
 def vehicle_names() -> tuple[str, ...]:
-    """Names of the vehicles that come with the program."""
+    """Names of the vehicles in the library."""
     return _VEHICLES.names()
 
 
@@ -252,7 +250,7 @@ def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:
-    """Where a vehicle's numbers come from: dotted key in its file to source.
+    """Sources of a vehicle's numbers, by dotted key in its file.
 
     Raises:
         ValueError: if there is no such vehicle or file.
@@ -290,7 +288,7 @@ def _tyre(table: object, file: str, key: str, name: str = "") -> Tyre:
 
 
 def _axles(plain: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Dotted key and table of every axle; what is not even shaped like one is left for the models to refuse."""
+    """Dotted key and table of every axle; entries of another shape are left for the models to refuse."""
     units = plain.get("units")
     for i, unit in enumerate(units if isinstance(units, list) else ()):
         axles = unit.get("axles") if isinstance(unit, dict) else None

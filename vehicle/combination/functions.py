@@ -1,7 +1,7 @@
 """The chain's equations as CasADi functions of vectors.
 
-Those with a third argument take the vehicle's numbers there, in the order of ``symbolic.numbers``: they are built once
-for all vehicles that differ in numbers only.
+A third argument takes the vehicle's numbers, in the order of ``symbolic.numbers``: such a function is built once for
+all vehicles of one topology.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from vehicle.combination.wheel_truth import wheel_truth
 from vehicle.integrator import semi_implicit_step
 
 
-def _once_for_all_built_alike(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
-    """A function of a vehicle that builds only where no vehicle of that topology was seen before."""
+def _once_per_topology(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
+    """Function of a vehicle that builds once per topology."""
     built = lru_cache(maxsize=16)(lambda bare: build(symbolic_twin(bare)))
 
     @wraps(build)
@@ -36,33 +36,33 @@ def _once_for_all_built_alike(build: Callable[[SymbolicTwin], Any]) -> Callable[
     return of_vehicle
 
 
-@_once_for_all_built_alike
+@_once_per_topology
 def step_function(twin: SymbolicTwin) -> Any:
-    """Function (state, demands and footing, numbers) -> state one tick later."""
-    x, given = _state(twin.vehicle), _given(twin.vehicle)
-    u = _chain_input(twin.vehicle, given)
+    """Function (state, command and ground inputs, numbers) -> state one tick later."""
+    x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
+    u = _chain_input(twin.vehicle, v)
     stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
     after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff)
-    return ca.Function("step", [x, given, twin.symbols], [ca.cse(after)])
+    return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
 
 
-@_once_for_all_built_alike
+@_once_per_topology
 def wheel_function(twin: SymbolicTwin) -> Any:
-    """Function (state, demands and footing, numbers) -> ``WheelTruth``."""
-    x, given = _state(twin.vehicle), _given(twin.vehicle)
-    told = wheel_truth(twin.vehicle, _named(twin.vehicle, x), _chain_input(twin.vehicle, given))
-    return ca.Function("wheels", [x, given, twin.symbols], [ca.cse(ca.vertcat(*told))])
+    """Function (state, command and ground inputs, numbers) -> ``WheelTruth``."""
+    x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
+    truth = wheel_truth(twin.vehicle, _named(twin.vehicle, x), _chain_input(twin.vehicle, v))
+    return ca.Function("wheels", [x, v, twin.symbols], [ca.cse(ca.vertcat(*truth))])
 
 
-@_once_for_all_built_alike
+@_once_per_topology
 def kinematics_function(twin: SymbolicTwin) -> Any:
     """Function (state, nothing, numbers) -> ``Kinematics``."""
     x = _state(twin.vehicle)
-    seen = kinematics(twin.vehicle, _named(twin.vehicle, x))
-    return ca.Function("places", [x, ca.SX(0, 1), twin.symbols], [ca.cse(ca.vertcat(*seen))])
+    motion = kinematics(twin.vehicle, _named(twin.vehicle, x))
+    return ca.Function("kinematics", [x, ca.SX(0, 1), twin.symbols], [ca.cse(ca.vertcat(*motion))])
 
 
-@_once_for_all_built_alike
+@_once_per_topology
 def body_function(twin: SymbolicTwin) -> Any:
     """Function (state, ``SmoothGround``, numbers) -> X_WB of every body, row by row."""
     x, g = _state(twin.vehicle), _vector(smooth_ground_sizes(twin.vehicle))
@@ -72,13 +72,13 @@ def body_function(twin: SymbolicTwin) -> Any:
     return ca.Function("bodies", [x, g, twin.symbols], [ca.cse(poses)])
 
 
-@_once_for_all_built_alike
+@_once_per_topology
 def start_function(twin: SymbolicTwin) -> Any:
-    """Function (nothing, start and footing, numbers) -> state."""
-    chosen = _vector((*START_SIZES, *ground_input_sizes(twin.vehicle)))
-    start, under = _two(chosen, START_SIZES, ground_input_sizes(twin.vehicle))
-    state = rolling_freely(twin.vehicle, Start(*start), GroundInputs(*under))
-    return ca.Function("start", [ca.SX(0, 1), chosen, twin.symbols], [ca.densify(ca.vertcat(*state))])
+    """Function (nothing, start and ground inputs, numbers) -> state."""
+    v = _vector((*START_SIZES, *ground_input_sizes(twin.vehicle)))
+    start, ground = _two(v, START_SIZES, ground_input_sizes(twin.vehicle))
+    state = rolling_freely(twin.vehicle, Start(*start), GroundInputs(*ground))
+    return ca.Function("start", [ca.SX(0, 1), v, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 
 @lru_cache(maxsize=8)
@@ -92,21 +92,21 @@ def compiled_derivative(vehicle: Vehicle) -> Any:
 def compiled_output(vehicle: Vehicle) -> Any:
     """Function (state, chain's input) -> output."""
     x, u = _state(vehicle), _vector(input_sizes(vehicle))
-    told = output(vehicle, _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
-    return ca.Function("output", [x, u], [ca.vertcat(*told)])
+    outputs = output(vehicle, _named(vehicle, x), Input(*parts(u, input_sizes(vehicle))))
+    return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
 
 
 def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
     return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
 
 
-def _chain_input(vehicle: Vehicle, given: ca.SX) -> Input[ca.SX]:
-    demands, under = _two(given, command_sizes(vehicle), ground_input_sizes(vehicle))
-    return chain_input(vehicle, CommandInputs(*demands), GroundInputs(*under))
+def _chain_input(vehicle: Vehicle, v: ca.SX) -> Input[ca.SX]:
+    command, ground = _two(v, command_sizes(vehicle), ground_input_sizes(vehicle))
+    return chain_input(vehicle, CommandInputs(*command), GroundInputs(*ground))
 
 
 def _two(vector: ca.SX, first: Sequence[int], second: Sequence[int]) -> tuple[list[ca.SX], list[ca.SX]]:
-    """The parts of two vectors one behind the other."""
+    """Parts of two vectors that are concatenated."""
     both = parts(vector, (*first, *second))
     return both[: len(first)], both[len(first) :]
 
@@ -119,7 +119,7 @@ def _state(vehicle: Vehicle) -> ca.SX:
     return _vector(state_sizes(vehicle))
 
 
-def _given(vehicle: Vehicle) -> ca.SX:
+def _plant_input(vehicle: Vehicle) -> ca.SX:
     return _vector((*command_sizes(vehicle), *ground_input_sizes(vehicle)))
 
 

@@ -1,6 +1,6 @@
-"""Handling figures of a combination, from its linearised motion: steering feel, stability, amplification, rollover.
+"""Handling figures of a combination from its linearised motion: steering, stability, amplification, rollover.
 
-Tyres and bodies follow without delay, and speeds are held.
+Tyres and bodies follow without delay, and speeds are constant.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from vehicle.frames import FloatArray
 Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]
 
 _TOP_SPEED: Final = 70.0  # [m/s] 250 km/h, beyond any road vehicle with a trailer
-_TURNING_SPEED: Final = 5.0  # [m/s] for what does not depend on speed
-_SPEED_STEP: Final = 1.0  # [m/s] of the search for a critical speed; instabilities do not come and go within it
+_TURNING_SPEED: Final = 5.0  # [m/s] for figures that do not depend on speed
+_SPEED_STEP: Final = 1.0  # [m/s] of the search for a critical speed; no instability begins and ends within it
 
 
 class Amplification(NamedTuple):
@@ -32,16 +32,16 @@ class Amplification(NamedTuple):
 
 
 def understeer_gradient(vehicle: Vehicle, speed: float) -> float:
-    """Steer angle more per lateral acceleration on a circle of given radius [rad/(m/s2)], + understeer.
+    """Increase of the steer angle per lateral acceleration at constant radius [rad/(m/s2)], + understeer.
 
     With G the steady yaw rate over steer angle, steer angle times radius is V / G = L + K V^2: K is its slope over V^2.
     """
-    slow, fast = 0.9 * speed, 1.1 * speed  # it is a straight line, whatever the span
+    slow, fast = 0.9 * speed, 1.1 * speed  # a straight line over V^2, so any span will do
     return (_angle_times_radius(vehicle, fast) - _angle_times_radius(vehicle, slow)) / (fast**2 - slow**2)
 
 
 def characteristic_speed(vehicle: Vehicle, speed: float) -> float | None:
-    """Speed [m/s] of the largest yaw-rate gain, by the gradient at ``speed`` [m/s]; None of an oversteering vehicle."""
+    """Speed [m/s] of the largest yaw-rate gain, from the gradient at ``speed`` [m/s]; None if it oversteers."""
     K = understeer_gradient(vehicle, speed)
     wheelbase = _angle_times_radius(vehicle, speed) - K * speed**2
     return math.sqrt(wheelbase / K) if K > 0.0 else None
@@ -57,7 +57,7 @@ def critical_speed(vehicle: Vehicle) -> float | None:
 
 
 def yaw_damping(vehicle: Vehicle, speed: float) -> float:
-    """Damping ratio of the least damped mode of the yaw plane [-]; 1 if none oscillates, negative if one grows."""
+    """Damping ratio of the least damped yaw-plane mode [-]; 1 if none oscillates, negative if unstable."""
     modes = lateral_model(vehicle, speed).eigenvalues()
     return float(np.min(-modes.real / np.abs(modes)))
 
@@ -73,19 +73,19 @@ def rearward_amplification(
 def peak_rearward_amplification(
     vehicle: Vehicle, speed: float, of: Amplified = "lateral_acceleration"
 ) -> Amplification:
-    """The largest rearward amplification between 0.05 and 2 Hz, which is as fast as anybody steers."""
+    """Largest rearward amplification between 0.05 and 2 Hz, the range of drivers."""
     model = lateral_model(vehicle, speed, outputs=(of,))
     grid = np.geomspace(0.05, 2.0, 200)
     best = int(np.argmax(_amplification(model, grid)))
     bounds = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
-    found = minimize_scalar(lambda f: -float(_amplification(model, f)), bounds=bounds, method="bounded")
-    return Amplification(gain=-float(found.fun), frequency=float(found.x))
+    peak = minimize_scalar(lambda f: -float(_amplification(model, f)), bounds=bounds, method="bounded")
+    return Amplification(gain=-float(peak.fun), frequency=float(peak.x))
 
 
 def static_rollover_threshold(vehicle: Vehicle) -> float:
-    """Lateral acceleration [m/s2] in a steady turn at which a unit first stands on the wheels of one side alone.
+    """Lateral acceleration [m/s2] in a steady turn at which a unit first stands on the wheels of one side only.
 
-    Load transfer, body roll included, is taken in proportion to lateral acceleration, as it is until a wheel lifts.
+    Load transfer, body roll included, is proportional to lateral acceleration until a wheel lifts.
     """
     model = lateral_model(vehicle, _TURNING_SPEED, outputs=("lateral_acceleration", "load_transfer"))
     gains = [model.steady_gain(name) for name in model.outputs]
@@ -94,13 +94,13 @@ def static_rollover_threshold(vehicle: Vehicle) -> float:
 
 
 def steady_off_tracking(vehicle: Vehicle, radius: float) -> float:
-    """How far inside the path of the tractor's first axle the last unit runs on a circle at walking pace [m].
+    """Off-tracking [m] of the last unit to the inside of the tractor's first axle, on a circle at walking pace.
 
-    Of both the middle of the axle counts; a group of axles runs as one where it turns without sideslip. Every unit
-    turns about that point, so radii follow from right triangles (SAE, WHI formula). Steered trailers stay unsteered.
+    Measured between the middles of the axles; a group of axles acts as one at its point without sideslip. Every unit
+    turns about that point, so radii follow from right triangles (SAE, WHI formula). Trailers are not steered.
 
     Raises:
-        ValueError: if a unit can not follow on a circle of this ``radius`` [m] of the first axle.
+        ValueError: if a unit cannot follow on a circle of this ``radius`` [m] of the first axle.
     """
     ahead, square = vehicle.units[0].axles[0].x, radius**2
     for unit, axle in zip(vehicle.units, _turning_points(vehicle), strict=True):
@@ -114,9 +114,9 @@ def steady_off_tracking(vehicle: Vehicle, radius: float) -> float:
 
 
 def _turning_points(vehicle: Vehicle) -> list[float]:
-    """Where along each unit's x axis [m] it moves straight ahead in a steady turn at walking pace."""
+    """Position on each unit's x axis [m] without sideslip, in a steady turn at walking pace."""
     slow, fast = _TURNING_SPEED, 2.0 * _TURNING_SPEED
-    # These points shift with V^2, as tyres slip more: a straight line over V^2 ends at walking pace.
+    # The points shift linearly with V^2, as tyres slip more: extrapolate to V = 0.
     return [
         (at_slow * fast**2 - at_fast * slow**2) / (fast**2 - slow**2)
         for at_slow, at_fast in zip(_points_at(vehicle, slow), _points_at(vehicle, fast), strict=True)
@@ -126,8 +126,8 @@ def _turning_points(vehicle: Vehicle) -> list[float]:
 def _points_at(vehicle: Vehicle, speed: float) -> list[float]:
     model = lateral_model(vehicle, speed, outputs=("lateral_velocity", "yaw_rate"))
     sideways, yaw_rate = np.split(np.array([model.steady_gain(name) for name in model.outputs]), 2)
-    found: list[float] = (-sideways / yaw_rate).tolist()
-    return found
+    points: list[float] = (-sideways / yaw_rate).tolist()
+    return points
 
 
 def _amplification(model: LateralModel, frequencies: ArrayLike) -> FloatArray:
@@ -136,7 +136,7 @@ def _amplification(model: LateralModel, frequencies: ArrayLike) -> FloatArray:
 
 
 def _growth(speed: float, vehicle: Vehicle) -> float:
-    """Rate of the mode that decays slowest [1/s]."""
+    """Growth rate of the least stable mode [1/s]."""
     return float(lateral_model(vehicle, speed).eigenvalues().real.max())
 
 

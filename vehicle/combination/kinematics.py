@@ -1,4 +1,4 @@
-"""Where the parts of a chain are in W and how they move, from its state, as CasADi expressions."""
+"""Positions and velocities of a chain in W from its state, as CasADi expressions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
 class Kinematics(NamedTuple, Generic[V]):
-    """Units and wheels as seen from above; the field order is the order in the vector. Wheels as in ``State``."""
+    """Positions and velocities in the plane; the field order is the order in the vector. Wheels as in ``State``."""
 
     poses: V  # (3 N,) x [m], y [m], psi [rad] of each unit's frame in W, unit by unit
     velocities: V  # (3 N,) v_x, v_y [m/s] of each frame's origin along its unit's axes and yaw rate [rad/s]
@@ -24,7 +24,7 @@ class Kinematics(NamedTuple, Generic[V]):
     centre_y: V  # (N,)
     wheel_x: V  # (n_wheels,) in W [m]
     wheel_y: V  # (n_wheels,)
-    support_x: V  # (2 N,) where the ground carries each unit, front and rear, unit by unit, in W [m]
+    support_x: V  # (2 N,) support points of each unit, front and rear, unit by unit, in W [m]
     support_y: V  # (2 N,)
 
 
@@ -35,7 +35,7 @@ def kinematics_sizes(vehicle: Vehicle) -> Kinematics[int]:
 
 
 def kinematics(vehicle: Vehicle, s: State[ca.SX]) -> Kinematics[ca.SX]:
-    """Where everything is, and how fast the units go."""
+    """Positions of units, wheels and supports, and velocities of the units."""
     units = range(len(vehicle.units))
     psi, yaw_rate = ca.vertsplit(s.psi), ca.vertsplit(s.yaw_rate)
     in_T = axes(psi)
@@ -46,28 +46,28 @@ def kinematics(vehicle: Vehicle, s: State[ca.SX]) -> Kinematics[ca.SX]:
     origins = _origins(vehicle, Vector(s.x, s.y), in_W)
 
     def at(unit: int, x: Num, y: Num = 0.0) -> Vector:
-        away = from_unit(in_W[unit], Vector(x, y))
-        return Vector(origins[unit].x + away.x, origins[unit].y + away.y)
+        offset = from_unit(in_W[unit], Vector(x, y))
+        return Vector(origins[unit].x + offset.x, origins[unit].y + offset.y)
 
     centres = [at(i, unit.cg_x) for i, unit in enumerate(vehicle.units)]
-    on_road = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
-    carried = [at(i, x) for i in units for x in vehicle.supports(i)]
+    contacts = [at(wheel.unit, wheel.axle.x, wheel.y) for wheel in wheels(vehicle)]
+    supports = [at(i, x) for i in units for x in vehicle.supports(i)]
     return Kinematics(
         poses=ca.vertcat(*(value for i in units for value in (*origins[i], psi[i]))),
         velocities=ca.vertcat(*(value for i in units for value in (*speeds[i], yaw_rate[i]))),
         centre_x=ca.vertcat(*(p.x for p in centres)),
         centre_y=ca.vertcat(*(p.y for p in centres)),
-        wheel_x=ca.vertcat(*(p.x for p in on_road)),
-        wheel_y=ca.vertcat(*(p.y for p in on_road)),
-        support_x=ca.vertcat(*(p.x for p in carried)),
-        support_y=ca.vertcat(*(p.y for p in carried)),
+        wheel_x=ca.vertcat(*(p.x for p in contacts)),
+        wheel_y=ca.vertcat(*(p.y for p in contacts)),
+        support_x=ca.vertcat(*(p.x for p in supports)),
+        support_y=ca.vertcat(*(p.y for p in supports)),
     )
 
 
 def _origins(vehicle: Vehicle, first: Vector, in_W: Sequence[Vector]) -> list[Vector]:
-    """Origin of each unit's frame in W [m]: hitch upon hitch."""
-    found = [first]
+    """Origin of each unit's frame in W [m]."""
+    origins = [first]
     for ahead, e in zip(vehicle.units[:-1], in_W[:-1], strict=True):
         hitch, _ = ahead.rear_hitch
-        found.append(Vector(found[-1].x + hitch * e.x, found[-1].y + hitch * e.y))
-    return found
+        origins.append(Vector(origins[-1].x + hitch * e.x, origins[-1].y + hitch * e.y))
+    return origins

@@ -1,6 +1,6 @@
-"""What can be told of a vehicle's lateral motion, each quantity by name, as CasADi expressions.
+"""Outputs of a vehicle's lateral motion by name, as CasADi expressions.
 
-A name is a kind and a number: of the unit, or of the axle counted through the whole vehicle, front to rear from 0.
+A name is a kind and a number: of the unit, or of the axle in the whole vehicle, front to rear from 0.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ OutputKind = Literal[
     "axle_position",  # of each axle's middle, to the left of the path [m]
     "follow_position",  # of each follow point, to the left of the path [m]
 ]
-_BESIDE_PATH: Final = ("axle_position", "follow_position")
+_FROM_PATH: Final = ("axle_position", "follow_position")
 
 
 def check_outputs(kinds: Sequence[OutputKind], *, path: bool) -> None:
-    """Refuses kinds that are unknown, or that are measured from a path where there is none.
+    """Check that the kinds are known, and that there is a path for those measured from it.
 
     Raises:
         ValueError: naming the first such kind.
@@ -39,7 +39,7 @@ def check_outputs(kinds: Sequence[OutputKind], *, path: bool) -> None:
     for kind in kinds:
         if kind not in get_args(OutputKind):
             raise ValueError(f"unknown output '{kind}'{nearest(kind, get_args(OutputKind))}")
-        if kind in _BESIDE_PATH and not path:
+        if kind in _FROM_PATH and not path:
             raise ValueError(f"output '{kind}' is measured from a path: it needs path=True")
 
 
@@ -52,21 +52,23 @@ def lateral_outputs(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], rate: St
     axle_places = [(i, axle.x) for i, unit in units for axle in unit.axles]
     transfer = ca.vertsplit(output(vehicle, s, u).lateral_load_transfer)
 
-    def beside(unit: int, x: float) -> ca.SX:
+    def lateral_position(unit: int, x: float) -> ca.SX:
         return s.y + sum(length * ca.sin(psi[k]) for k, length in levers_to(vehicle, unit, x))
 
-    def across(unit: int, x: float) -> Num:
+    def lateral_velocity(unit: int, x: float) -> Num:
         return along(e[unit], velocity(levers_to(vehicle, unit, x), e, speeds)).y
 
-    def thrown(unit: int, x: float) -> Num:
+    def lateral_acceleration(unit: int, x: float) -> Num:
         return along(e[unit], acceleration(levers_to(vehicle, unit, x), e, speeds, rates)).y
 
     return {
         **{f"yaw_rate_{i}": r for i, r in enumerate(yaw_rate)},
-        **{f"lateral_velocity_{i}": across(i, 0.0) for i, _ in units},
-        **{f"lateral_acceleration_{i}": thrown(i, unit.cg_x) for i, unit in units},
+        **{f"lateral_velocity_{i}": lateral_velocity(i, 0.0) for i, _ in units},
+        **{f"lateral_acceleration_{i}": lateral_acceleration(i, unit.cg_x) for i, unit in units},
         **{f"articulation_{i}": ahead - own for i, (ahead, own) in enumerate(pairwise(psi), start=1)},
         **{f"load_transfer_{i}": t for i, t in enumerate(transfer)},
-        **{f"axle_position_{k}": beside(i, x) for k, (i, x) in enumerate(axle_places)},
-        **{f"follow_position_{i}": beside(i, unit.follow_x) for i, unit in units if unit.follow_x is not None},
+        **{f"axle_position_{k}": lateral_position(i, x) for k, (i, x) in enumerate(axle_places)},
+        **{
+            f"follow_position_{i}": lateral_position(i, unit.follow_x) for i, unit in units if unit.follow_x is not None
+        },
     }

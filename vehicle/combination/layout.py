@@ -1,6 +1,6 @@
-"""Vectors of the chain by name: state, input, output, and where each wheel sits.
+"""Vectors of the chain by name (state, input, output), and the wheels.
 
-The order of the fields is the order in the vector, so no index into one appears anywhere.
+The order of the fields is the order in the vector, so that no index appears in the code.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class State(NamedTuple, Generic[V]):
     heave: V  # (N,) rise of each sprung body at its heave point above the smooth road [m]
     pitch: V  # (N,) of each sprung body from the smooth road's plane, + nose down [rad]
     roll: V  # (N,) the same, + left side up [rad]
-    heave_spring: V  # (N,) heave velocity less what the dampers pass on from the road [m/s]
+    heave_spring: V  # (N,) heave velocity less the dampers' share of the road's motion [m/s]
     pitch_spring: V  # (N,) the same of pitch [rad/s]
     roll_spring: V  # (N,) the same of roll [rad/s]
     hitch_x: V  # (N - 1,) lagged force at each hitch on the unit behind it, along that unit's axes [N]
@@ -35,9 +35,9 @@ class State(NamedTuple, Generic[V]):
     omega: V  # (n_wheels,) wheel spin [rad/s]
     deflection_x: V  # (n_wheels,) of each tyre along its wheel plane, as force over load at the nominal load [-]
     deflection_y: V  # (n_wheels,) and across it
-    brake_windup: V  # (n_wheels,) brake torque and rolling drag that act over those there are, -1 to 1
+    brake_windup: V  # (n_wheels,) acting brake torque and rolling drag over the available ones, -1 to 1
     steer: V  # (n_actuators,) angle of every steering actuator, front to rear [rad]
-    acceleration: V  # what drive and brake torques stand for at the moment [m/s2]
+    acceleration: V  # that drive and brake torques produce now [m/s2]
 
 
 class Input(NamedTuple, Generic[V]):
@@ -53,7 +53,7 @@ class Input(NamedTuple, Generic[V]):
 
 
 class Output(NamedTuple, Generic[V]):
-    """What can be told of every wheel, and the horizontal forces the ground exerts; same orders as in ``State``."""
+    """Output of the chain: wheel quantities, and horizontal forces of the ground; orders as in ``State``."""
 
     load: V  # (n_wheels,) [N]
     slip_angle: V  # (n_wheels,) [rad]
@@ -61,11 +61,11 @@ class Output(NamedTuple, Generic[V]):
     force_x: V  # (N,) sum of the tyre forces on each unit, along the tractor's axes [N]
     force_y: V  # (N,)
     moment: V  # (N,) their moment about each unit's centre of gravity [N m]
-    lateral_load_transfer: V  # (N,) right less left wheel loads over their sum: +-1 is a unit on one side's wheels
+    lateral_load_transfer: V  # (N,) right less left wheel loads over their sum; +-1: on the wheels of one side only
 
 
 class Wheel(NamedTuple):
-    """Where a wheel sits and what acts on it."""
+    """Position of a wheel and its shares of steering, torques and loads."""
 
     unit: int
     axle: Axle
@@ -84,16 +84,16 @@ class Wheel(NamedTuple):
 
 
 def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
-    """All wheels, front to rear, left before right; brakes share by static load, the differential shares equally."""
+    """All wheels, front to rear, left before right; brakes by static load, drive torque in equal shares."""
     loads = static_axle_loads(vehicle)
     total = sum(sum(unit_loads) for unit_loads in loads)
     driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
     actuators = _actuator_numbers(vehicle)
-    found = []
+    layout = []
     for i, unit in enumerate(vehicle.units):
         for k, axle in enumerate(unit.axles):
             for side in (+1, -1):
-                found.append(
+                layout.append(
                     Wheel(
                         unit=i,
                         axle=axle,
@@ -106,7 +106,7 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
                         roll_share=loads[i][k] / sum(loads[i]) / axle.track,
                     )
                 )
-    return tuple(found)
+    return tuple(layout)
 
 
 def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:
@@ -115,18 +115,18 @@ def steering_actuators(vehicle: Vehicle) -> tuple[Steering, ...]:
 
 
 def turned_axles(vehicle: Vehicle) -> tuple[tuple[tuple[int, float], ...], ...]:
-    """Of every actuator the axles it turns: number among the steered ones, front to rear, and angle over its own."""
-    found, before = [], 0
+    """Axles turned by every actuator: number among the steered ones, front to rear, and angle over the actuator's."""
+    turned, before = [], 0
     for unit in vehicle.units:
         number = {axle: before + n for n, axle in enumerate(k for k, axle in enumerate(unit.axles) if axle.steered)}
         before += len(number)
         for actuator in unit.actuators:
-            found.append(tuple((number[k], ratio) for k, ratio in zip(actuator.axles, actuator.ratios, strict=True)))
-    return tuple(found)
+            turned.append(tuple((number[k], ratio) for k, ratio in zip(actuator.axles, actuator.ratios, strict=True)))
+    return tuple(turned)
 
 
 def _actuator_numbers(vehicle: Vehicle) -> dict[tuple[int, int], int]:
-    """Unit and axle in it of every steered axle, to the number of its actuator in the state."""
+    """Number in the state of the actuator of every steered axle, by unit and axle in it."""
     groups = [(i, actuator.axles) for i, unit in enumerate(vehicle.units) for actuator in unit.actuators]
     return {(i, axle): number for number, (i, axles) in enumerate(groups) for axle in axles}
 

@@ -1,7 +1,7 @@
-"""Small lateral motions about straight running: A, B, C, D from the chain's own equations.
+"""Linear lateral motion about straight running: A, B, C, D from the chain's equations.
 
-To first order longitudinal motion has no part in them (``vehicle.combination.mirror``). Units and trailer actuators are
-numbered front to rear from 0; the input "steer" turns all steered axles of the tractor.
+To first order it is independent of longitudinal motion (``vehicle.combination.mirror``). Units and trailer actuators
+are numbered front to rear from 0; the input "steer" turns all steered axles of the tractor.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ ComplexArray: TypeAlias = NDArray[np.complex128]
 _PATH: Final = ("y", "psi")
 _YAW_PLANE: Final = ("v_y", "yaw_rate", "articulation")
 _ACTUATOR: Final = ("steer",)
-_IDLE: Final = ("brake_windup",)  # without a brake applied it acts on nothing
-_AMPLE_POWER: Final = 1e9  # [W] more than anything on wheels
+_IDLE: Final = ("brake_windup",)  # has no effect while no brake is applied
+_AMPLE_POWER: Final = 1e9  # [W] beyond any vehicle
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,24 +49,24 @@ class LateralModel:
 
     def eigenvalues(self) -> ComplexArray:
         """Eigenvalues [1/s], by real part, the fastest decay first."""
-        found: ComplexArray = np.sort_complex(np.linalg.eigvals(self.A).astype(np.complex128))
-        return found
+        eigenvalues: ComplexArray = np.sort_complex(np.linalg.eigvals(self.A).astype(np.complex128))
+        return eigenvalues
 
     def response(self, output: str, frequencies: ArrayLike, to: str = "steer") -> ComplexArray:
         """Complex gain of an output over an input at ``frequencies`` [Hz], of their shape."""
         i, j = self.outputs.index(output), self.inputs.index(to)
         s = 2j * np.pi * np.asarray(frequencies, dtype=np.float64)[..., None, None]
         x = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B[:, [j]])
-        found: ComplexArray = (self.C[i] @ x)[..., 0] + self.D[i, j]
-        return found
+        gain: ComplexArray = (self.C[i] @ x)[..., 0] + self.D[i, j]
+        return gain
 
     def steady_gain(self, output: str, to: str = "steer") -> float:
-        """Change of an output over that of an input, after all motion has died out."""
+        """Steady-state change of an output over that of an input."""
         return float(self.response(output, 0.0, to).real)
 
     def state_space(self) -> control.StateSpace:
-        """The same as a system of python-control, for its analyses and designs."""
-        import control  # it takes seconds
+        """The model as a system of python-control."""
+        import control  # the import takes seconds
 
         return control.ss(self.A, self.B, self.C, self.D, states=self.states, inputs=self.inputs, outputs=self.outputs)
 
@@ -81,18 +81,18 @@ def lateral_model(
     actuators: bool = False,
     path: bool = False,
 ) -> LateralModel:
-    """The vehicle's lateral motion at a constant ``speed`` [m/s] on level ground, whatever its engine's power.
+    """Lateral motion at a constant ``speed`` [m/s] on level ground, without limit of engine power.
 
-    States are v_y [m/s] of To, yaw rates [rad/s] and articulations [rad]. ``path`` adds y [m] of To beside and psi
-    [rad] against a straight path; ``actuators`` their angles [rad], whose demands are then the inputs;
-    ``tyre_dynamics`` wheel spin, tyre deflection, roll and hitch force, which else follow at once (singular
-    perturbation).
+    States are v_y [m/s] of To, yaw rates [rad/s] and articulations [rad]. ``path`` adds y [m] of To and psi [rad]
+    relative to a straight path. ``actuators`` adds the actuators' angles [rad], whose demands then are the inputs.
+    ``tyre_dynamics`` adds wheel spin, tyre deflection, roll and hitch force, which otherwise follow without delay
+    (singular perturbation).
 
     Raises:
-        ValueError: if the speed can not be held, or an output is unknown or needs ``path``.
+        ValueError: if the speed cannot be held, or an output is unknown or needs ``path``.
     """
     check_outputs(outputs, path=path)
-    vehicle = _with_power_to_spare(vehicle)
+    vehicle = _without_power_limit(vehicle)
     slow = (_PATH if path else ()) + _YAW_PLANE + (_ACTUATOR if actuators else ())
     states = [c for kind in slow for c in flipped(vehicle) if c.kind == kind]
     lags = [c for c in flipped(vehicle) if c.kind not in _PATH + _YAW_PLANE + _ACTUATOR + _IDLE]
@@ -110,7 +110,7 @@ def lateral_model(
     )
 
 
-def _with_power_to_spare(vehicle: Vehicle) -> Vehicle:
+def _without_power_limit(vehicle: Vehicle) -> Vehicle:
     drive = vehicle.drive.model_copy(update={"max_power": _AMPLE_POWER})
     return vehicle.model_copy(update={"drive": drive})
 
@@ -125,18 +125,18 @@ class _Matrices(NamedTuple):
 def _linearised(
     vehicle: Vehicle, speed: float, friction: float, states: Sequence[Coordinate], *, actuators: bool
 ) -> tuple[tuple[str, ...], _Matrices]:
-    """The names of all outputs, and the matrices in these states."""
+    """Names of all outputs, and the matrices in these states."""
     x, u = straight_running(vehicle, speed, friction)
     names, jacobians = _jacobians(vehicle)
     F_x, F_u, G_x, G_u = (np.array(jacobian) for jacobian in jacobians(x, u))
-    read, move = np.stack([c.reading for c in states]), np.column_stack([c.direction for c in states])
+    readings, directions = np.stack([c.reading for c in states]), np.column_stack([c.direction for c in states])
     turn = _steering_directions(vehicle, actuators=actuators)
     F_turn, G_turn = (F_u @ turn, G_u @ turn) if actuators else (F_x @ turn, G_x @ turn)
-    return names, _Matrices(A=read @ F_x @ move, B=read @ F_turn, C=G_x @ move, D=G_turn)
+    return names, _Matrices(A=readings @ F_x @ directions, B=readings @ F_turn, C=G_x @ directions, D=G_turn)
 
 
 def _without_lags(full: _Matrices, n: int) -> _Matrices:
-    """The first n states alone; the others are always where these and the inputs let them rest."""
+    """Matrices of the first n states; the others are at rest for the given states and inputs."""
     follow_x, follow_u = (np.linalg.solve(full.A[n:, n:], block) for block in (full.A[n:, :n], full.B[n:]))
     return _Matrices(
         A=full.A[:n, :n] - full.A[:n, n:] @ follow_x,
@@ -147,20 +147,22 @@ def _without_lags(full: _Matrices, n: int) -> _Matrices:
 
 
 def _steering_directions(vehicle: Vehicle, *, actuators: bool) -> FloatArray:
-    """What each input moves: demands in the input vector with ``actuators``, else angles in the state."""
+    """Directions of the inputs: of demands in the input vector with ``actuators``, else of angles in the state."""
     sizes: State[int] | Input[int] = input_sizes(vehicle) if actuators else state_sizes(vehicle)
     start = sum(sizes[: sizes._fields.index("steer")])
     directions = np.eye(sum(sizes))[:, start : start + sizes.steer]
-    tractor = [1.0 / actuator.ratios[0] for actuator in vehicle.units[0].actuators]  # their first axles turn as asked
+    tractor = [
+        1.0 / actuator.ratios[0] for actuator in vehicle.units[0].actuators
+    ]  # their first axles turn by the demand
     return np.column_stack([directions[:, : len(tractor)] @ tractor, directions[:, len(tractor) :]])
 
 
 @lru_cache(maxsize=8)
 def _jacobians(vehicle: Vehicle) -> tuple[tuple[str, ...], Any]:
-    """The names of all outputs; function (state, input) -> jacobians of rate and outputs, by state and by input."""
+    """Names of all outputs; function (state, input) -> Jacobians of rate and outputs, by state and by input."""
     x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
-    s, demands = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
-    rate = derivative(vehicle, s, demands)
-    told = lateral_outputs(vehicle, s, demands, rate)
-    f, g = ca.vertcat(*rate), ca.vertcat(*told.values())
-    return tuple(told), ca.Function("jacobians", [x, u], [ca.jacobian(y, by) for y in (f, g) for by in (x, u)])
+    s, u_parts = State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))
+    rate = derivative(vehicle, s, u_parts)
+    outputs = lateral_outputs(vehicle, s, u_parts, rate)
+    f, g = ca.vertcat(*rate), ca.vertcat(*outputs.values())
+    return tuple(outputs), ca.Function("jacobians", [x, u], [ca.jacobian(y, by) for y in (f, g) for by in (x, u)])

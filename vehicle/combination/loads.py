@@ -1,9 +1,9 @@
 """Vertical tyre loads: equilibrium of the chain in pitch and in roll, for numbers or ``casadi.SX``.
 
-Axles of the tractor, or its bogies, are springs under a beam; those of a towed unit are one compensated group, or, if
-bogies are named, springs under a beam that turns about the hitch. Within a group loads go by ``load_share``. Lateral
+Axles or bogies of the tractor are springs under a beam. Those of a towed unit are one compensated group or, if bogies
+are named, springs under a beam that turns about the hitch. Within a group, loads are shared by ``load_share``. Lateral
 load transfer is shared among a unit's axles in proportion to their static loads. Accelerations are specific forces
-(gravity's part along the ground taken off), so that slopes load the wheels as they should.
+(without gravity's component along the ground), so that slopes load the wheels correctly.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from vehicle.combination.description import GRAVITY, Unit, Vehicle
 from vehicle.combination.multibody import Vector, along, from_unit
 from vehicle.tyres import Num
 
-_LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: nothing beside any truck wheel's load, yet no division by zero
+_LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: negligible, but avoids division by zero
 
 
 class AxleShare(NamedTuple):
-    """What an axle carries of the weight on its unit's springs, and of the nose-down moment about the unit's origin."""
+    """An axle's share of the weight on its unit's springs, and of the nose-down moment about the unit's origin."""
 
     of_weight: Num  # [-]
     of_moment: Num  # [1/m]
@@ -32,7 +32,7 @@ class _Group(NamedTuple):
 
     axles: list[int]
     shares: list[Num]  # of the group's load
-    x: Num  # where the load acts [m]
+    x: Num  # point of action of the load [m]
     stiffness: Num  # relative to the other groups
 
 
@@ -40,7 +40,7 @@ def static_axle_loads(vehicle: Vehicle) -> list[list[float]]:
     """Load [N] of each axle of each unit, standing on level ground."""
     n = len(vehicle.units)
     at_rest, ahead = Vector(0.0, 0.0), Vector(1.0, 0.0)
-    # Numbers in, numbers out: only a vehicle of symbols has symbols for loads.
+    # Loads are numbers unless the vehicle's numbers are symbols.
     return cast(list[list[float]], axle_loads(vehicle, [GRAVITY] * n, [0.0] * n, [at_rest] * n, [ahead] * n))
 
 
@@ -58,7 +58,7 @@ def axle_loads(
     [N] (unit 0: none); ``e`` are the directions of the units' x axes.
     """
     loads: list[list[Num]] = [[] for _ in vehicle.units]
-    below: Num = 0.0  # what the hitch of the unit at hand carries [N]
+    below: Num = 0.0  # load on the hitch of the unit at hand [N]
     for i in reversed(range(len(vehicle.units))):
         unit = vehicle.units[i]
         weight = unit.mass * gravity[i]
@@ -77,25 +77,25 @@ def axle_loads(
 
 
 def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
-    """What every axle carries: springs under a beam, which at a towed unit's front rests on the hitch."""
+    """Load shares of the axles: springs under a beam, whose front rests on the hitch if towed."""
     groups = _groups(unit, towed)
     n = sum(group.stiffness for group in groups)
     s_1 = sum(group.stiffness * group.x for group in groups)
     s_2 = sum(group.stiffness * group.x**2 for group in groups)
-    found = {}
+    by_axle = {}
     for group in groups:
         if towed:
-            of_group = AxleShare(0.0, group.stiffness * group.x / s_2)
+            group_share = AxleShare(0.0, group.stiffness * group.x / s_2)
         else:
             scale = group.stiffness / (n * s_2 - s_1**2)
-            of_group = AxleShare(scale * (s_2 - s_1 * group.x), scale * (n * group.x - s_1))
+            group_share = AxleShare(scale * (s_2 - s_1 * group.x), scale * (n * group.x - s_1))
         for axle, share in zip(group.axles, group.shares, strict=True):
-            found[axle] = AxleShare(share * of_group.of_weight, share * of_group.of_moment)
-    return [found[axle] for axle in range(len(unit.axles))]
+            by_axle[axle] = AxleShare(share * group_share.of_weight, share * group_share.of_moment)
+    return [by_axle[axle] for axle in range(len(unit.axles))]
 
 
 def _groups(unit: Unit, towed: bool) -> list[_Group]:
-    """The axles by bogie; a towed unit without any bogie is one."""
+    """Axles grouped by bogie; those of a towed unit without any bogie are one group."""
     whole = towed and all(axle.bogie is None for axle in unit.axles)
     members: dict[str | int, list[int]] = {}
     for k, axle in enumerate(unit.axles):
@@ -111,26 +111,27 @@ def _groups(unit: Unit, towed: bool) -> list[_Group]:
 
 
 def roll_moments(vehicle: Vehicle, a_y: Sequence[Num], roll: Sequence[Num], gravity: Sequence[Num]) -> list[Num]:
-    """Roll moment [N m] that the axles of each unit carry, + to the right wheels.
+    """Roll moment [N m] on the axles of each unit, + to the right wheels.
 
-    Inertia at the centre of gravity's height and weight beside the roll axis: ``a_y`` is each unit's specific force to
-    the left [m/s2], ``roll`` its body's angle, + left side up [rad], ``gravity`` as for the axle loads.
+    Inertia acts at the height of the centre of gravity, weight at its lateral offset as the body rolls. ``a_y`` is each
+    unit's specific force to the left [m/s2], ``roll`` its body's angle, + left side up [rad], ``gravity`` as in
+    ``axle_loads``.
     """
     moments: list[Num] = [0.0] * len(vehicle.units)
-    passed: Num = 0.0
+    from_behind: Num = 0.0
     for i in reversed(range(len(vehicle.units))):
         unit = vehicle.units[i]
-        beside = (unit.mass * (unit.cg_height - unit.roll_axis_height)) * gravity[i] * roll[i]
-        total = (unit.mass * unit.cg_height) * a_y[i] + beside + passed
-        passed = unit.hitch_roll_share * total if i > 0 else 0.0
-        moments[i] = total - passed
+        offset = (unit.mass * (unit.cg_height - unit.roll_axis_height)) * gravity[i] * roll[i]
+        total = (unit.mass * unit.cg_height) * a_y[i] + offset + from_behind
+        from_behind = unit.hitch_roll_share * total if i > 0 else 0.0
+        moments[i] = total - from_behind
     return moments
 
 
 def wheel_loads(axle_load: Num, transfer: Num) -> tuple[Num, Num]:
-    """Loads [N] of the left and the right wheel; ``transfer`` is what the axle would move to the right [N].
+    """Loads [N] of the left and the right wheel; ``transfer`` is the load moved to the right [N].
 
-    A lifted wheel carries next to nothing and leaves its partner the whole axle load.
+    A lifted wheel carries almost nothing, and the other one the whole axle load.
     """
     whole = ca.fmax(axle_load, 2.0 * _LEAST_LOAD)
     left = ca.fmin(ca.fmax(0.5 * whole - transfer, _LEAST_LOAD), whole - _LEAST_LOAD)

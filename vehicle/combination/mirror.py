@@ -1,7 +1,7 @@
-"""The state split by a mirror: what swapping left and right keeps, and what it flips.
+"""Mirror symmetry of the state: coordinates that swapping left and right keeps, and those that it flips.
 
-A straight-running vehicle is its own mirror image; so to first order neither half of its state acts on the other:
-lateral motion is linear in the flipped coordinates alone, and the forces of straight running balance in the kept ones.
+A straight-running vehicle is its own mirror image, so to first order the two halves of its state do not act on each
+other: lateral motion is linear in the flipped coordinates, and straight running is a balance in the kept ones.
 """
 
 from __future__ import annotations
@@ -43,42 +43,42 @@ _SINGLE: Final = frozenset({"x", "y", "v_x", "v_y", "acceleration"})
 
 
 class Coordinate(NamedTuple):
-    """A number in the state: a change of it by 1 changes the state by ``direction``; it is ``reading`` @ state."""
+    """Scalar coordinate of the state, ``reading`` @ state; a change by 1 changes the state by ``direction``."""
 
     name: str
-    kind: str  # the part of the state in which it lies, or "articulation"
+    kind: str  # its part of the state, or "articulation"
     direction: FloatArray  # (n_x,)
     reading: FloatArray  # (n_x,)
 
 
 def kept(vehicle: Vehicle) -> tuple[Coordinate, ...]:
-    """The coordinates that a mirror keeps; of an axle's wheels the mean of what it keeps."""
+    """Coordinates that a mirror keeps; for an axle's wheels their mean or half their difference."""
     return tuple(_coordinates(vehicle, +1))
 
 
 def flipped(vehicle: Vehicle) -> tuple[Coordinate, ...]:
-    """The coordinates that a mirror flips; the yaw angles as the tractor's and the articulations."""
+    """Coordinates that a mirror flips; yaw angles as that of the tractor and the articulations."""
     return tuple(_coordinates(vehicle, -1))
 
 
 def _coordinates(vehicle: Vehicle, sign: int) -> Iterator[Coordinate]:
     sizes = state_sizes(vehicle)
     rows = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
-    for part, of_part, own in zip(State._fields, rows, SIGNS, strict=True):
+    for part, part_rows, own in zip(State._fields, rows, SIGNS, strict=True):
         if part in _PER_WHEEL:
-            yield from _per_axle(part, of_part, sign * own)
+            yield from _per_axle(part, part_rows, sign * own)
         elif sign == own:
-            yield from _angles(of_part) if part == "psi" else _plain(part, of_part)
+            yield from _angles(part_rows) if part == "psi" else _plain(part, part_rows)
 
 
 def _per_axle(part: str, rows: FloatArray, side: int) -> Iterator[Coordinate]:
-    """Of each axle the mean of its two wheels (side +1), or half the left one's lead over the right one (-1)."""
+    """Mean of each axle's two wheels (side +1), or half the left one's excess over the right one (-1)."""
     for k, (left, right) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
         yield Coordinate(f"{part}_{k}", part, left + side * right, 0.5 * (left + side * right))
 
 
 def _angles(rows: FloatArray) -> Iterator[Coordinate]:
-    """The yaw of the whole straight combination, then the articulation of each towed unit, psi ahead less psi."""
+    """Yaw of the whole straight combination, then the articulation of each towed unit, psi ahead less psi."""
     yield Coordinate("psi", "psi", rows.sum(axis=0), rows[0])
     for k in range(1, len(rows)):
         yield Coordinate(f"articulation_{k}", "articulation", -rows[k:].sum(axis=0), rows[k - 1] - rows[k])

@@ -2,11 +2,11 @@
 
 The speeds are the velocity of the first unit's origin along its own axes T and the yaw rate of each unit. Every
 point on the chain is reached from that origin over levers along the units' x axes e_j: hitch to hitch, then to the
-point. All vectors are along T, so only angles relative to the first unit enter.
+point. All vectors are along T, so only angles relative to the first unit matter.
 
 Seen from the common centre of mass, centre of gravity k lies at sum_j d_kj e_j, with constant levers of which
-sum_k m_k d_kj = 0. So the yaw rates' equations hold no other speed: with mu_ij = sum_k m_k d_ki d_kj and e' the normal
-to the left of e, d'Alembert's principle for a turn of unit i gives
+sum_k m_k d_kj = 0. So the yaw rates' equations contain no other speed: with mu_ij = sum_k m_k d_ki d_kj and e' the
+normal to the left of e, d'Alembert's principle for a turn of unit i gives
 I_i r_i' + sum_j mu_ij (e_i . e_j r_j' - e_i' . e_j r_j^2) = M_i + e_i' . sum_k d_ki F_k.
 """
 
@@ -51,12 +51,12 @@ def axes(psi: Sequence[Num]) -> list[Vector]:
 
 
 def along(axis: Vector, v: Vector) -> Vector:
-    """A vector given along T, along a unit's own axes."""
+    """Components along a unit's axes, from those along T."""
     return Vector(axis.x * v.x + axis.y * v.y, axis.x * v.y - axis.y * v.x)
 
 
 def from_unit(axis: Vector, v: Vector) -> Vector:
-    """A vector given along a unit's own axes, along T."""
+    """Components along T, from those along a unit's axes."""
     return Vector(axis.x * v.x - axis.y * v.y, axis.y * v.x + axis.x * v.y)
 
 
@@ -121,7 +121,7 @@ def _swings(e: Sequence[Vector], yaw_rate: Sequence[Num], rates: Sequence[Num]) 
 
 
 def _plus(v: Vector, terms: Sequence[tuple[Num, Vector]]) -> Vector:
-    """A vector and multiples of others."""
+    """Sum of a vector and multiples of others."""
     for factor, term in terms:
         v = Vector(v.x + factor * term.x, v.y + factor * term.y)
     return v

@@ -76,7 +76,7 @@ def changed_vehicle(vehicle: Vehicle, changes: Mapping[str, Change]) -> Vehicle:
 
 
 def number_paths(vehicle: Vehicle) -> dict[str, Any]:
-    """Every path of a number or flag of the vehicle, by indices and by names, to its value (None: not in the file)."""
+    """Values of all numbers and flags of the vehicle by path, with indices and with names; None: not in the file."""
     contents = _contents(vehicle)
     return {path: _value_at(contents, keys) for path, keys in _paths(contents)}
 
@@ -89,7 +89,7 @@ def _with_values(vehicle: Vehicle, steer_lag: float | None, by_path: Mapping[str
     known: dict[str, list[_Keys]] = {}
     for path, keys in _paths(contents) if by_path else ():
         known.setdefault(path, []).append(keys)
-    renamed: dict[str, str] = {}  # location in an error message to the path that was given
+    renamed: dict[str, str] = {}  # location in an error message to the path as written
     for path, value in by_path.items():
         if path not in known:
             raise ValueError(f"unknown change 'plant.{path}'{_hint(path, known)}")
@@ -151,7 +151,7 @@ def _plant_error(error: ValueError, renamed: Mapping[str, str]) -> ValueError:
 
 
 def _locations(keys: _Keys, path: Sequence[str]) -> dict[str, str]:
-    """The value's location by indices, and those of the tables it lies in, to the given path and its beginnings."""
+    """Location by indices to the path as written, for the value and for the tables that contain it."""
     return {
         ".".join(str(key) for key in keys[: len(keys) - cut]): ".".join(path[: len(path) - cut])
         for cut in range(len(path) - 1)

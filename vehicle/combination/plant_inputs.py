@@ -1,4 +1,4 @@
-"""What a plant is given for a step: the command of the controllers, and the ground under the vehicle meanwhile."""
+"""Inputs of a plant step: the command of the controllers, and the ground under the vehicle."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
 class CommandInputs(NamedTuple, Generic[V]):
-    """What driver and trailer controllers ask for; the field order is the order in the vector."""
+    """Command of driver and trailer controllers; the field order is the order in the vector."""
 
-    steer: V  # of the tractor's foremost steered axle; what is linked to it follows in its ratio [rad]
+    steer: V  # of the tractor's foremost steered axle; linked axles follow by their ratio [rad]
     acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
     trailer_steer: V  # of every steered trailer axle, front to rear [rad]
     gear: V  # +1 forward, -1 backward
 
 
 class GroundInputs(NamedTuple, Generic[V]):
-    """What there is under the vehicle; the field order is the order in the vector."""
+    """Ground under the vehicle; the field order is the order in the vector."""
 
     friction: V  # (n_wheels,) friction coefficient under each wheel [-]
     slope_x: V  # (N,) rise of the ground under each unit's centre of gravity, along W's x [-]
@@ -44,38 +44,38 @@ def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
 
 
 def slices(sizes: Iterable[int]) -> list[slice]:
-    """Where parts of these sizes lie in a vector."""
+    """Slices of a vector with parts of these sizes."""
     return [slice(start, stop) for start, stop in pairwise(accumulate(sizes, initial=0))]
 
 
-def chain_input(vehicle: Vehicle, demands: CommandInputs[ca.SX], under: GroundInputs[ca.SX]) -> Input[ca.SX]:
+def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundInputs[ca.SX]) -> Input[ca.SX]:
     """Input of the chain.
 
-    The tractor's actuators turn their first axles by the driver's demand; every actuator of a trailer takes the mean
-    of what its axles ask of it.
+    The tractor's actuators turn their first axles by the driver's demand; every trailer actuator takes the mean of the
+    demands of its axles.
     """
     tractor = vehicle.units[0]
-    of_trailers = dict(enumerate(ca.vertsplit(demands.trailer_steer), start=len(tractor.steered_axles)))
-    asked = [
-        *(demands.steer / actuator.ratios[0] for actuator in tractor.actuators),
+    trailer_demands = dict(enumerate(ca.vertsplit(command.trailer_steer), start=len(tractor.steered_axles)))
+    actuator_demands = [
+        *(command.steer / actuator.ratios[0] for actuator in tractor.actuators),
         *(
-            sum(of_trailers[axle] / ratio for axle, ratio in turned) / len(turned)
+            sum(trailer_demands[axle] / ratio for axle, ratio in turned) / len(turned)
             for turned in turned_axles(vehicle)[len(tractor.actuators) :]
         ),
     ]
-    gravity_x, gravity_y = gravity_along(under.slope_x, under.slope_y)
+    gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)
     return Input(
-        steer=ca.vertcat(ca.SX(0, 1), *asked),
-        acceleration=demands.acceleration,
-        gear=demands.gear,
-        friction=under.friction,
+        steer=ca.vertcat(ca.SX(0, 1), *actuator_demands),
+        acceleration=command.acceleration,
+        gear=command.gear,
+        friction=ground.friction,
         gravity_x=gravity_x,
         gravity_y=gravity_y,
-        road=under.road,
+        road=ground.road,
     )
 
 
 def gravity_along(slope_x: ca.SX, slope_y: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Gravity along ground of these slopes, along W's x and y [m/s2]."""
+    """Components of gravity along ground of these slopes, along W's x and y [m/s2]."""
     normal = GRAVITY / ca.sqrt(1.0 + slope_x**2 + slope_y**2)
     return -normal * slope_x, -normal * slope_y

@@ -1,4 +1,4 @@
-"""A combination dragged along a straight line with its trailer askew: off-tracking known in closed form.
+"""Combination on a straight line at constant speed and slip angle: its off-tracking is known in closed form.
 
 De Saxe & Cebon 2018, "Estimation of trailer off-tracking using visual odometry", section 3.1: constant speed, constant
 slip angle. With the follow point L_f behind the hitch the off-tracking is e = -L_f tan(slip angle).
@@ -21,10 +21,11 @@ from vehicle.surface import Surface
 
 
 class ConstantSlipPlant:
-    """A combination dragged at a constant slip angle.
+    """A combination with prescribed motion at a constant slip angle.
 
-    The units ahead of ``unit`` point the way they go; it and those behind go by ``slip_angle`` [rad] to the left of
-    where they point. No tyre acts: commands have no effect, loads are the static ones, no friction is used.
+    Units ahead of ``unit`` point in the direction of travel; ``unit`` and those behind it travel ``slip_angle`` [rad]
+    to the left of their heading. Tyre forces are not modelled: commands have no effect, loads are static, no friction
+    is used.
     """
 
     def __init__(self, vehicle: Vehicle, surface: Surface, *, unit: int, slip_angle: float, speed: float) -> None:
@@ -44,7 +45,7 @@ class ConstantSlipPlant:
         self._n_steered = sum(len(unit.steered_axles) for unit in vehicle.units)
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
-        """The tractor's pose X_WT: x [m], y [m] and psi [rad], the direction of travel.
+        """State: the tractor's pose X_WT, with psi as the direction of travel.
 
         Raises:
             ValueError: if ``speed`` [m/s] is not the constant one.
@@ -54,11 +55,11 @@ class ConstantSlipPlant:
         return np.array(pose)
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
-        """State after whole ticks, whatever the command."""
+        """State after whole ticks; the command has no effect."""
         return np.array(Pose2(*state) @ Pose2(self._speed * ticks * TICK, 0.0, 0.0))
 
     def observe(self, state: FloatArray, tick: int) -> Truth:
-        """What is really so in this state."""
+        """Ground truth of this state."""
         poses = self._poses(Pose2(*state))
         velocities = self._speed * np.column_stack([np.cos(self._slip), np.sin(self._slip), np.zeros(len(poses))])
         return Truth(
@@ -80,8 +81,8 @@ class ConstantSlipPlant:
 
     def _poses(self, X_WT: Pose2) -> FloatArray:
         """x [m], y [m], psi [rad] of each unit's frame in W, (N, 3)."""
-        found = [X_WT]
+        poses = [X_WT]
         for k, ahead in enumerate(self._vehicle.units[:-1]):
             turn = float(self._slip[k] - self._slip[k + 1])
-            found.append(found[-1] @ Pose2(ahead.rear_hitch[0], 0.0, turn))
-        return np.array(found)
+            poses.append(poses[-1] @ Pose2(ahead.rear_hitch[0], 0.0, turn))
+        return np.array(poses)

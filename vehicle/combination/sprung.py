@@ -1,13 +1,14 @@
 """Sprung bodies: heave, pitch and roll of each unit on its springs, for numbers or ``casadi.SX``.
 
-Each motion x goes, relative to the smooth road, about what the rough road and the specific force ask of it:
+Each motion x, relative to the smooth road, is a damped oscillation about the rest position that the rough road and the
+specific force give:
 x'' = w0^2 (road + forced - x) + 2 zeta w0 (road' - x'). With a companion w, x' = w + 2 zeta w0 (road - x) and
 w' = w0^2 (road + forced - x), so that no rate of the road is needed. Heave is that of the centre of gravity, and pitch
 is about it. A towed unit stands in front on the hitch of the unit ahead, which moves with that unit's body.
 
-What the springs and dampers carry loads the wheels. Of the dampers' force the part that the road's own rate would
-make is left out: the tyres, which are not modelled vertically, would take it. Nor is wheel hop modelled, nor what the
-three motions, each with its own frequency, do to each other.
+The forces of springs and dampers load the wheels. The dampers' force due to the road's own rate is left out: the tyres,
+whose vertical deflection is not modelled, would absorb it. Also not modelled: wheel hop, and coupling between the three
+motions.
 """
 
 from __future__ import annotations
@@ -31,30 +32,30 @@ class Attitude(NamedTuple):
 
 
 class Ride(NamedTuple):
-    """How a body moves and what its springs and dampers carry."""
+    """Motion of a body, and the accelerations that its springs and dampers transmit."""
 
-    offset: Attitude  # of what the road asks for from the attitude [m, rad]
+    offset: Attitude  # rest attitude on this road, less the attitude [m, rad]
     rate: Attitude  # of the attitude [m/s, rad/s]
     felt: Attitude  # acceleration upward, and the specific forces forward and left that go with pitch and roll [m/s2]
 
 
 def settled(vehicle: Vehicle, specific_x: Sequence[Num], specific_y: Sequence[Num]) -> list[tuple[Attitude, Attitude]]:
-    """Attitude and companions of every body long under specific forces [m/s2] along its axes, on smooth road."""
-    found: list[tuple[Attitude, Attitude]] = []
+    """Steady attitude and companions of every body under specific forces [m/s2] along its axes, on smooth road."""
+    bodies: list[tuple[Attitude, Attitude]] = []
     for i, unit in enumerate(vehicle.units):
-        origin = _hitch_rise(vehicle, i, found[-1][0]) if i > 0 else 0.0
+        origin = _hitch_rise(vehicle, i, bodies[-1][0]) if i > 0 else 0.0
         heights = [0.0 for _ in unit.axles]
-        road = _asked(unit, origin, heights, 0.0, towed=i > 0)
+        road = _rest_attitude(unit, origin, heights, 0.0, towed=i > 0)
         forced = Attitude(0.0, -unit.pitch_gradient * specific_x[i], unit.roll_gradient * specific_y[i])
         companions = (2.0 * unit.suspension_damping * w0 * x for w0, x in zip(_natural(unit), forced, strict=True))
-        found.append((Attitude(*(r + x for r, x in zip(road, forced, strict=True))), Attitude(*companions)))
-    return found
+        bodies.append((Attitude(*(r + x for r, x in zip(road, forced, strict=True))), Attitude(*companions)))
+    return bodies
 
 
 def rides(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> list[Ride]:
-    """How every body moves in a state."""
-    found = []
-    for i, (unit, road) in enumerate(zip(vehicle.units, _road_under(vehicle, layout, s, u), strict=True)):
+    """Motion of every body in a state."""
+    motions = []
+    for i, (unit, road) in enumerate(zip(vehicle.units, _rest_attitudes(vehicle, layout, s, u), strict=True)):
         natural = _natural(unit)
         attitude = (s.heave[i], s.pitch[i], s.roll[i])
         companions = (s.heave_spring[i], s.pitch_spring[i], s.roll_spring[i])
@@ -67,8 +68,8 @@ def rides(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any
             pitch=1.0 / unit.pitch_gradient * pull.pitch,
             roll=-1.0 / unit.roll_gradient * pull.roll,
         )
-        found.append(Ride(offset, rate, felt))
-    return found
+        motions.append(Ride(offset, rate, felt))
+    return motions
 
 
 def spring_rates(unit: Unit, ride: Ride, specific_x: Num, specific_y: Num) -> Attitude:
@@ -86,33 +87,33 @@ def _natural(unit: Unit) -> Attitude:
     return Attitude(*(math.tau * f for f in (unit.heave_frequency, unit.pitch_frequency, unit.roll_frequency)))
 
 
-def _road_under(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> list[Attitude]:
-    """What the rough road under each unit, and the hitch in front of it, ask of its body."""
-    found: list[Attitude] = []
+def _rest_attitudes(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> list[Attitude]:
+    """Rest attitude of each body, from the rough road under it and the hitch in front of it."""
+    attitudes: list[Attitude] = []
     for i, unit in enumerate(vehicle.units):
         wheels = [(wheel, u.road[k]) for k, wheel in enumerate(layout) if wheel.unit == i]
         axles = list(zip(wheels[::2], wheels[1::2], strict=True))
         heights = [0.5 * (left + right) for (_, left), (_, right) in axles]
         roll = sum(wheel.roll_share * (left - right) for (wheel, left), (_, right) in axles)
         origin = _hitch_rise(vehicle, i, Attitude(s.heave[i - 1], s.pitch[i - 1], 0.0)) if i > 0 else 0.0
-        found.append(_asked(unit, origin, heights, roll, towed=i > 0))
-    return found
+        attitudes.append(_rest_attitude(unit, origin, heights, roll, towed=i > 0))
+    return attitudes
 
 
 def _hitch_rise(vehicle: Vehicle, i: int, body: Attitude) -> Num:
-    """How far the front hitch of unit i rises [m] with the body of the unit ahead."""
+    """Rise of the front hitch of unit i [m] with the body of the unit ahead."""
     ahead = vehicle.units[i - 1]
     return body.heave - (ahead.rear_hitch[0] - ahead.cg_x) * body.pitch
 
 
-def _asked(unit: Unit, hitch: Num, heights: Sequence[Num], roll: Num, *, towed: bool) -> Attitude:
+def _rest_attitude(unit: Unit, hitch: Num, heights: Sequence[Num], roll: Num, *, towed: bool) -> Attitude:
     """Attitude of a body whose springs are at rest on axles of these heights [m] and, if towed, on its hitch.
 
-    The springs of a beam at rest do no work, so that heights weigh as loads are shared.
+    The springs of a beam at rest do no work, so heights are weighted as loads are shared.
     """
     shares = axle_shares(unit, towed=towed)
     front = hitch if towed else sum(share.of_weight * z for share, z in zip(shares, heights, strict=True))
-    # Of the roads' heights and of the hitch's apart: those are given, this moves.
+    # Road heights are inputs and the hitch is a state, so that their effects are computed apart.
     dip = sum(-share.of_moment * z for share, z in zip(shares, heights, strict=True))
     pitch = dip + hitch * sum(share.of_moment for share in shares) if towed else dip
     return Attitude(heave=front - unit.cg_x * pitch, pitch=pitch, roll=roll)

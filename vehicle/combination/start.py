@@ -1,4 +1,4 @@
-"""The state a run starts from, as a CasADi expression."""
+"""Initial state of a run, as a CasADi expression."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
 class Start(NamedTuple, Generic[V]):
-    """What is chosen of the state; the field order is the order in the vector."""
+    """Chosen part of the state; the field order is the order in the vector."""
 
     x: V  # of To in W [m]
     y: V
@@ -27,25 +27,25 @@ class Start(NamedTuple, Generic[V]):
 START_SIZES: Final = Start(1, 1, 1, 1)
 
 
-def rolling_freely(vehicle: Vehicle, start: Start[ca.SX], under: GroundInputs[ca.SX]) -> State[ca.SX]:
-    """The straight combination rolling freely, its bodies leaning on their springs as after a long wait."""
+def rolling_freely(vehicle: Vehicle, start: Start[ca.SX], ground: GroundInputs[ca.SX]) -> State[ca.SX]:
+    """State of the straight combination rolling freely, its bodies settled on their springs."""
     sizes = state_sizes(vehicle)
     course = Vector(ca.cos(start.psi), ca.sin(start.psi))
-    gravity_x, gravity_y = gravity_along(under.slope_x, under.slope_y)
+    gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)
     pulls = [along(course, Vector(gravity_x[i], gravity_y[i])) for i in range(len(vehicle.units))]
-    leaning = settled(vehicle, [-pull.x for pull in pulls], [-pull.y for pull in pulls])
+    bodies = settled(vehicle, [-pull.x for pull in pulls], [-pull.y for pull in pulls])
     resting = State(*(ca.SX.zeros(size) for size in sizes))
     return resting._replace(
         x=start.x,
         y=start.y,
         psi=ca.repmat(start.psi, sizes.psi, 1),
         v_x=start.speed,
-        heave=ca.vertcat(*(attitude.heave for attitude, _ in leaning)),
-        pitch=ca.vertcat(*(attitude.pitch for attitude, _ in leaning)),
-        roll=ca.vertcat(*(attitude.roll for attitude, _ in leaning)),
-        heave_spring=ca.vertcat(*(spring.heave for _, spring in leaning)),
-        pitch_spring=ca.vertcat(*(spring.pitch for _, spring in leaning)),
-        roll_spring=ca.vertcat(*(spring.roll for _, spring in leaning)),
+        heave=ca.vertcat(*(attitude.heave for attitude, _ in bodies)),
+        pitch=ca.vertcat(*(attitude.pitch for attitude, _ in bodies)),
+        roll=ca.vertcat(*(attitude.roll for attitude, _ in bodies)),
+        heave_spring=ca.vertcat(*(spring.heave for _, spring in bodies)),
+        pitch_spring=ca.vertcat(*(spring.pitch for _, spring in bodies)),
+        roll_spring=ca.vertcat(*(spring.roll for _, spring in bodies)),
         omega=ca.vertcat(*(start.speed / wheel.axle.wheel_radius for wheel in wheels(vehicle))),
         brake_windup=ca.repmat(ca.sign(start.speed), sizes.brake_windup, 1),
     )

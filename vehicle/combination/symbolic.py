@@ -1,4 +1,4 @@
-"""A vehicle whose numbers are symbols, so that one set of compiled equations serves all vehicles built alike."""
+"""Vehicles whose numbers are symbols: one set of compiled equations serves all vehicles of one topology."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
-_WORDS = frozenset(["name", "summary"])  # fields that no equation looks at
+_WORDS = frozenset(["name", "summary"])  # fields that no equation depends on
 
 
 class SymbolicTwin(NamedTuple):
@@ -24,11 +24,11 @@ class SymbolicTwin(NamedTuple):
 
 
 def symbolic_twin(vehicle: Vehicle) -> SymbolicTwin:
-    """The vehicle with a symbol, named after its place in the file, for every physical number."""
+    """The vehicle with a symbol for every physical number, named by its path in the file."""
     symbols: list[ca.SX] = []
 
-    def symbol(place: str, _: float) -> ca.SX:
-        symbols.append(ca.SX.sym(place))
+    def symbol(path: str, _: float) -> ca.SX:
+        symbols.append(ca.SX.sym(path))
         return symbols[-1]
 
     twin = _with_numbers(vehicle, symbol)
@@ -37,13 +37,13 @@ def symbolic_twin(vehicle: Vehicle) -> SymbolicTwin:
 
 def numbers(vehicle: Vehicle) -> FloatArray:
     """Every physical number of a vehicle, in the order of its symbols."""
-    found: list[float] = []
-    _with_numbers(vehicle, lambda _, value: found.append(value))
-    return np.array(found)
+    values: list[float] = []
+    _with_numbers(vehicle, lambda _, value: values.append(value))
+    return np.array(values)
 
 
 def topology(vehicle: Vehicle) -> Vehicle:
-    """The vehicle without its numbers and names: equal for vehicles that the same equations serve."""
+    """The vehicle without numbers and names: equal for vehicles with the same equations."""
     bare: Vehicle = _with_numbers(vehicle, lambda *_: 0.0, words=False)
     return bare
 
@@ -51,14 +51,14 @@ def topology(vehicle: Vehicle) -> Vehicle:
 def _with_numbers(
     thing: Any,
     number: Callable[[str, float], Any],
-    place: str = "",
+    path: str = "",
     *,
     words: bool = True,
 ) -> Any:
-    """A copy with every number replaced by ``number(place, value)``; not validated, for the numbers may be symbols."""
+    """A copy with every number replaced by ``number(path, value)``; not validated, as numbers may be symbols."""
 
     def copied(part: Any, key: object) -> Any:
-        return _with_numbers(part, number, f"{place}.{key}", words=words)
+        return _with_numbers(part, number, f"{path}.{key}", words=words)
 
     if isinstance(thing, BaseModel):
         fields: dict[str, Any] = {
@@ -68,5 +68,5 @@ def _with_numbers(
     if isinstance(thing, tuple | list):
         return type(thing)(copied(part, k) for k, part in enumerate(thing))
     if isinstance(thing, int | float) and not isinstance(thing, bool):
-        return number(place.removeprefix("."), thing)
+        return number(path.removeprefix("."), thing)
     return thing

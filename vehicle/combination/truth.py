@@ -1,6 +1,6 @@
-"""What is really so: the state of the vehicle as sensors sample it and metrics judge it.
+"""Ground truth of a vehicle, which sensors sample and metrics are computed from.
 
-Only ``sensors`` and ``scenarios`` may look at it; estimators and controllers are kept away by an import contract.
+Only ``sensors`` and ``scenarios`` may import it; an import contract forbids it to estimators and controllers.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from vehicle.frames import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Truth:
-    """True state of a chain of N units at one tick; unit 0 is the tractor, each unit i > 0 hangs on its hitch."""
+    """True state of a chain of N units at one tick; unit 0 is the tractor, each unit i > 0 is towed by unit i - 1."""
 
     tick: int
     poses: FloatArray  # (N, 3) x [m], y [m], psi [rad] of each unit's frame (T, S, ...) in W
@@ -22,4 +22,6 @@ class Truth:
     wheel_loads: FloatArray  # (n_wheels,) vertical tyre force [N]
     wheel_slip_angles: FloatArray  # (n_wheels,) slip angle of every wheel [rad]
     friction_used: FloatArray  # (n_wheels,) horizontal tyre force / (mu F_z) [-]
-    load_transfer: FloatArray  # (N,) right less left wheel loads of each unit over their sum: +-1 is about to roll over
+    load_transfer: (
+        FloatArray  # (N,) right less left wheel loads of each unit over their sum; at +-1 it is about to roll over
+    )

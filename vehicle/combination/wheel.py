@@ -1,4 +1,4 @@
-"""A wheel on its axle: how it spins, slips and brakes, for numbers or ``casadi.SX``."""
+"""Dynamics of a wheel on its axle: spin, slip, drive and brakes, for numbers or ``casadi.SX``."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
 from vehicle.tyres import Contact, Num, Planar, contact, deflection_rate, rolling_speed
 
-_BRAKE_WINDUP: Final = 0.02  # turn over which a brake's holding torque builds up [rad]: 1 cm at the tread
-_CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips and the engine's power is no limit [rad/s]
+_BRAKE_WINDUP: Final = 0.02  # angle over which a brake's holding torque builds up [rad]: 1 cm at the tread
+_CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips, and the engine's power does not limit the torque [rad/s]
 
 
 class WheelState(NamedTuple):
-    """The states of one wheel and what acts on it."""
+    """States of one wheel, and the quantities that act on it."""
 
     omega: Num  # spin [rad/s]
     deflection: Planar  # of its tyre, as force over load at the nominal load [-]
-    brake_windup: Num  # brake torque and rolling drag acting over what is there of them, -1 to 1
+    brake_windup: Num  # acting brake torque and rolling drag over the available ones, -1 to 1
     plane: Vector  # direction of its plane along the unit's axes
     hub: Vector  # velocity along the unit's axes [m/s]
     load: Num  # [N]
     friction: Num  # [-]
-    acceleration: Num  # that drive and brake torques stand for [m/s2]
+    acceleration: Num  # that drive and brake torques produce [m/s2]
     gear: Num  # +1 drives forward, -1 backward
 
 
 class Relaxation(NamedTuple):
-    """How fast each state of a wheel relaxes when the others hold [1/s]: minus the diagonal of the Jacobian."""
+    """Relaxation rate of each state of a wheel with the others held [1/s]: minus the Jacobian's diagonal."""
 
     omega: Num
     deflection: Num  # in either direction
@@ -38,7 +38,7 @@ class Relaxation(NamedTuple):
 
 
 class WheelMotion(NamedTuple):
-    """Rates of a wheel's states, what the ground does to its unit, and what there is to tell of it."""
+    """Rates of a wheel's states, the ground's action on its unit, and outputs."""
 
     omega: Num  # [rad/s2]
     deflection: Planar  # [1/s]
@@ -47,7 +47,7 @@ class WheelMotion(NamedTuple):
     force: Vector  # at the wheel's centre, along the unit's axes [N]
     moment_opposing: Num  # aligning moment, clockwise [N m]
     slip_angle: Num  # [rad]
-    friction_used: Num  # horizontal force over the largest one that the tyre's law allows [-]
+    friction_used: Num  # horizontal force over the largest one of the tyre law [-]
 
 
 def wheel_plane(axle: Axle, y: float, delta: Num) -> Vector:
@@ -64,7 +64,7 @@ def wheel_plane(axle: Axle, y: float, delta: Num) -> Vector:
 
 
 def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
-    """The motion of a wheel in a state."""
+    """Motion of a wheel in a state."""
     axle, tyre = wheel.axle, wheel.axle.tyre
     v = along(s.plane, s.hub)
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
@@ -96,10 +96,10 @@ def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
 
 
 def _spin_relaxation(axle: Axle, on: Contact) -> Num:
-    """How fast the carcass's damping slows a wheel [1/s].
+    """Rate at which the carcass's damping slows a wheel [1/s].
 
-    A sliding tyre's force keeps its size and only turns, so that the part along the wheel's own share of the circle
-    drops out. Exact for a tyre that sticks and for one that slides all over.
+    The force of a sliding tyre keeps its magnitude and only turns, so the part along the wheel's share of the friction
+    circle drops out. Exact for a tyre that sticks and for one that slides completely.
     """
     tyre = axle.tyre
     per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * tyre.damping
@@ -107,9 +107,9 @@ def _spin_relaxation(axle: Axle, on: Contact) -> Num:
 
 
 def _drive_torque(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> Num:
-    """Torque [N m] of the driveline, within the engine's power, the way the gear drives.
+    """Torque [N m] of the driveline in the gear's direction, within the engine's power.
 
-    A wheel that still turns the other way is held back by the slipping clutch, at the demanded torque.
+    A wheel that still turns the other way is slowed by the slipping clutch, at the demanded torque.
     """
     demanded = (vehicle.mass * wheel.axle.wheel_radius) * ca.fmax(s.acceleration, 0.0)
     with_gear = ca.fmax(s.gear * s.omega, _CLUTCH_OMEGA)

@@ -1,4 +1,4 @@
-"""What a state tells of steered axles and wheels, as a CasADi expression."""
+"""Ground truth of steered axles and wheels, as a CasADi expression."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
 
 class WheelTruth(NamedTuple, Generic[V]):
-    """Axles and wheels as they really are; the field order is the order in the vector. Wheels as in ``State``."""
+    """True state of axles and wheels; the field order is the order in the vector. Wheels as in ``State``."""
 
     steer: V  # (n_steered,) angle of every steered axle, front to rear [rad]
     loads: V  # (n_wheels,) vertical tyre force [N]
@@ -30,13 +30,13 @@ def wheel_truth_sizes(vehicle: Vehicle) -> WheelTruth[int]:
 
 
 def wheel_truth(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> WheelTruth[ca.SX]:
-    """What axles and wheels do in this state."""
-    told = output(vehicle, s, u)
+    """Ground truth of axles and wheels in this state."""
+    outputs = output(vehicle, s, u)
     angles = {axle: ratio * s.steer[k] for k, turned in enumerate(turned_axles(vehicle)) for axle, ratio in turned}
     return WheelTruth(
         steer=ca.vertcat(*(angles[axle] for axle in sorted(angles))),
-        loads=told.load,
-        slip_angles=told.slip_angle,
-        friction_used=told.friction_used,
-        load_transfer=told.lateral_load_transfer,
+        loads=outputs.load,
+        slip_angles=outputs.slip_angle,
+        friction_used=outputs.friction_used,
+        load_transfer=outputs.lateral_load_transfer,
     )

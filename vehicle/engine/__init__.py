@@ -1,1 +1,1 @@
-"""One step function, four ways to run it: CasADi's machine or compiled C, one vehicle or many at once."""
+"""Engines that run CasADi functions: interpreted or compiled to C, for one vehicle or for many at once."""

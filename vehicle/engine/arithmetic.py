@@ -1,4 +1,4 @@
-"""The operations of a tape as numpy has them: the last argument takes the result."""
+"""Operations of a tape as numpy functions; the last argument takes the result."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vehicle.frames import FloatArray
 
 
 def _minimum(a: Any, b: Any, out: FloatArray) -> None:
-    np.minimum(a, b, out=out)  # of all the functions these two alone want it by name
+    np.minimum(a, b, out=out)  # these two functions need it by name
 
 
 def _maximum(a: Any, b: Any, out: FloatArray) -> None:
@@ -64,7 +64,7 @@ INTO: Final[dict[str, Callable[..., Any]]] = {
 
 
 def evaluated(tape: Tape, arguments: list[FloatArray]) -> FloatArray:
-    """The result (..., n) of a tape for arguments (..., size), node by node: for what is done once."""
+    """Result (..., n) of a tape for arguments (..., size), node by node; for single evaluations."""
     shape = np.broadcast_shapes(*(a.shape[:-1] for a in arguments))
     values: list[FloatArray] = []
     for node in tape.nodes:

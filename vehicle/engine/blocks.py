@@ -1,7 +1,7 @@
-"""A program in numpy, many vehicles at a time: every operation is one call on a row of vehicles.
+"""Programs in numpy for many vehicles: every operation is one call on a row of vehicles.
 
-Vehicles go in blocks whose intermediate values stay in the processor's cache; values take over the rows of those that
-are no longer needed.
+Vehicles are split into blocks whose intermediate values stay in the processor's cache; rows of values that are no
+longer needed are reused.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from vehicle.engine.rows import rows
 from vehicle.engine.tape import Constant, Entry, Tape
 from vehicle.frames import FloatArray
 
-_BLOCK: Final = 1024  # vehicles: a call of numpy's costs as much as the arithmetic of some 500 numbers
+_BLOCK: Final = 1024  # vehicles: a numpy call costs as much as the arithmetic of some 500 numbers
 
 
 class Blocks:
-    """A program for n vehicles of given numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
+    """Program for n vehicles with these numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
 
     def __init__(self, program: Program, numbers: FloatArray, n: int) -> None:
         edges = np.linspace(0, n, -(-n // _BLOCK) + 1).astype(int)
@@ -37,7 +37,7 @@ class Blocks:
     def __call__(self, x: FloatArray, u: FloatArray, ticks: int = 1) -> FloatArray:
         """The result (n, n_result) after some ticks from states x (n, n_state) under inputs u (n, n_input)."""
         result = np.empty((len(x), self._n_result))
-        with np.errstate(all="ignore"):  # a vehicle whose state broke is told by its state
+        with np.errstate(all="ignore"):  # a diverged vehicle is recognised by its state
             for span, block in zip(self._spans, self._blocks, strict=True):
                 result[span] = block.run(x[span].T, u[span].T, ticks).T
         return result

@@ -1,4 +1,4 @@
-"""C source of a program: the same text for one vehicle and, with several lanes to a number, for many."""
+"""C source of a program: one text for a single vehicle and, with several lanes per number, for many."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ void run(long n, long ticks, const double *x, const double *u, const double *c, 
 
 
 def c_source(program: Program) -> str:
-    """The function ``run`` of a program, to be compiled with LANES and OWN_NUMBERS as wanted."""
+    """C source of the function ``run`` of a program; the macros LANES and OWN_NUMBERS choose its variants."""
     kernel = _KERNEL.substitute(
         nx=program.n_state,
         nu=program.n_input,

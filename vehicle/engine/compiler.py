@@ -1,7 +1,7 @@
-"""Shared libraries from C source, made once: kept by the hash of all that they were made from.
+"""Shared libraries from C source, cached by the hash of source, flags and compiler.
 
-``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang is taken. Libraries
-are kept in ``$OFFTRACK_CACHE``, else in ``offtrack`` under the user's cache directory.
+``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang is used. Libraries
+are cached in ``$OFFTRACK_CACHE``, else in ``offtrack`` under the user's cache directory.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from typing import Final, NamedTuple
 
 _LOG = logging.getLogger(__name__)
 
-# What IEEE arithmetic is spared of changes no number that matters. Not -ffast-math: linked into a shared library, it
-# makes the processor flush denormal numbers to zero in the whole process.
+# Relaxations of IEEE arithmetic that change no relevant result. Not -ffast-math: in a shared library, it makes the
+# processor flush denormal numbers to zero in the whole process.
 _FLAGS: Final = (
     *("-std=gnu11", "-O3", "-fPIC", "-shared", "-w"),
     *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-ffinite-math-only"),
@@ -35,24 +35,24 @@ _FOR_THIS_MACHINE: Final[tuple[tuple[str, ...], ...]] = (
 
 
 class Compiler(NamedTuple):
-    """A C compiler, and the flags with which it makes libraries for this machine."""
+    """A C compiler, and its flags for libraries on this machine."""
 
     path: str
     flags: tuple[str, ...]
-    identity: str  # its macros: version, and what the processor can do
+    identity: str  # its macros: version, and the processor's features
 
 
 class CompilerError(Exception):
-    """No library came of a source."""
+    """A source could not be compiled or loaded."""
 
 
 def compiler() -> Compiler | None:
-    """The C compiler to use, if there is one."""
+    """The C compiler to use; None if there is none."""
     wanted = os.environ.get("OFFTRACK_COMPILER", "")
     if wanted.lower() == "none":
         return None
     paths = (shutil.which(name) for name in ([wanted] if wanted else ["cc", "gcc", "clang"]))
-    return next((found for path in paths if path and (found := _probed(path))), None)
+    return next((usable for path in paths if path and (usable := _probed(path))), None)
 
 
 @cache
@@ -66,23 +66,23 @@ def _probed(path: str) -> Compiler | None:
 
 
 def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.CDLL:
-    """The source compiled with some macros defined (``NAME=VALUE``) and loaded.
+    """Compile the source with macros defined (``NAME=VALUE``), and load the library.
 
     Raises:
-        CompilerError: if the compiler refuses it, or what it made can not be kept or loaded.
+        CompilerError: if the compiler fails, or the library cannot be stored or loaded.
     """
     flags = (*using.flags, *(f"-D{definition}" for definition in definitions))
-    made_from = "\0".join([using.path, using.identity, *flags, source])
-    key = hashlib.sha256(made_from.encode()).hexdigest()[:32]
+    identity = "\0".join([using.path, using.identity, *flags, source])
+    key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     directory = _directory()
     try:
-        return ctypes.CDLL(str(_kept(directory, key) or _make(source, flags, using, directory, key)))
+        return ctypes.CDLL(str(_cached(directory, key) or _make(source, flags, using, directory, key)))
     except OSError as error:  # a full disk, or a directory from which nothing may be executed
         raise CompilerError(f"no library in {directory}: {error}") from error
 
 
-def _kept(directory: Path, key: str) -> Path | None:
-    """The library of this key whose content is what its name says: neither cut short nor written over."""
+def _cached(directory: Path, key: str) -> Path | None:
+    """Cached library of this key; None if there is none, or its content does not have the hash in its name."""
     return next((path for path in directory.glob(f"{key}-*.so") if path.stem == f"{key}-{_digest(path)}"), None)
 
 
@@ -91,17 +91,17 @@ def _digest(path: Path) -> str:
 
 
 def _make(source: str, flags: tuple[str, ...], using: Compiler, directory: Path, key: str) -> Path:
-    """Compiles under a name of its own, then renames: another process sees a whole library or none."""
-    with tempfile.TemporaryDirectory(dir=directory, prefix="making-") as workshop:
-        text, made = Path(workshop, "source.c"), Path(workshop, "made.so")
+    """Compile to a temporary file and rename it, so that another process sees a whole library or none."""
+    with tempfile.TemporaryDirectory(dir=directory, prefix="build-") as folder:
+        text, built = Path(folder, "source.c"), Path(folder, "built.so")
         text.write_text(source, encoding="utf-8")
-        done = _run([using.path, *flags, str(text), "-o", str(made), "-lm"])
-        if done.returncode != 0:
-            raise CompilerError(f"{using.path} failed: {done.stderr.strip()[:2000]}")
-        kept = directory / f"{key}-{_digest(made)}.so"
-        made.replace(kept)
-    _LOG.info("compiled %s", kept)
-    return kept
+        result = _run([using.path, *flags, str(text), "-o", str(built), "-lm"])
+        if result.returncode != 0:
+            raise CompilerError(f"{using.path} failed: {result.stderr.strip()[:2000]}")
+        cached = directory / f"{key}-{_digest(built)}.so"
+        built.replace(cached)
+    _LOG.info("compiled %s", cached)
+    return cached
 
 
 def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
@@ -109,12 +109,12 @@ def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 def _directory() -> Path:
-    """Where libraries are kept; where nothing can be written, a place of this process alone."""
+    """Directory of the cache; a temporary one of this process if that cannot be written."""
     try:
         chosen = Path(os.environ.get("OFFTRACK_CACHE") or _user_cache() / "offtrack")
         chosen.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        _LOG.info("%s: compiled code is not kept", error)
+        _LOG.info("%s: compiled code is not cached", error)
         return Path(_own_directory().name)
     return chosen if os.access(chosen, os.W_OK) else Path(_own_directory().name)
 

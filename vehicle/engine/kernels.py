@@ -1,4 +1,4 @@
-"""Functions made ready to run, for one vehicle or for many: compiled, or interpreted where there is no compiler."""
+"""Kernels: functions ready to run for one vehicle or for many, compiled, or interpreted without a compiler."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ _NOTHING: Final = np.empty(0)
 
 
 class Kernel(Protocol):
-    """A function of state and input whose result, where it is a state, may be fed back for some ticks."""
+    """Function of state and input; a result that is a state can be fed back for several ticks."""
 
     def __call__(self, x: FloatArray, u: FloatArray, ticks: int = 1) -> FloatArray:
-        """The result, a new array; for many vehicles every array has a row for each."""
+        """Result, a new array; for many vehicles every array has a row for each."""
 
 
 def kernel_for_one(function: Any, numbers: FloatArray, engine: Engine, *, always: FloatArray = _NOTHING) -> Kernel:
-    """A ``casadi.Function`` (state, input, numbers) for one vehicle, in memory of its own: one per thread.
+    """Kernel of a ``casadi.Function`` (state, input, numbers) for one vehicle; one per thread, as it owns its memory.
 
-    Where the last entries of every input are known (``always``), that saves an interpreter some operations.
+    ``always`` are the last entries of every input if they are constant, which saves an interpreter some operations.
 
     Raises:
-        ValueError: if the engine is unknown, or must be compiled and can not.
+        ValueError: if the engine is unknown, or is "compiled" and there is no compiler.
     """
     native = _native(NativeOne, function, numbers, engine)
     return (
@@ -48,17 +48,17 @@ def kernel_for_one(function: Any, numbers: FloatArray, engine: Engine, *, always
 
 
 def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
-    """The same for n vehicles, of the same numbers (n_numbers,) or each of its own (n, n_numbers).
+    """Kernel for n vehicles, with common numbers (n_numbers,) or with a row for each (n, n_numbers).
 
     Raises:
-        ValueError: if the engine is unknown, or must be compiled and can not.
+        ValueError: as ``kernel_for_one``.
     """
     native = _native(NativeMany, function, numbers, engine)
-    return native if native is not None else Blocks(_program(function), _worked_with(function, numbers), n)
+    return native if native is not None else Blocks(_program(function), _own_numbers(function, numbers), n)
 
 
 def kernel_for_rows(function: Any, n: int, engine: Engine) -> Kernel:
-    """A ``casadi.Function`` (state, input, nothing) for n rows; a single row runs as one vehicle, which is faster.
+    """Kernel of a ``casadi.Function`` (state, input, nothing) for n rows; a single row uses the faster kernel for one.
 
     Raises:
         ValueError: as ``kernel_for_one``.
@@ -70,14 +70,14 @@ def kernel_for_rows(function: Any, n: int, engine: Engine) -> Kernel:
 
 
 def _native(kind: type[NativeOne | NativeMany], function: Any, numbers: FloatArray, engine: Engine) -> Kernel | None:
-    """The function in compiled C; None where the engine does without."""
+    """The function in compiled C; None if the engine is interpreted."""
     using = _compiler(engine)
     if using is None:
         return None
     try:
-        return kind(_program(function), _worked_with(function, numbers), using)
+        return kind(_program(function), _own_numbers(function, numbers), using)
     except CompilerError as error:
-        _do_without(engine, error)
+        _fall_back(engine, error)
         return None
 
 
@@ -86,17 +86,17 @@ def _compiler(engine: Engine) -> Compiler | None:
         raise ValueError(f"engine = '{engine}' must be one of {', '.join(ENGINES)}")
     if engine == "interpreted":
         return None
-    found = compiler()
-    if engine == "compiled" and found is None:
-        raise ValueError("engine = 'compiled' needs a C compiler: none found, or OFFTRACK_COMPILER says so")
-    _LOG.info("engine: %s", "interpreted" if found is None else f"compiled by {found.path}")
-    return found
+    using = compiler()
+    if engine == "compiled" and using is None:
+        raise ValueError("engine = 'compiled' needs a C compiler: none was found, or OFFTRACK_COMPILER is none")
+    _LOG.info("engine: %s", "interpreted" if using is None else f"compiled by {using.path}")
+    return using
 
 
-def _do_without(engine: Engine, error: CompilerError) -> None:
+def _fall_back(engine: Engine, error: CompilerError) -> None:
     if engine == "compiled":
         raise ValueError(f"engine = 'compiled': {error}") from error
-    _LOG.warning("engine: interpreted, for %s", error)
+    _LOG.warning("engine: interpreted, because %s", error)
 
 
 @lru_cache(maxsize=32)
@@ -104,15 +104,15 @@ def _program(function: Any) -> Program:
     return program_of(function)
 
 
-def _worked_with(function: Any, numbers: FloatArray) -> FloatArray:
-    """What a program works with of a vehicle's numbers."""
+def _own_numbers(function: Any, numbers: FloatArray) -> FloatArray:
+    """The numbers that a program derives from a vehicle's numbers."""
     with np.errstate(all="ignore"):
         return evaluated(_program(function).numbers, [_NOTHING, _NOTHING, numbers])
 
 
 @lru_cache(maxsize=32)
 def _with_numbers(function: Any, numbers: tuple[float, ...], always: tuple[float, ...]) -> Any:
-    """The function of state and input that is left once a vehicle's numbers, and the end of the input, are in it."""
+    """Function of state and input with a vehicle's numbers, and the last entries of the input, inserted."""
     x, u = (ca.SX.sym("v", function.numel_in(k)) for k in range(2))
     known = ca.vertcat(u[: u.numel() - len(always)], *always)
     return ca.Function(function.name(), [x, u], [ca.cse(ca.densify(function(x, known, np.array(numbers))))])

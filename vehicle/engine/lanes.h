@@ -29,10 +29,10 @@ typedef double real __attribute__((vector_size(8 * LANES)));
 
 #define ALL(a) ((a) - (real){0})
 #define OP static inline __attribute__((always_inline)) real
-/* written out at each of its hundreds of places, a long one is no faster and takes twice as long to compile */
+/* a long operation is no faster when inlined at its hundreds of places, and takes twice as long to compile */
 #define LONG_OP static __attribute__((noinline)) real
 
-/* operations the processor has */
+/* operations that the processor has */
 
 OP op_sqrt(real a) { real r; EACH AT(r) = sqrt(AT(a)); return r; }
 OP op_abs(real a) { real r; EACH AT(r) = fabs(AT(a)); return r; }

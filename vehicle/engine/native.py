@@ -1,4 +1,4 @@
-"""A program as compiled C: for one vehicle or, several lanes to a number, for many."""
+"""Programs as compiled C: for one vehicle or, with several lanes per number, for many."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ARGUMENTS: Final[list[Any]] = [ctypes.c_long, ctypes.c_long, *[ctypes.c_void_p]
 
 
 class NativeOne:
-    """A program for one vehicle of given numbers, in memory of its own: one per thread."""
+    """Program for one vehicle with these numbers; one per thread, as it owns its memory."""
 
     def __init__(self, program: Program, numbers: FloatArray, using: Compiler) -> None:
         self._library = _loaded(program, using, "LANES=1")
@@ -26,12 +26,12 @@ class NativeOne:
         self._result = np.empty(len(program.body.result))
         self._numbers = np.ascontiguousarray(numbers)
         memory = (self._x, self._u, self._numbers, self._result)
-        addresses = [ctypes.c_void_p(array.ctypes.data) for array in memory]  # asking for one takes as long as a tick
+        addresses = [ctypes.c_void_p(array.ctypes.data) for array in memory]  # looking one up takes as long as a tick
         self._ticks = ctypes.c_long(1)
         self._arguments = (ctypes.c_long(1), self._ticks, *addresses)
 
     def __call__(self, x: FloatArray, u: FloatArray, ticks: int = 1) -> FloatArray:
-        """The result after some ticks from state x under input u, a new array."""
+        """Result after some ticks from state x under input u, a new array."""
         self._x[:] = x
         self._u[:] = u
         self._ticks.value = ticks
@@ -40,7 +40,7 @@ class NativeOne:
 
 
 class NativeMany:
-    """A program for many vehicles of given numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
+    """Program for many vehicles with these numbers: (n_numbers,) for all, or (n, n_numbers) with a row for each."""
 
     def __init__(self, program: Program, numbers: FloatArray, using: Compiler) -> None:
         self._library = _loaded(program, using, *(["OWN_NUMBERS"] if numbers.ndim == 2 else []))

@@ -1,4 +1,4 @@
-"""A function of state, input and a vehicle's numbers, cut by how often each of them changes."""
+"""Functions of state, input and a vehicle's numbers, split by how often each argument changes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ _STATE, _INPUT, _PARAMETERS, _NUMBERS = range(4)
 
 
 class Program(NamedTuple):
-    """Three tapes, each of which takes what the ones before it give, behind (state, input, parameters)."""
+    """Three tapes; each takes (state, input, parameters) and then the results of the tapes before it."""
 
-    numbers: Tape  # once for a vehicle
-    held: Tape  # once for an input
-    body: Tape  # every time
+    numbers: Tape  # evaluated once per vehicle
+    held: Tape  # once per input
+    body: Tape  # once per tick
 
     @property
     def n_state(self) -> int:
@@ -29,12 +29,12 @@ class Program(NamedTuple):
 
     @property
     def n_numbers(self) -> int:
-        """How many numbers of a vehicle the program works with."""
+        """Number of values that the program derives from a vehicle's numbers."""
         return len(self.numbers.result)
 
 
 def program_of(function: Any) -> Program:
-    """The program of a ``casadi.Function`` (state, input, parameters) -> result."""
+    """Program of a ``casadi.Function`` (state, input, parameters) -> result."""
     numbers, later = stages(tape_of(function), {_PARAMETERS}, forget=True)
     held, body = stages(later, {_INPUT, _NUMBERS}, forget=False)
     return Program(numbers, held, body)

@@ -1,4 +1,4 @@
-"""Where the values of a tape live while it runs: rows of memory, each given on once its value is read no more."""
+"""Memory rows for the values of a running tape; a row is reused after its value has been read for the last time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vehicle.engine.tape import Operation, Tape
 
 
 class Rows(NamedTuple):
-    """A row for every operation of a tape: of the result where it is one, else of the work space."""
+    """Memory row of every operation of a tape: in the result if it belongs there, else in the work space."""
 
     in_result: dict[int, int]  # node -> row of the result
     in_work: dict[int, int]  # node -> row of the work space
@@ -16,7 +16,7 @@ class Rows(NamedTuple):
 
 
 def rows(tape: Tape) -> Rows:
-    """Few rows for the values of a tape: an operation writes over an operand that nothing reads any more."""
+    """Assign rows to the values of a tape: an operation overwrites an operand that is not read again."""
     in_result = {k: i for i, k in reversed(list(enumerate(tape.result))) if isinstance(tape.nodes[k], Operation)}
     last_read = {a: k for k, node in enumerate(tape.nodes) if isinstance(node, Operation) for a in node.operands}
     in_work: dict[int, int] = {}
@@ -29,5 +29,5 @@ def rows(tape: Tape) -> Rows:
                 if not free:
                     free.append(n_work)
                     n_work += 1
-                in_work[k] = free.pop()  # the last one given back is the likeliest in the cache
+                in_work[k] = free.pop()  # the last one freed is the likeliest in the cache
     return Rows(in_result, in_work, n_work)

@@ -1,4 +1,4 @@
-"""What of a tape depends on some arguments alone: computed once, ahead of a loop in which the others change."""
+"""Splitting of a tape: operations on some arguments only are computed once, before a loop over the others."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from vehicle.engine.tape import Constant, Entry, Node, Operation, Tape, Writer
 
 
 class Stages(NamedTuple):
-    """A tape in two: ``late`` takes, behind the arguments of the whole, the result of ``early``."""
+    """A tape in two parts: ``late`` takes the arguments of the whole and then the result of ``early``."""
 
     early: Tape
     late: Tape
 
 
 def stages(tape: Tape, known: Collection[int], *, forget: bool) -> Stages:
-    """The operations on the ``known`` arguments (by number) alone, and the rest. Arguments keep their numbers.
+    """Split into the operations on ``known`` arguments (by number) only, and the rest. Arguments keep their numbers.
 
-    With ``forget`` the rest does not look at the known arguments themselves either: their entries are carried over.
+    With ``forget`` the rest does not read the known arguments either: their entries are carried over.
     """
     early = [False] * len(tape.nodes)
     for k, node in enumerate(tape.nodes):
@@ -27,8 +27,8 @@ def stages(tape: Tape, known: Collection[int], *, forget: bool) -> Stages:
         else:
             early[k] = isinstance(node, Constant) or all(early[a] for a in node.operands)
     wanted = {a for k, node in enumerate(tape.nodes) if not early[k] for a in _operands(node)} | set(tape.result)
-    worth = (Operation, Entry) if forget else (Operation,)
-    carried = [k for k in sorted(wanted) if early[k] and isinstance(tape.nodes[k], worth)]
+    kinds = (Operation, Entry) if forget else (Operation,)
+    carried = [k for k in sorted(wanted) if early[k] and isinstance(tape.nodes[k], kinds)]
     entries: dict[int, Node] = {k: Entry(len(tape.sizes), i) for i, k in enumerate(carried)}
     late = {k: entries.get(k, node) for k, node in enumerate(tape.nodes)}
     return Stages(
@@ -42,7 +42,7 @@ def _operands(node: Node) -> tuple[int, ...]:
 
 
 def _only_needed(sizes: tuple[int, ...], nodes: dict[int, Node], result: Collection[int]) -> Tape:
-    """The tape of these nodes without those that no entry of the result depends on."""
+    """Tape of the nodes on which the result depends."""
     needed = set(result)
     for k in sorted(nodes, reverse=True):
         if k in needed:

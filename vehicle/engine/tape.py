@@ -1,6 +1,6 @@
-"""A compiled expression as a list of single operations: what every back end is generated from.
+"""Expressions as lists of single operations, from which every back end is generated.
 
-The list is in single-assignment form: node k is computed once, from nodes before it. Equal operations are one node.
+The list is in single-assignment form: node k is computed once, from nodes before it. Equal operations share a node.
 """
 
 from __future__ import annotations
@@ -56,20 +56,20 @@ OPERATIONS: Final = frozenset([*_UNARY.values(), *_BINARY.values()])
 
 
 class Entry(NamedTuple):
-    """An entry of an argument."""
+    """Entry of an argument."""
 
     argument: int
     place: int
 
 
 class Constant(NamedTuple):
-    """A number."""
+    """Constant number."""
 
     value: float
 
 
 class Operation(NamedTuple):
-    """One operation on nodes before it."""
+    """Operation on nodes before it."""
 
     name: str  # one of OPERATIONS; truth values are 0 and 1
     operands: tuple[int, ...]  # numbers of nodes
@@ -79,7 +79,7 @@ Node: TypeAlias = Entry | Constant | Operation
 
 
 class Tape(NamedTuple):
-    """A vector function of vectors, operation by operation."""
+    """Vector function of vectors as a list of operations."""
 
     sizes: tuple[int, ...]  # of the arguments
     nodes: tuple[Node, ...]
@@ -87,32 +87,32 @@ class Tape(NamedTuple):
 
 
 class Writer:
-    """A tape in the making: a node that is there already is not written twice."""
+    """Builder of a tape that writes equal nodes once."""
 
     def __init__(self) -> None:
         self._numbers: dict[tuple[str, Node], int] = {}
 
     def write(self, node: Node) -> int:
-        """Number of a node on the tape."""
+        """Add a node if it is new, and return its number."""
         key = (type(node).__name__, node)  # named tuples of different types can be equal
         return self._numbers.setdefault(key, len(self._numbers))
 
     @property
     def nodes(self) -> tuple[Node, ...]:
-        """All nodes so far."""
+        """Nodes written so far."""
         return tuple(node for _, node in self._numbers)
 
 
 def tape_of(function: Any) -> Tape:
-    """The operations of a ``casadi.Function`` of SX with one dense result.
+    """Tape of a ``casadi.Function`` of SX with one dense result.
 
     Raises:
-        ValueError: if it contains an operation that no back end knows, or its result has structural zeros.
+        ValueError: if it contains an operation that the back ends do not have, or its result has structural zeros.
     """
     if function.n_out() != 1 or not function.sparsity_out(0).is_dense():
         raise ValueError(f"{function.name()} must have one result without structural zeros")
     writer = Writer()
-    held: dict[int, int] = {}  # work space of CasADi's own machine -> node
+    held: dict[int, int] = {}  # work space of CasADi's virtual machine -> node
     result = [0] * function.numel_out(0)
     for k in range(function.n_instructions()):
         code, operands, places = (
@@ -142,4 +142,4 @@ def _operation(code: int, operands: list[int]) -> Operation:
     if code in _BINARY:
         name = _BINARY[code]
         return Operation(name, tuple(sorted(operands) if name in _COMMUTATIVE else operands))
-    raise ValueError(f"operation {code} of CasADi is none that the engine knows")
+    raise ValueError(f"operation {code} of CasADi is not supported by the engine")

@@ -1,4 +1,4 @@
-"""The ground as one object: height, slope, friction and roughness, looked up by the vehicle and the renderer alike."""
+"""Ground as one object: height, slope, friction and roughness, for the vehicle and the renderer."""
 
 from vehicle.surface.friction import Friction, FrictionImage, FrictionMap, SplitFriction
 from vehicle.surface.ground import Surface

@@ -1,4 +1,4 @@
-"""Friction of tyre and ground from place to place: by sides of a line, or as an image says."""
+"""Friction of tyre and ground that changes with position: by sides of a line, or from an image."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.spatial import cKDTree
 from vehicle.frames import FloatArray
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
-_SPACING = 0.1  # of the points that stand for a line: at R = 10 m they leave it by s^2/8R = 0.1 mm [m]
+_SPACING = 0.1  # of the points that represent a line: at R = 10 m their error is s^2/8R = 0.1 mm [m]
 
 
 class FrictionMap(Protocol):
-    """A friction coefficient for every place."""
+    """Friction coefficient for every position."""
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Friction coefficient [-] at x, y [m] in W, all of one shape."""
@@ -35,22 +35,22 @@ def friction_of(friction: Friction, x: ArrayLike, y: ArrayLike) -> FloatArray:
 
 
 def check_friction(name: str, value: object) -> None:
-    """Refuse what no tyre meets; a map has checked itself."""
+    """Check the limits of a friction coefficient; a map checks its own."""
     if isinstance(value, int | float) and not LOWEST <= value <= HIGHEST:
         raise ValueError(f"{name} = {value} must be between {LOWEST} and {HIGHEST}")
 
 
 class SplitFriction:
-    """Another friction on either side of a line: one lane is dry, the other one iced over.
+    """Different friction on either side of a line, such as a dry lane beside an icy one.
 
     Args:
         left: friction to the left of the line.
         right: friction to the right of it.
-        line: points (n, 2) in W [m]; a road's centreline, or two points. It goes on straight beyond both ends, and
-            where it bends or meets itself, the nearest of its points decides.
+        line: points (n, 2) in W [m]; a road's centreline, or two points. It continues straight beyond both ends;
+            where it bends or meets itself, its nearest point decides.
 
     Raises:
-        ValueError: if a friction is out of range or the line is not one.
+        ValueError: if a friction is out of range, or the line has fewer than two different points.
     """
 
     def __init__(self, left: Friction, right: Friction, line: FloatArray) -> None:
@@ -68,7 +68,7 @@ class SplitFriction:
         return np.where(self.is_left(x, y), friction_of(self._left, x, y), friction_of(self._right, x, y))
 
     def is_left(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
-        """Which of the places lie to the left of the line."""
+        """True for each position to the left of the line."""
         nearest = self._tree.query(np.stack([x, y], axis=-1))[1]
         from_line = self._points[nearest]
         along = self._tangents[nearest]
@@ -84,13 +84,13 @@ def _dense(line: FloatArray) -> FloatArray:
 
 
 class FrictionImage:
-    """Friction coefficients on a lattice, linear in between; outside of it another friction.
+    """Friction coefficients on a grid with linear interpolation; another friction outside of it.
 
     Args:
         values: (ny, nx) friction coefficients; the first row is the northernmost, as in an image.
         cell: side of a pixel [m].
         corner: W of the image's lower left corner [m].
-        outside: friction where the image does not reach.
+        outside: friction beyond the image.
 
     Raises:
         ValueError: if a value is out of range.

@@ -1,4 +1,4 @@
-"""The ground under a vehicle: a plane or a cone with friction, and the roughness of the road on top of it."""
+"""Ground under a vehicle: a plane or a cone with friction, and road roughness on top of it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuou
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Surface:
-    """Sloping ground, of one friction or of several, smooth or rough.
+    """Sloping ground with uniform or varying friction, smooth or rough.
 
     Without a ``centre`` the ground is a plane that rises along W's x by ``grade`` and falls to the right (-y) by
     ``cross_fall``. With one, the cross-fall is conical and falls away from the centre: the adverse camber of a
-    roundabout. ``height`` and ``gradient`` are those of the smooth ground; what is rough about it is told apart.
+    roundabout. ``height`` and ``gradient`` are those of the smooth ground, and ``roughness_at`` the height above it.
     """
 
     friction: Friction  # peak friction coefficient of tyre and ground [-]
@@ -37,12 +37,12 @@ class Surface:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether the friction is one number everywhere."""
+        """True if the friction is one number everywhere."""
         return isinstance(self.friction, int | float)
 
     @property
     def is_smooth(self) -> bool:
-        """Whether the road has neither roughness nor potholes."""
+        """True if the road has neither roughness nor potholes."""
         return self.roughness is None
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -67,7 +67,7 @@ class Surface:
         return friction_of(self.friction, x, y)
 
     def roughness_at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Height of the road above the smooth ground [m] at x, y [m], of their common shape, as a tyre feels it."""
+        """Height of the road above the smooth ground [m] at x, y [m], of their common shape, averaged as by a tyre."""
         if self.roughness is None:
             return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
         return self.roughness.height(x, y)
@@ -75,8 +75,8 @@ class Surface:
     def pose_on(self, x: float, y: float, psi: float, supports: tuple[float, float]) -> FloatArray:
         """X_WB (4, 4) of a body at x, y [m] with heading psi [rad] that stands on two points of its x axis.
 
-        ``supports`` are their places along that axis [m], front and rear: a semi-trailer is carried by its hitch and
-        by its axles, and leans as the smooth ground does across these two on average.
+        ``supports`` are their positions along that axis [m], front and rear, such as hitch and axles of a semi-trailer.
+        The roll follows the mean cross-slope of the smooth ground at the two points.
         """
         c, s = np.cos(psi), np.sin(psi)
         along = np.array(supports)

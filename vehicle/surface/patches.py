@@ -10,17 +10,17 @@ import numpy as np
 from vehicle.frames import FloatArray
 from vehicle.surface.friction import Friction, check_friction, friction_of
 
-_SHARP = 1e-9  # an edge this narrow is none, and may be divided by [m]
+_SHARP = 1e-9  # width of a sharp edge; avoids division by zero [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patch:
-    """A rectangle with rounded corners; ``circle`` and ``rectangle`` make the two that are wanted."""
+    """Rectangle with rounded corners; build one with ``circle`` or ``rectangle``."""
 
     x: float  # W of the middle [m]
     y: float  # [m]
     heading: float  # of its length [rad]
-    half_length: float  # of the rectangle that the rounding is added to [m]
+    half_length: float  # of the rectangle to which the rounding is added [m]
     half_width: float  # [m]
     rounding: float  # [m]
     friction: float
@@ -36,7 +36,7 @@ def circle(x: float, y: float, radius: float, friction: float, edge: float = 0.0
     """A round patch about x, y [m].
 
     Raises:
-        ValueError: naming what is out of range.
+        ValueError: naming the value that is out of range.
     """
     if not radius > 0.0:
         raise ValueError(f"radius = {radius} m must be positive")
@@ -49,7 +49,7 @@ def rectangle(
     """A rectangular patch about x, y [m], its length along ``heading`` [rad].
 
     Raises:
-        ValueError: naming what is out of range.
+        ValueError: naming the value that is out of range.
     """
     for name, side in (("length", length), ("width", width)):
         if not side > 0.0:
@@ -68,7 +68,7 @@ def rectangle(
 
 
 class PatchedFriction:
-    """Patches on ground of some other friction; where they overlap, the later one lies on top."""
+    """Patches on ground of another friction; where they overlap, the later one counts."""
 
     def __init__(self, base: Friction, patches: Sequence[Patch]) -> None:
         check_friction("base", base)

@@ -1,4 +1,4 @@
-"""Potholes: where they are, how wide and deep, and how far a wheel drops into them."""
+"""Potholes: their positions and sizes, and the drop of a wheel into them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from vehicle.frames import FloatArray
 
 _WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
-# Sizes are assumed: what road maintenance calls moderate to severe. A pothole is counted from some 0.15 m on, which a
-# truck's wheel hardly notices, and is filled before it is 1 m wide.
+# Sizes are assumed: moderate to severe in terms of road maintenance. Potholes are counted from some 0.15 m on, which a
+# truck's wheel hardly notices, and are filled before they are 1 m wide.
 _DIAMETERS = (0.35, 0.95)  # [m]
 _DEPTHS = (0.03, 0.09)  # [m]
-_WHEEL_TRACK = 1.0  # where wheels roll, to either side of the middle [m]
-_WANDER = 0.3  # standard deviation of it [m]
+_WHEEL_TRACK = 1.0  # of the wheels, to either side of the middle [m]
+_WANDER = 0.3  # its standard deviation [m]
 
 
 class Potholes:
@@ -43,26 +43,26 @@ class Potholes:
         return len(self.x)
 
     def depth_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """How far a wheel at x, y [m] has dropped into potholes [m].
+        """Drop of a wheel at x, y [m] into potholes [m].
 
-        It rolls in over the edge and out again: a bell (1 - (r/R)^2)^2 as wide as the hole, without a step.
+        The wheel rolls in and out over the edge without a step: a bell (1 - (r/R)^2)^2 as wide as the hole.
         """
         square = (x[..., None] - self.x) ** 2 + (y[..., None] - self.y) ** 2
         inside = np.maximum(1.0 - square * self._inverse_square, 0.0)
-        dropped: FloatArray = (inside * inside) @ self._drop
-        return dropped
+        depth: FloatArray = (inside * inside) @ self._drop
+        return depth
 
 
 def scattered_potholes(
     rng: np.random.Generator, centreline: FloatArray, road_half_width: float, per_100_m: float
 ) -> Potholes:
-    """Potholes along a road, half of them where the wheels roll in its middle and half anywhere on it.
+    """Random potholes along a road: half of them in the wheel tracks, half anywhere on it.
 
     Args:
-        rng: decides places and sizes.
+        rng: for positions and sizes.
         centreline: of the road, (n, 2) [m].
         road_half_width: [m].
-        per_100_m: how many there are on 100 m of road.
+        per_100_m: number of potholes per 100 m of road.
     """
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centreline, axis=0).T))])
     count = round(per_100_m * along[-1] / 100.0)

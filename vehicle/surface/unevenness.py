@@ -1,4 +1,4 @@
-"""Road unevenness as power spectral densities: the classes of ISO 8608, and what an isotropic road makes of them.
+"""Road unevenness as power spectral densities: the classes of ISO 8608, for isotropic roads.
 
 A track along a road has the displacement density Gd(n) = Gd(n0) (n/n0)^-2 over the spatial frequency n [cycles/m]. If
 the road is as uneven in any other direction (isotropic), its density over the plane, S(k) with k^2 = nx^2 + ny^2,
@@ -6,13 +6,13 @@ follows: the track's one-sided density is 2 times the integral of S over all ny,
 
     2 * integral of c (n^2 + ny^2)^(-3/2) d ny = 4 c n^-2,   hence   c = Gd(n0) n0^2 / 4.
 
-A tyre averages over its contact patch, nearly as a Gaussian of standard deviation s does: it feels the density
-Gd(n) exp(-q^2) with q = 2 pi s n. The isotropic density with such tracks is Abel's inversion of that,
+A tyre averages over its contact patch, nearly as a Gaussian of standard deviation s: the density becomes
+Gd(n) exp(-q^2) with q = 2 pi s n. The isotropic density with such tracks is its Abel inversion,
 
     S = c k^-3 (erfc(q) + 2 q exp(-q^2) / sqrt(pi))   with   q = 2 pi s k.
 
-Two tracks d apart then have the cross density Gd(n) * X K1(X) with X = 2 pi n d, which is real: they move together
-over long waves (X -> 0 gives 1) and independently of each other over short ones; it is this that rolls a vehicle.
+Two tracks d apart then have the cross density Gd(n) * X K1(X) with X = 2 pi n d, which is real: they are equal for
+long waves (X -> 0 gives 1) and independent for short ones, which makes a vehicle roll.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:
 
 
 def felt_psd(road_class: str, n: FloatArray, spread: float) -> FloatArray:
-    """The same as a tyre feels it that averages with a standard deviation of ``spread`` [m]."""
+    """Density Gd [m3] after averaging by a tyre with a standard deviation of ``spread`` [m]."""
     return displacement_psd(road_class, n) * np.exp(-((2.0 * np.pi * spread * n) ** 2))
 
 
 def plane_psd(road_class: str, k: FloatArray, spread: float) -> FloatArray:
-    """Two-sided density [m4] over the plane of spatial frequencies, of modulus k > 0 [cycles/m], with such tracks."""
+    """Two-sided density [m4] over the plane of spatial frequencies of modulus k > 0 [cycles/m], for ``felt_psd``."""
     q = 2.0 * np.pi * spread * k
     averaged = erfc(q) + 2.0 * q * np.exp(-(q**2)) / np.sqrt(np.pi)
     return np.asarray(displacement_psd(road_class, k) / (4.0 * k) * averaged, dtype=np.float64)
