@@ -14,7 +14,7 @@ from rich.table import Table
 from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
-    from scenarios.recordings.recording import Recording
+    from scenarios.recordings.stereo_reader import Recording
 
 app = typer.Typer(no_args_is_help=True, help="Run the estimators on recorded images.")
 
@@ -86,9 +86,9 @@ def off_tracking(
     rig.toml, or said by options, or assumed and reported as such.
     """
     from scenarios.recordings.estimation import estimate
-    from scenarios.recordings.files import write_estimation
     from scenarios.recordings.mounting import MountingOptions, facing_named
-    from scenarios.recordings.recording import open_recording
+    from scenarios.recordings.off_tracking_files import write_estimation
+    from scenarios.recordings.stereo_reader import open_recording
     from scenarios.results.run import check_run_directory, next_run_directory
 
     with one_line_errors():
@@ -149,7 +149,7 @@ def slip(
     from estimators.context import RoverContext
     from scenarios.catalogue import SLIP_ESTIMATOR, resolve
     from scenarios.randomness import stream
-    from scenarios.recordings.rover_recording import open_rover_recording
+    from scenarios.recordings.rover_reader import open_rover_recording
     from scenarios.recordings.slip_estimation import estimate_slip
     from scenarios.recordings.slip_files import write_slip_estimation
     from scenarios.results.run import check_run_directory, next_run_directory

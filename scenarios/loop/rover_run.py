@@ -9,7 +9,7 @@ from scenarios.assembly.rover import assemble_rover
 from scenarios.loop.rover_session import RoverSession, cross_track
 from scenarios.loop.run import Progress, drive
 from scenarios.options.rover import RoverScenario
-from scenarios.recordings.rover_recording import RoverRecordingWriter
+from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from vehicle.clock import TICK

@@ -1,1 +1,1 @@
-"""Recorded stereo images: read as a sequence, estimated from, compared with poses, and reported on."""
+"""Stereo and rover recordings: writers, readers, estimation, summary and report."""

@@ -1,4 +1,4 @@
-"""Photographs for a calibration on disk, and the files that come of it."""
+"""Files of a camera calibration: the photographs that it reads, and the parameters and picture that it writes."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
 
 
 def photographs(given: Sequence[Path], right: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """The left and the right images in the order of their names; none on the right for a single camera.
+    """Left and right images in the order of their names; no right images for a single camera.
 
-    A folder stands for the images in it; one folder with ``left`` and ``right`` in it for the pairs there.
+    A folder stands for the images in it; one folder that contains ``left`` and ``right`` stands for the pairs in these.
 
     Raises:
-        ValueError: if a path does not exist or a folder holds no images.
+        ValueError: if a path does not exist or a folder contains no images.
     """
     if not right and len(given) == 1 and all((given[0] / side).is_dir() for side in ("left", "right")):
         return _images([given[0] / "left"]), _images([given[0] / "right"])
@@ -33,25 +33,25 @@ def photographs(given: Sequence[Path], right: Sequence[Path]) -> tuple[list[Path
 
 
 def _images(given: Sequence[Path]) -> list[Path]:
-    found: list[Path] = []
+    images: list[Path] = []
     for path in given:
         if path.is_dir():
             inside = sorted(file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES)
             if not inside:
-                raise ValueError(f"{path}: holds no images ({', '.join(_SUFFIXES)})")
-            found += inside
+                raise ValueError(f"{path} contains no images ({', '.join(_SUFFIXES)})")
+            images += inside
         elif path.is_file():
-            found.append(path)
+            images.append(path)
         else:
             raise ValueError(f"{path}: no such file or folder")
-    return found
+    return images
 
 
 def board_of(text: str, square: float) -> Checkerboard:
-    """The board of a text such as 9x6, the inner corners along a row and along a column.
+    """Board from a text such as 9x6: the inner corners along a row and along a column.
 
     Raises:
-        ValueError: if it is none.
+        ValueError: if the text has another form.
     """
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal()):
@@ -60,7 +60,7 @@ def board_of(text: str, square: float) -> Checkerboard:
 
 
 def views_of(paths: Sequence[Path], board: Checkerboard, progress: Progress) -> list[BoardView]:
-    """The board's corners in each image; they are named as shortly as they can be told apart.
+    """Corners of the board in each image; a view is named after its image and the folder that contains it.
 
     Raises:
         ValueError: if an image can not be read.
@@ -75,12 +75,12 @@ def views_of(paths: Sequence[Path], board: Checkerboard, progress: Progress) -> 
 def _read(path: Path) -> GreyImage:
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise ValueError(f"{path}: can not be read as an image")
+        raise ValueError(f"{path} can not be read as an image")
     return np.asarray(image, dtype=np.uint8)
 
 
 def camera_text(calibration: CameraCalibration) -> str:
-    """One camera as TOML, with its standard deviations."""
+    """Parameters of one camera and their standard deviations, as TOML."""
     camera, std = calibration.camera, calibration.std.tolist()
     names = ("fx", "fy", "cx", "cy")
     table: dict[str, Any] = {
@@ -89,13 +89,14 @@ def camera_text(calibration: CameraCalibration) -> str:
         | {"distortion": list(camera.distortion)},
         "standard_deviation": dict(zip(names, std[:4], strict=True)) | {"distortion": std[4:]},
     }
-    return "# One camera; lengths in pixels, the first pixel's centre is 0, 0. distortion: k1, k2, p1, p2, k3.\n" + (
-        tomli_w.dumps(table)
+    return (
+        "# One camera. Lengths in pixels; the centre of the first pixel is (0, 0). distortion: k1, k2, p1, p2, k3.\n"
+        + (tomli_w.dumps(table))
     )
 
 
 def coverage_picture(cameras: dict[str, CameraCalibration], path: Path) -> None:
-    """Writes where in the picture the corners were, and how large the errors, for each camera."""
+    """Draw the corners of all boards in the image plane, coloured by their error, for each camera."""
     from matplotlib.figure import Figure
 
     model = next(iter(cameras.values())).camera

@@ -1,8 +1,8 @@
-"""Drift of an odometry, as the KITTI odometry benchmark defines it.
+"""Drift of an odometry as defined by the KITTI odometry benchmark.
 
 Geiger 2012: A. Geiger, P. Lenz, R. Urtasun, "Are we ready for autonomous driving? The KITTI vision benchmark suite",
-CVPR 2012. Over all subsequences of 100, 200, … 800 m, begun at every tenth frame, the relative pose of estimate and
-truth is compared; the errors of translation and rotation are divided by the length, and all of them averaged.
+CVPR 2012. Subsequences of 100, 200, … 800 m start at every tenth frame. For each, the relative pose of the estimate is
+compared with the true one. The errors of translation and rotation are divided by the length and averaged.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ KITTI_EVERY: Final = 10  # frames between the starts of subsequences
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Mean errors over all subsequences of some lengths."""
+    """Mean errors over all subsequences."""
 
     translation: float  # error over length [-]
     rotation: float  # [rad/m]
-    lengths: tuple[float, ...]  # that occurred [m]
+    lengths: tuple[float, ...]  # of the subsequences that occurred [m]
     subsequences: int
 
 
 def drift(
     true: FloatArray, estimated: FloatArray, lengths: Sequence[float] = KITTI_LENGTHS, every: int = KITTI_EVERY
 ) -> Drift | None:
-    """The drift of estimated poses (n, 4, 4) against true ones; None if the way is shorter than every length.
+    """Drift of estimated poses (n, 4, 4) against true ones; None if the path is shorter than every length.
 
-    Both are poses of the same point over the same frames, each in a world of its own.
+    Both are poses of the same body at the same frames. Their world frames may differ.
     """
     steps = np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
+    distance = np.concatenate([[0.0], np.cumsum(steps)])
     errors = []
     for first in range(0, len(true), every):
         for length in lengths:
-            last = int(np.searchsorted(travelled, travelled[first] + length, side="right"))
+            last = int(np.searchsorted(distance, distance[first] + length, side="right"))
             if last < len(true):
                 errors.append((length, *_errors(true, estimated, first, last, length)))
     if not errors:

@@ -1,4 +1,4 @@
-"""Off-tracking of a recorded sequence, frame by frame."""
+"""Estimates of the off-tracking in a recorded sequence, frame by frame."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from estimators.estimates import Health, Motion, OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.images import Dropped, stream
-from scenarios.recordings.recording import Recording
 from scenarios.recordings.sequence import FrameFiles
+from scenarios.recordings.stereo_reader import Recording
 from scenarios.recordings.trajectory import camera_poses
 from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, inverse
@@ -23,67 +23,67 @@ from vehicle.frames import FloatArray, inverse
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrameEstimate:
-    """What came of one frame."""
+    """Estimate from one frame."""
 
     files: FrameFiles
-    dropped: str = ""  # why the frame could not be used; empty if it could
-    off_tracking: OffTracking | None = None  # None for the first frame, and where the frame was dropped
+    dropped: str = ""  # reason why the frame could not be used; empty if it was used
+    off_tracking: OffTracking | None = None  # None for the first frame and for dropped ones
     motion: Motion | None = None
 
     @property
     def tracks(self) -> NDArray[np.float32]:
-        """Features in the previous and in this left image (m, 4) [px]."""
+        """Features in the previous and the current left image, (m, 4) [px]."""
         return self.motion.tracks if self.motion else np.empty((0, 4), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimation:
-    """Everything that was estimated from a recording, as far as it got."""
+    """Estimates from a recording, up to its end or an interrupt."""
 
     recording: Recording
     outcome: str  # "completed" or "interrupted"
     frames: tuple[FrameEstimate, ...]
-    X_C0C: FloatArray  # (n, 4, 4) poses of the left camera from the first frame
-    reference: FloatArray  # (n,) off-tracking by the recording's own poses [m]; NaN where there is none
+    X_C0C: FloatArray  # (n, 4, 4) poses of the left camera relative to the first frame
+    reference: FloatArray  # (n,) off-tracking computed from the recording's poses [m]; NaN where unknown
     wall_s: float
     odometry_s: float
 
     @property
     def X_S0S(self) -> FloatArray:
-        """Poses (n, 4, 4) of the trailer from the first frame, by the odometry."""
+        """Poses (n, 4, 4) of the trailer relative to the first frame, by the odometry."""
         return body_poses(self.recording, self.X_C0C)
 
     @property
     def true_X_S0S(self) -> FloatArray | None:
-        """Poses (n, 4, 4) of the trailer from the first frame, by the recording's own poses, if it has any."""
+        """Poses (n, 4, 4) of the trailer relative to the first frame, as recorded; None if unknown."""
         poses = self.recording.poses
         return None if poses is None else body_poses(self.recording, poses[: len(self.frames)])
 
 
 def estimate(recording: Recording, source: OffTrackingSource, progress: Progress = no_progress) -> Estimation:
-    """The off-tracking of every frame; an interrupt ends it early and keeps what there is.
+    """Estimate the off-tracking at every frame; an interrupt ends this early and keeps the frames so far.
 
     Raises:
-        ValueError: one line, if not a single frame can be used.
+        ValueError: one line, if no frame can be used.
     """
     frames: list[FrameEstimate] = []
-    begin, busy, outcome = time.perf_counter(), 0.0, "completed"
+    begin, odometry_s, outcome = time.perf_counter(), 0.0, "completed"
     memory = source.init()
     try:
         for files, frame in stream(recording.sequence.frames, recording.size):
             if isinstance(frame, Dropped):
                 frames.append(FrameEstimate(files=files, dropped=frame.reason))
             else:
-                since = time.perf_counter()
+                start = time.perf_counter()
                 memory, result = source.step(memory, recording.rectified(frame))
-                busy += time.perf_counter() - since
+                odometry_s += time.perf_counter() - start
                 frames.append(_frame(files, result))
             done, total = len(frames), len(recording.sequence.frames)
             progress(done, total, f"frame {done} of {total}")
     except KeyboardInterrupt:
         outcome = "interrupted"
     if frames and all(frame.dropped for frame in frames):
-        raise ValueError(f"{recording.sequence.directory}: no frame can be used; the first: {frames[0].dropped}")
+        raise ValueError(f"{recording.sequence.directory}: no frame can be used. First reason: {frames[0].dropped}")
     return Estimation(
         recording=recording,
         outcome=outcome,
@@ -91,7 +91,7 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
         X_C0C=camera_poses([f.files.tick for f in frames], [f.motion for f in frames if f.motion]),
         reference=_reference(recording, len(frames)),
         wall_s=time.perf_counter() - begin,
-        odometry_s=busy,
+        odometry_s=odometry_s,
     )
 
 
@@ -102,14 +102,14 @@ def _frame(files: FrameFiles, result: Any) -> FrameEstimate:
 
 
 def body_poses(recording: Recording, X_C0C: FloatArray) -> FloatArray:
-    """Poses X_S0S (n, 4, 4) of the trailer from those of the camera on it."""
+    """Poses X_S0S (n, 4, 4) of the trailer from the poses of its left camera."""
     X_SC = recording.calibration.X_SC
     poses: FloatArray = X_SC @ X_C0C @ inverse(X_SC)
     return poses
 
 
 def _reference(recording: Recording, count: int) -> FloatArray:
-    """The off-tracking that the recording's own poses show, by the same buffer."""
+    """Off-tracking (n,) [m] that follows from the recorded poses."""
     values = np.full(count, np.nan)
     if recording.poses is None:
         return values

@@ -1,4 +1,4 @@
-"""Images of a sequence, read ahead of their use and never more than a few of them in memory."""
+"""Images of a sequence, read a few frames ahead in other threads."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from PIL import Image
 from scenarios.recordings.sequence import FrameFiles, StereoSequence
 from sensors.messages import GreyImage, StereoFrame
 
-_AHEAD = 4  # frames read before they are asked for: reading then costs nothing beside the odometry
-# What Pillow raises for files that are no images, were cut off, or have flipped bits.
+_AHEAD = 4  # frames that are read in advance: reading then costs no time in the odometry's thread
+# Raised by Pillow for files that are not images, are truncated or corrupt.
 _UNREADABLE: Final = (
     OSError,
     ValueError,
@@ -37,10 +37,10 @@ class Dropped(NamedTuple):
 
 
 def read_grey(path: Path) -> GreyImage:
-    """The image (height, width) in grey levels of 8 bits; colour by its luminance, 16 bits by the upper ones.
+    """Read an image (height, width) as 8-bit grey levels: the luminance of colours, the upper 8 of 16 bits.
 
     Raises:
-        ValueError: one line, if the file is missing or is no whole image.
+        ValueError: one line, if the file is missing or is not a complete image.
     """
     try:
         with Image.open(path) as image:
@@ -48,14 +48,14 @@ def read_grey(path: Path) -> GreyImage:
                 return (np.asarray(image, dtype=np.uint32) >> 8).astype(np.uint8)
             return np.asarray(image.convert("L"))
     except _UNREADABLE as error:
-        raise ValueError(f"{path} {_complaint(error)}") from error
+        raise ValueError(f"{path} {_reason(error)}") from error
 
 
 def image_size(sequence: StereoSequence) -> tuple[int, int]:
-    """Width and height [px] of the sequence's images, as the first readable pair has them.
+    """Width and height [px] of the sequence's images, taken from the first readable pair.
 
     Raises:
-        ValueError: one line, if no pair can be read or the two cameras' images differ in size.
+        ValueError: one line, if no pair can be read, or if the images of the two cameras differ in size.
     """
     first = ""
     for files in sequence.frames:
@@ -67,10 +67,10 @@ def image_size(sequence: StereoSequence) -> tuple[int, int]:
         if left != right:
             raise ValueError(
                 f"{files.right} has {right[0]}x{right[1]} px and {files.left} {left[0]}x{left[1]} px: "
-                "the images of both cameras must have one size"
+                "the images of both cameras must have the same size"
             )
         return left
-    raise ValueError(f"{sequence.directory}: no pair of images can be read; the first: {first}")
+    raise ValueError(f"{sequence.directory}: no pair of images can be read. First reason: {first}")
 
 
 def _header(path: Path) -> tuple[int, int]:
@@ -78,19 +78,19 @@ def _header(path: Path) -> tuple[int, int]:
         with Image.open(path) as image:
             return image.size
     except _UNREADABLE as error:
-        raise ValueError(f"{path} {_complaint(error)}") from error
+        raise ValueError(f"{path} {_reason(error)}") from error
 
 
-def _complaint(error: BaseException) -> str:
+def _reason(error: BaseException) -> str:
     if isinstance(error, FileNotFoundError):
         return "is missing"
     if isinstance(error, OSError) and error.strerror:
         return f"cannot be read: {error.strerror}"
-    return "is broken or no image"
+    return "is corrupt or not an image"
 
 
 def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:
-    """Every frame in order, read beside what is done with it; one that can not be used comes with the reason."""
+    """All frames in order, read in advance; an unusable frame is replaced by the reason."""
     waiting: deque[tuple[FrameFiles, Future[StereoFrame | Dropped]]] = deque()
     with ThreadPoolExecutor(max_workers=2, thread_name_prefix="images") as readers:
         try:

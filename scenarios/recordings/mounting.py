@@ -1,4 +1,4 @@
-"""Where the cameras of a recording sit on the trailer: from its ``rig.toml``, from options, or assumed and said so."""
+"""Pose of a recording's cameras on the trailer: from its ``rig.toml``, from options, or assumed and reported."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from vehicle.parameter_file import checked, nearest, read_toml, without_sources
 Facing = Literal["rear", "left", "right", "front", "down"]
 
 
-class _Place(NamedTuple):
-    """How cameras that face some way are assumed to sit."""
+class _AssumedPose(NamedTuple):
+    """Assumed pose of cameras that face in one direction."""
 
     yaw: float  # [rad]
     pitch: float  # [rad]
-    share: float  # of the follow distance from the hitch back to them
+    share: float  # distance from the hitch back to the cameras over the follow distance [-]
     words: str
 
 
-_PLACES: Final[dict[Facing, _Place]] = {
-    "rear": _Place(math.pi, 0.0, 1.0, "to the rear"),
-    "left": _Place(0.5 * math.pi, 0.0, 0.5, "to the left"),
-    "right": _Place(-0.5 * math.pi, 0.0, 0.5, "to the right"),
-    "front": _Place(0.0, 0.0, 0.0, "to the front"),
-    "down": _Place(0.0, 0.5 * math.pi, 0.5, "down"),
+_ASSUMED_POSES: Final[dict[Facing, _AssumedPose]] = {
+    "rear": _AssumedPose(math.pi, 0.0, 1.0, "to the rear"),
+    "left": _AssumedPose(0.5 * math.pi, 0.0, 0.5, "to the left"),
+    "right": _AssumedPose(-0.5 * math.pi, 0.0, 0.5, "to the right"),
+    "front": _AssumedPose(0.0, 0.0, 0.0, "to the front"),
+    "down": _AssumedPose(0.0, 0.5 * math.pi, 0.5, "down"),
 }
-_FOLLOW_DISTANCE = 14.0  # if nothing says otherwise: de Saxe 2018, section 3.1 [m]
-_HEIGHT = 3.0  # if nothing says otherwise: the same section [m]
-_WAY = 1.0  # after which the direction of travel is plain: a hundred times the odometry's error [m]
-_PATIENCE = 300  # frames to wait for so much of a way
+_FOLLOW_DISTANCE = 14.0  # default: de Saxe 2018, section 3.1 [m]
+_HEIGHT = 3.0  # default: the same section [m]
+_CLEAR_DISTANCE = 1.0  # after which the direction of travel is clear: 100 times the odometry's error [m]
+_LONGEST_WAIT = 300  # for this distance [frames]
 
 
 class _RigTable(BaseModel):
-    """What of a ``rig.toml`` is looked at here; in the file of a raw pair there is more."""
+    """The part of a ``rig.toml`` that describes the mounting; the file of a raw pair contains more."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
@@ -64,11 +64,11 @@ class _RigTable(BaseModel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MountingOptions:
-    """What the user says of cameras and trailer; None where he says nothing."""
+    """The user's options on cameras and trailer; None where there is none."""
 
     follow_distance: float | None = None  # hitch to follow point [m]
     facing: Facing | None = None
-    x: float | None = None  # middle of the pair, from the hitch, negative behind it [m]
+    x: float | None = None  # middle of the pair, ahead of the hitch, negative behind it [m]
     y: float | None = None  # + left [m]
     z: float | None = None  # above the ground [m]
 
@@ -80,10 +80,10 @@ class MountingOptions:
 
 
 def facing_named(name: str) -> Facing:
-    """The way to face of that name.
+    """Facing direction of this name.
 
     Raises:
-        ValueError: if there is no such way.
+        ValueError: if there is no such direction.
     """
     for facing in get_args(Facing):
         if name == facing:
@@ -97,20 +97,20 @@ class Mounting:
 
     X_SC: FloatArray  # (4, 4)
     follow_distance: float  # hitch to follow point [m]
-    assumed: tuple[str, ...] = ()  # what nobody has said, for people
+    assumed: tuple[str, ...] = ()  # assumptions in words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """What a file says of the mounting; None where it says nothing."""
+    """Mounting data of a file; None where it has none."""
 
     X_SC: FloatArray | None = None
     follow_distance: float | None = None  # [m]
-    raw: bool = False  # the file also holds the calibration of raw images
+    raw: bool = False  # True if the file also contains the calibration of raw images
 
 
 def read_rig(path: Path) -> Rig:
-    """The mounting in a ``rig.toml``; a camera that is not above the ground is taken for one that sits nowhere yet.
+    """Read the mounting from a ``rig.toml``; the pose of a camera that is not above the ground is ignored.
 
     Raises:
         ValueError: one line naming file and key.
@@ -123,59 +123,57 @@ def read_rig(path: Path) -> Rig:
 
 
 def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callable[[], Facing | None]) -> Mounting:
-    """The mounting that options, a rig and assumptions give, in this order.
+    """Mounting from options, then from a rig, then from assumptions.
+
+    Rear-facing cameras are assumed above the follow point, front-facing ones above the hitch, all others halfway.
 
     Args:
-        options: what the user says.
-        rig: what the recording says.
+        options: the user's options.
+        rig: mounting data of the recording.
         baseline: of the cameras [m].
-        facing: tells which way the cameras face by how they move; asked only if nobody else knows.
-
-    Cameras that face to the rear are assumed over the follow point, those to the front over the hitch, all others half
-    way along the trailer.
+        facing: finds the facing direction from the cameras' motion; called only if it is not known otherwise.
     """
     assumed: list[str] = []
     follow_distance = options.follow_distance or rig.follow_distance
     if follow_distance is None:
         follow_distance = _FOLLOW_DISTANCE
         assumed.append(f"follow point {follow_distance:g} m behind the hitch (--follow-distance)")
-    said = (options.facing, options.x, options.y, options.z)
-    if rig.X_SC is not None and said == (None,) * len(said):
+    placed = (options.facing, options.x, options.y, options.z)
+    if rig.X_SC is not None and placed == (None,) * len(placed):
         return Mounting(X_SC=rig.X_SC, follow_distance=follow_distance, assumed=tuple(assumed))
-    faces = options.facing
-    if faces is None:
-        faces = facing() or "rear"
-        assumed.append(f"cameras face {_PLACES[faces].words}, by their motion (--facing)")
-    place = _PLACES[faces]
+    direction = options.facing
+    if direction is None:
+        direction = facing() or "rear"
+        assumed.append(f"cameras face {_ASSUMED_POSES[direction].words}, found from their motion (--facing)")
+    pose = _ASSUMED_POSES[direction]
     x, y, z = options.x, options.y or 0.0, options.z
     if x is None:
-        x = -place.share * follow_distance
+        x = -pose.share * follow_distance
         assumed.append(f"cameras {-x:g} m behind the hitch (--camera-x)")
     if z is None:
         z = _HEIGHT
         assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
-    R_SC = rotation_zyx(place.yaw, place.pitch, 0.0) @ R_BODY_CAMERA
+    R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA
     p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * baseline, 0.0, 0.0])
     return Mounting(X_SC=transform(R_SC, p_SC), follow_distance=follow_distance, assumed=tuple(assumed))
 
 
 def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFrame]) -> Facing | None:
-    """Which way cameras face on a vehicle that drives forwards; None if it hardly moves.
+    """Facing direction of cameras on a vehicle that drives forward; None if it hardly moves.
 
-    The world is left behind: cameras that move along their own z face to the front, against it to the rear; those on
-    the left side of a vehicle move along their x, as the front is to the right in their image; and to those that look
-    down, the front is at the top.
+    Cameras that move along their own z face to the front, against it to the rear. Cameras that face left move along
+    their x, as the front is on the right in their images. In images of cameras that look down, the front is at the top.
     """
     level = replace(calibration, X_SC=transform(R_BODY_CAMERA, np.array([0.0, 0.0, _HEIGHT])))
     odometry = CircularOdometry(level)
-    memory, way = odometry.init(), np.zeros(3)
-    for frame in islice(frames, _PATIENCE):
+    memory, travel = odometry.init(), np.zeros(3)
+    for frame in islice(frames, _LONGEST_WAIT):
         memory, motion = odometry.step(memory, frame)
         if motion is not None and motion.health is not Health.LOST:
-            way += motion.X_PC[:3, 3]
-        if np.linalg.norm(way) > _WAY:
+            travel += motion.X_PC[:3, 3]
+        if np.linalg.norm(travel) > _CLEAR_DISTANCE:
             break
     else:
         return None
-    along = int(np.argmax(np.abs(way)))
-    return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(way[along] > 0.0)]
+    along = int(np.argmax(np.abs(travel)))
+    return (("right", "left"), ("down", "down"), ("rear", "front"))[along][int(travel[along] > 0.0)]

@@ -10,49 +10,49 @@ import numpy as np
 from scenarios.recordings.sequence import Layout
 from vehicle.frames import FloatArray, transform
 
-_SQUARE = 1e-3  # by which the focal lengths of a rectified pair may differ: 0.1 px at 100 px from the middle
-_ASIDE = 0.05  # of the baseline by which the right camera may lie off the left one's x axis; KITTI's own: 0.005
+_FOCAL_TOLERANCE = 1e-3  # of the focal lengths of a rectified pair, relative: 0.1 px at 100 px from the middle
+_OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Projections:
-    """A rectified pair as its projection matrices describe it."""
+    """Parameters of a rectified pair from its projection matrices."""
 
     focal_length: float  # [px]
     cx: float  # [px]
     cy: float  # [px]
     baseline: float  # [m]
-    X_C0C: FloatArray  # (4, 4) pose of the left camera in KITTI's camera 0, of which ``poses.txt`` speaks
+    X_C0C: FloatArray  # (4, 4) pose of the left camera in KITTI's camera 0, whose poses are in ``poses.txt``
 
 
 def read_projections(path: Path, layout: Layout) -> Projections:
-    """The projections of the two cameras of a layout.
+    """Read the projections of the two cameras of a layout.
 
     Raises:
-        ValueError: one line, if the file has not both, or they are not those of a rectified pair.
+        ValueError: one line, if one is missing, or if they do not belong to a rectified pair.
     """
     lines = _lines(path)
     left, right = (_matrix(path, lines, name) for name in (layout.left_projection, layout.right_projection))
     f, cx, cy = left[0, 0], left[0, 2], left[1, 2]
-    if not f > 0.0 or abs(left[1, 1] / f - 1.0) > _SQUARE:
-        raise ValueError(f"{path}: focal lengths {f:g} and {left[1, 1]:g} px must be positive and alike")
-    if np.abs(left[:, :3] - right[:, :3]).max() > _SQUARE * f:
+    if not f > 0.0 or abs(left[1, 1] / f - 1.0) > _FOCAL_TOLERANCE:
+        raise ValueError(f"{path}: focal lengths {f:g} and {left[1, 1]:g} px must be positive and equal")
+    if np.abs(left[:, :3] - right[:, :3]).max() > _FOCAL_TOLERANCE * f:
         raise ValueError(
             f"{path}: {layout.left_projection} and {layout.right_projection} differ in more than their last column: "
-            "no rectified pair; give its calibration by --calibration FILE.toml"
+            "the pair is not rectified; give its calibration with --calibration FILE.toml"
         )
     p_Cl, p_Cr = (-np.linalg.solve(P[:, :3], P[:, 3]) for P in (left, right))  # from camera 0
-    across = p_Cr - p_Cl
-    if not across[0] > 0.0 or np.abs(across[1:]).max() > _ASIDE * across[0]:
+    p_ClCr = p_Cr - p_Cl
+    if not p_ClCr[0] > 0.0 or np.abs(p_ClCr[1:]).max() > _OFFSET_TOLERANCE * p_ClCr[0]:
         raise ValueError(
-            f"{path}: baseline {across[0]:g} m must be positive and along the left camera's x; "
+            f"{path}: baseline {p_ClCr[0]:g} m must be positive and along the left camera's x; "
             "are left and right swapped?"
         )
     return Projections(
         focal_length=float(f),
         cx=float(cx),
         cy=float(cy),
-        baseline=float(across[0]),
+        baseline=float(p_ClCr[0]),
         X_C0C=transform(np.eye(3), p_Cl.astype(np.float64)),
     )
 
@@ -62,8 +62,8 @@ def _lines(path: Path) -> dict[str, str]:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ValueError(
-            f"{path} is missing: it holds the projection matrices P0 and P1 of rectified images; "
-            "for raw images give --calibration FILE.toml"
+            f"{path} is missing: it contains the projection matrices P0 and P1 of rectified images; "
+            "for raw images use --calibration FILE.toml"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
@@ -77,5 +77,7 @@ def _matrix(path: Path, lines: dict[str, str], name: str) -> FloatArray:
     except ValueError:
         P = np.full((3, 4), np.nan)
     if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-9:
-        raise ValueError(f"{path}: needs a line '{name}: ' with the 12 numbers of a 3x4 projection matrix, row by row")
+        raise ValueError(
+            f"{path}: a line '{name}: ' with the 12 numbers of a 3x4 projection matrix, row by row, is missing or wrong"
+        )
     return P

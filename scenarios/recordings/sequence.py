@@ -1,7 +1,7 @@
-"""A folder of stereo images as a sequence of frames: which files belong together, and when they were taken.
+"""Frames of a folder of stereo images: the files of each pair and their capture times.
 
-Known are the folder names of the KITTI odometry benchmark and two plain ones; ``times.txt`` holds a time in seconds for
-every frame, in order.
+The folders have the names of the KITTI odometry benchmark or one of two plain pairs of names. ``times.txt`` contains a
+time in seconds for every frame, in order.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from vehicle.clock import TICK
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 _NO_NUMBER = -1
-_LONGEST_PERIOD = 10.0  # between frames; more is a time in milliseconds, or a recording that shows no motion [s]
+_LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean times in milliseconds, or no visible motion
 
 
 class Layout(NamedTuple):
-    """Names of the folders of the two cameras, and of their projections in KITTI's ``calib.txt``."""
+    """Names of the two cameras' folders and of their projections in KITTI's ``calib.txt``."""
 
     left: str
     right: str
@@ -40,7 +40,7 @@ LAYOUTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFiles:
-    """Where the two images of a frame should be; whether they can be read turns out when they are."""
+    """Expected image files of a frame; they are not read yet and may be missing."""
 
     tick: int
     time: float  # as recorded [s]
@@ -56,17 +56,17 @@ class StereoSequence:
     directory: Path
     layout: Layout
     frames: tuple[FrameFiles, ...]
-    lines: int  # that ``times.txt`` and ``poses.txt`` have to have
-    notes: tuple[str, ...] = ()  # what is odd about it
+    lines: int  # required number of lines of ``times.txt`` and ``poses.txt``
+    notes: tuple[str, ...] = ()  # on irregularities
 
 
 def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequence:
-    """The stereo sequence in a folder; ``rate_hz`` takes the place of its ``times.txt``.
+    """Find the stereo sequence in a folder; ``rate_hz`` replaces its ``times.txt``.
 
-    A number missing from the file names is a missing frame, so that times and poses stay with their images.
+    A gap in the numbers of the file names is a missing frame, so that times and poses stay with their images.
 
     Raises:
-        ValueError: one line, if there are no two folders of images, no times, or wrong ones.
+        ValueError: one line, if a folder of images is missing, or if times are missing or wrong.
     """
     layout = _layout(directory)
     left, right, numbered = _keyed(_images(directory / layout.left), _images(directory / layout.right))
@@ -74,61 +74,59 @@ def find_sequence(directory: Path, rate_hz: float | None = None) -> StereoSequen
     every = range(keys[0], keys[-1] + 1)
     if rate_hz is not None:
         times = _times_at(rate_hz, len(every))
-        fitted = _Fitted(tuple(every), 0)
+        timed = _TimedFrames(tuple(every), 0)
     else:
         times = _read_times(directory / "times.txt")
-        fitted = _fitted(keys, len(times), directory, numbered=numbered)
+        timed = _timed_frames(keys, len(times), directory, numbered=numbered)
     frames = []
-    for line, key in enumerate(fitted.keys, start=fitted.first_line):
+    for line, key in enumerate(timed.keys, start=timed.first_line):
         name = (left.get(key) or right.get(key) or Path(f"{key:06d}.png")).name
         frames.append(
             FrameFiles(
-                tick=round((times[line] - times[fitted.first_line]) / TICK),
+                tick=round((times[line] - times[timed.first_line]) / TICK),
                 time=times[line],
                 line=line,
                 left=left.get(key, directory / layout.left / name),
                 right=right.get(key, directory / layout.right / name),
             )
         )
-    return StereoSequence(
-        directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=fitted.notes
-    )
+    return StereoSequence(directory=directory, layout=layout, frames=tuple(frames), lines=len(times), notes=timed.notes)
 
 
 def _layout(directory: Path) -> Layout:
-    """The first layout of which both folders are there."""
+    """First layout whose two folders exist."""
     if not directory.is_dir():
-        raise ValueError(f"{directory} is no folder; name the one that holds image_0 and image_1")
+        raise ValueError(f"{directory} is not a folder; name the folder that contains image_0 and image_1")
     for layout in LAYOUTS:
-        there = [(directory / name).is_dir() for name in layout[:2]]
-        if all(there):
+        exists = [(directory / name).is_dir() for name in layout[:2]]
+        if all(exists):
             return layout
-        if any(there):
-            missing = layout.right if there[0] else layout.left
-            raise ValueError(f"{directory / missing} is missing: a stereo recording has images of both cameras")
+        if any(exists):
+            missing = layout.right if exists[0] else layout.left
+            raise ValueError(f"{directory / missing} is missing: a stereo recording needs the images of both cameras")
     pairs = ", ".join(f"{layout.left} and {layout.right}" for layout in LAYOUTS)
     raise ValueError(
-        f"{directory} holds no stereo images: two folders are needed, {pairs.replace(', left', ' or left')}"
+        f"{directory} contains no stereo images; it needs two folders: {pairs.replace(', left', ' or left')}"
     )
 
 
 def _images(folder: Path) -> list[Path]:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
     if not files:
-        raise ValueError(f"{folder} holds no images ({', '.join(kind.lstrip('.') for kind in _SUFFIXES)})")
+        raise ValueError(f"{folder} contains no images ({', '.join(kind.lstrip('.') for kind in _SUFFIXES)})")
     return files
 
 
 class _Keyed(NamedTuple):
-    """Both cameras' files by frame."""
+    """Image files of both cameras by frame."""
 
     left: dict[int, Path]
     right: dict[int, Path]
-    numbered: bool  # by the numbers in their names; else counted in the order of the names
+    numbered: bool  # True: keys are the numbers in the names; False: ranks in the order of the names
 
 
 def _keyed(left: list[Path], right: list[Path]) -> _Keyed:
-    """Files by the last number in their names; where there is none, or it is a time stamp, by their order."""
+    """Files by the last number in their names; without numbers or with time stamps, by their order."""
     sides = [[_number(path) for path in files] for files in (left, right)]
     distinct = all(len(set(side)) == len(side) and _NO_NUMBER not in side for side in sides)
     if distinct and max(map(max, sides)) - min(map(min, sides)) < 2 * max(map(len, sides)):
@@ -145,28 +143,30 @@ def _number(path: Path) -> int:
     return int(digits[-1]) if digits else _NO_NUMBER
 
 
-class _Fitted(NamedTuple):
-    """Which frames the lines of ``times.txt`` speak of."""
+class _TimedFrames(NamedTuple):
+    """Frames that belong to the lines of ``times.txt``."""
 
     keys: tuple[int, ...]
     first_line: int
     notes: tuple[str, ...] = ()
 
 
-def _fitted(keys: Sequence[int], lines: int, directory: Path, *, numbered: bool) -> _Fitted:
-    """The frames that so many lines of times belong to, if there is a plain way to tell."""
+def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered: bool) -> _TimedFrames:
+    """Assign this number of lines to frames, where there is only one sensible way."""
     every = tuple(range(keys[0], keys[-1] + 1))
     if lines == len(every):
-        return _Fitted(every, 0)
+        return _TimedFrames(every, 0)
     if lines == len(keys):
-        return _Fitted(tuple(keys), 0)
-    if numbered and lines > keys[-1]:  # a part of a longer sequence, with the times of all of it
-        return _Fitted(every, keys[0], (f"times.txt has {lines} lines, {lines - len(every)} of them without images",))
+        return _TimedFrames(tuple(keys), 0)
+    if numbered and lines > keys[-1]:  # images of a part, times of the whole sequence
+        return _TimedFrames(
+            every, keys[0], (f"times.txt has {lines} lines, {lines - len(every)} of them without images",)
+        )
     if lines == len(every) - 1:
-        return _Fitted(every[:-1], 0, (f"the last frame has no line in times.txt and is left out: {keys[-1]}",))
+        return _TimedFrames(every[:-1], 0, (f"the last frame has no line in times.txt and is omitted: {keys[-1]}",))
     raise ValueError(
-        f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames: it needs one for each; "
-        "repair it, or give --rate HZ instead"
+        f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "
+        "Repair it or use --rate HZ"
     )
 
 
@@ -177,24 +177,24 @@ def _times_at(rate_hz: float, count: int) -> list[float]:
 
 
 def _read_times(path: Path) -> list[float]:
-    """Times [s], each at least a tick after the one before."""
+    """Times [s] that increase by at least a tick."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
-        raise ValueError(f"{path} is missing: write the time of every frame in it [s], or give --rate HZ") from None
+        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
     times = [_time(path, k, line) for k, line in enumerate(lines, start=1) if line.strip()]
     for k, (before, after) in enumerate(pairwise(times), start=2):
         if after - before < 0.999 * TICK:
             raise ValueError(
-                f"{path}, line {k}: {after:g} s must be at least {TICK:g} s after the line before; "
-                "repair it, or give --rate HZ instead"
+                f"{path}, line {k}: {after:g} s must be at least {TICK:g} s after the line before. "
+                "Repair it or use --rate HZ"
             )
     if len(times) > 1 and (times[-1] - times[0]) / (len(times) - 1) > _LONGEST_PERIOD:
         raise ValueError(
-            f"{path}: {(times[-1] - times[0]) / (len(times) - 1):g} s from frame to frame is more than "
-            f"{_LONGEST_PERIOD:g} s; times must be in seconds (or give --rate HZ instead)"
+            f"{path}: {(times[-1] - times[0]) / (len(times) - 1):g} s between frames is more than "
+            f"{_LONGEST_PERIOD:g} s. Times must be in seconds; or use --rate HZ"
         )
     return times
 

@@ -1,4 +1,4 @@
-"""Slip angles of a rover's recording, view by view."""
+"""Estimates of the slip angle in a rover's recording, image by image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from estimators.context import SlipEstimator
 from estimators.estimates import Health, SlipAngle
 from scenarios.progress import Progress, no_progress
-from scenarios.recordings.rover_recording import RoverRecording
+from scenarios.recordings.rover_reader import RoverRecording
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
 from scenarios.results.run import number
@@ -26,65 +26,65 @@ _SIGNALS: Final = (
     Signal("slip_angle_std", "rad", "its standard deviation"),
     Signal("health", "-", "0 ok, 1 degraded, 2 lost, 3 no usable image"),
     Signal("wheel_slip", "rad", "slip angle of the left rear wheel, + left"),
-    Signal("trace_offset", "m", "of the trace beside the wheel's centre, + left"),
-    Signal("confidence", "-", "that the trace is the wheel's own"),
-    Signal("slip_angle_lagged", "rad", "slip angle at this time, estimated from what was seen later, too"),
+    Signal("trace_offset", "m", "lateral offset of the trace from the wheel's centre, + left"),
+    Signal("confidence", "-", "confidence that the trace is the wheel's own"),
+    Signal("slip_angle_lagged", "rad", "slip angle at this time, estimated with later images too"),
     Signal("slip_angle_lagged_std", "rad", "its standard deviation"),
-    Signal("slip_angle_reference", "rad", "slip angle by the recording itself"),
+    Signal("slip_angle_reference", "rad", "slip angle in the recording's own slip.csv"),
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SlipEstimation:
-    """Everything that was estimated from a recording, as far as it got."""
+    """Estimates from a recording, up to its end or an interrupt."""
 
     recording: RoverRecording
     estimator: str
     outcome: str  # "completed" or "interrupted"
-    dropped: dict[int, str]  # images that could not be used, and why
-    log: Log  # a row for every image
+    dropped: dict[int, str]  # unusable images and the reasons
+    log: Log  # one row per image
     seconds: float  # of the estimator alone
 
 
 def estimate_slip(
     recording: RoverRecording, name: str, source: SlipEstimator, progress: Progress = no_progress
 ) -> SlipEstimation:
-    """The slip angle of every view; an interrupt ends it early and keeps what there is.
+    """Estimate the slip angle in every image; an interrupt ends this early and keeps the images so far.
 
     Raises:
-        ValueError: one line, if not a single image can be used.
+        ValueError: one line, if no image can be used.
     """
-    memory, busy, outcome = source.init(), 0.0, "completed"
-    found: list[SlipAngle | None] = []
+    memory, seconds, outcome = source.init(), 0.0, "completed"
+    estimates: list[SlipAngle | None] = []
     dropped: dict[int, str] = {}
     try:
         for k in range(len(recording.images)):
             view = recording.view(k)
             if isinstance(view, str):
                 dropped[k] = view
-                found.append(None)
+                estimates.append(None)
             else:
-                since = time.perf_counter()
+                start = time.perf_counter()
                 memory, estimate = source.step(memory, view)
-                busy += time.perf_counter() - since
-                found.append(estimate)
+                seconds += time.perf_counter() - start
+                estimates.append(estimate)
             progress(k + 1, len(recording.images), f"image {k + 1} of {len(recording.images)}")
     except KeyboardInterrupt:
         outcome = "interrupted"
-    if found and all(estimate is None for estimate in found):
-        raise ValueError(f"{recording.directory}: no image can be used; the first: {dropped[0]}")
+    if estimates and all(estimate is None for estimate in estimates):
+        raise ValueError(f"{recording.directory}: no image can be used. First reason: {dropped[0]}")
     return SlipEstimation(
         recording=recording,
         estimator=name,
         outcome=outcome,
         dropped=dropped,
-        log=_log(recording, found),
-        seconds=busy,
+        log=_log(recording, estimates),
+        seconds=seconds,
     )
 
 
 def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
-    """The estimation in numbers, ready for JSON."""
+    """Summary of an estimation for JSON."""
     log = estimation.log
     error = np.degrees(log["slip_angle"] - log["slip_angle_reference"])
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_reference"])
@@ -115,12 +115,12 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
     }
 
 
-def _log(recording: RoverRecording, found: list[SlipAngle | None]) -> Log:
-    times = recording.readings[: len(found), 0]
-    table = np.full((len(found), len(_SIGNALS)), np.nan)
+def _log(recording: RoverRecording, estimates: list[SlipAngle | None]) -> Log:
+    times = recording.readings[: len(estimates), 0]
+    table = np.full((len(estimates), len(_SIGNALS)), np.nan)
     table[:, 0] = times
     rows = {round(time / TICK): k for k, time in enumerate(times)}
-    for k, estimate in enumerate(found):
+    for k, estimate in enumerate(estimates):
         table[k, 3] = _DROPPED if estimate is None else HEALTH[estimate.health]
         if estimate is None or estimate.health is Health.LOST:
             continue

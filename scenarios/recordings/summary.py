@@ -1,4 +1,4 @@
-"""A recording's estimates in numbers."""
+"""Summary of an off-tracking estimation."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from scenarios.results.log import LOST, Log
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_SIGMAS = 2.5  # 95 of 100 errors should stay below so many standard deviations
+_SIGMAS = 2.5  # standard deviations that 95 of 100 errors should not exceed
 
 
 def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
-    """The numbers ready for JSON; null stands for what does not apply or could not be measured."""
+    """Summary for JSON; null where a number does not apply or could not be measured."""
     recording = estimation.recording
     return {
         "outcome": estimation.outcome,
@@ -38,7 +38,7 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
 
 
 def error_of_estimate(log: Log) -> FloatArray:
-    """Estimated off-tracking minus that of the recording's own poses (n,) [m]; NaN where there is not both."""
+    """Estimated off-tracking minus that of the recorded poses, (n,) [m]; NaN where one is missing."""
     return metrics.estimate_error(log["off_tracking"], log["off_tracking_poses"], log["health"])
 
 
@@ -54,7 +54,7 @@ def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
 
 def _off_tracking(log: Log) -> dict[str, float | int | None]:
     value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
-    judged = np.isfinite(error)
+    known = np.isfinite(error)
     return {
         "rms_m": _number(metrics.rms(value)),
         "max_m": _number(metrics.peak(value)),
@@ -62,12 +62,12 @@ def _off_tracking(log: Log) -> dict[str, float | int | None]:
         "valid_fraction": _number(_valid_fraction(log)),
         "estimate_error_rms_m": _number(metrics.rms(error)),
         "estimate_error_max_m": _number(metrics.peak(error)),
-        "within_2_5_sigma": _number(metrics.mean((np.abs(error) < _SIGMAS * std)[judged].astype(np.float64))),
+        "within_2_5_sigma": _number(metrics.mean((np.abs(error) < _SIGMAS * std)[known].astype(np.float64))),
     }
 
 
 def _valid_fraction(log: Log) -> float:
-    """Share of the frames with a usable off-tracking, once the buffer has first been full; dropped ones have none."""
+    """Share of frames with a usable off-tracking since the first one; dropped frames count as unusable."""
     usable = log["health"] < LOST
     first = int(np.argmax(usable)) if usable.any() else len(usable)
     return float(np.mean(usable[first:])) if first < len(usable) else math.nan
@@ -90,29 +90,29 @@ def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]
 def _drift(
     estimation: Estimation, lengths: Sequence[float] = KITTI_LENGTHS, every: int = KITTI_EVERY
 ) -> dict[str, Any]:
-    """The benchmark's two figures, with the lengths [m] of the subsequences that the way was long enough for."""
+    """Drift figures of the benchmark, and the lengths [m] of the subsequences that fit into the path."""
     true = estimation.recording.poses
-    found = None if true is None else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
-    if found is None:
+    result = None if true is None else drift(true[: len(estimation.X_C0C)], estimation.X_C0C, lengths, every)
+    if result is None:
         return {"drift_percent": None, "drift_deg_per_m": None, "lengths_m": [], "subsequences": 0}
     return {
-        "drift_percent": _number(100.0 * found.translation),
-        "drift_deg_per_m": round(math.degrees(found.rotation), 9),
-        "lengths_m": list(found.lengths),
-        "subsequences": found.subsequences,
+        "drift_percent": _number(100.0 * result.translation),
+        "drift_deg_per_m": round(math.degrees(result.rotation), 9),
+        "lengths_m": list(result.lengths),
+        "subsequences": result.subsequences,
     }
 
 
 def _self_calibration(log: Log) -> dict[str, float | int | None]:
-    """The last estimate of how the right camera is turned [deg]; empty if nobody looked."""
-    found: dict[str, float | int | None] = {}
+    """Last estimate of the right camera's rotation [deg]; empty without self-calibration."""
+    rotation: dict[str, float | int | None] = {}
     for name in ("roll", "yaw", "pitch"):
         for end in ("", "_std"):
             values = log[f"right_{name}{end}"] if f"right_{name}" in log else np.empty(0)
             known = values[np.isfinite(values)]
             if known.size:
-                found[f"{name}{end}_deg"] = _number(math.degrees(known[-1]))
-    return found
+                rotation[f"{name}{end}_deg"] = _number(math.degrees(known[-1]))
+    return rotation
 
 
 def _timing(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
@@ -125,5 +125,5 @@ def _timing(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
 
 
 def _number(value: float) -> float | None:
-    """The value to the last micrometre, or None where there is no number."""
+    """Value rounded to six decimals, or None for NaN and infinity."""
     return round(float(value), 6) if math.isfinite(value) else None

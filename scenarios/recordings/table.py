@@ -1,4 +1,4 @@
-"""The estimates of a recording as a table: a row for every frame, and the same as CSV."""
+"""Table of the estimates in a recording, one row per frame, and its CSV form."""
 
 from __future__ import annotations
 
@@ -20,32 +20,39 @@ _SIGNALS: Final = (
     Signal("time", "s", "time of the frame as recorded"),
     Signal("dropped", "-", "1 where the frame could not be used"),
     Signal("off_tracking", "m", "lateral distance of the hitch's path from the follow point, + left"),
-    Signal("off_tracking_std", "m", "its standard deviation"),
-    Signal("health", "-", "of the off-tracking: 0 ok, 1 degraded, 2 lost"),
+    Signal("off_tracking_std", "m", "standard deviation of off_tracking"),
+    Signal("health", "-", "health of the off-tracking: 0 ok, 1 degraded, 2 lost"),
     Signal("matches", "-", "features matched"),
-    Signal("inliers", "-", "of them those the motion agrees with"),
-    Signal("odometry_health", "-", "of the motion since the frame before: 0 ok, 1 degraded, 2 lost"),
+    Signal("inliers", "-", "matches that agree with the motion"),
+    Signal("odometry_health", "-", "health of the motion since the previous frame: 0 ok, 1 degraded, 2 lost"),
     Signal("x", "m", "position of the hitch along the x axis of the first trailer frame, by the odometry"),
-    Signal("y", "m", "the same along its y axis"),
+    Signal("y", "m", "position of the hitch along the y axis of the first trailer frame"),
     Signal("psi", "rad", "yaw of the trailer since the first frame, continuous"),
     Signal("v_x", "m/s", "velocity of the hitch along the trailer"),
-    Signal("v_y", "m/s", "the same across it, + left"),
+    Signal("v_y", "m/s", "velocity of the hitch across the trailer, + left"),
     Signal("yaw_rate", "rad/s", "yaw rate of the trailer"),
-    Signal("off_tracking_poses", "m", "off-tracking by the recording's own poses"),
+    Signal("off_tracking_poses", "m", "off-tracking computed from the recording's poses"),
 )
 _ROTATION: Final = (
     Signal("right_roll", "rad", "rotation of the right camera since its calibration, about its optical axis"),
-    Signal("right_yaw", "rad", "the same about its y axis (down)"),
-    Signal("right_pitch", "rad", "the same about its x axis (right)"),
+    Signal("right_yaw", "rad", "rotation of the right camera about its y axis (down)"),
+    Signal("right_pitch", "rad", "rotation of the right camera about its x axis (right)"),
     Signal("right_roll_std", "rad", "standard deviation of right_roll"),
     Signal("right_yaw_std", "rad", "standard deviation of right_yaw"),
     Signal("right_pitch_std", "rad", "standard deviation of right_pitch"),
 )
-_COLUMNS: Final = {"m": "_m", "s": "_s", "rad": "_rad", "m/s": "_m_s", "rad/s": "_rad_s", "-": ""}  # ends of CSV names
+_COLUMNS: Final = {
+    "m": "_m",
+    "s": "_s",
+    "rad": "_rad",
+    "m/s": "_m_s",
+    "rad/s": "_rad_s",
+    "-": "",
+}  # suffixes of CSV columns
 
 
 def estimate_log(estimation: Estimation) -> Log:
-    """A row for every frame, with the right camera's rotation if it was estimated; NaN where there is no value."""
+    """One row per frame, with the right camera's rotation if it was estimated; NaN where there is no value."""
     poses = estimation.X_S0S
     psi = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
     rows = [
@@ -81,7 +88,7 @@ def _rotation(frame: FrameEstimate) -> tuple[float, ...]:
 
 
 def csv_text(log: Log) -> str:
-    """The table as CSV: names end in their unit, empty where there is no value, health in words."""
+    """The table as CSV: column names end in the unit, missing values are empty, health is in words."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     shown = [signal for signal in log.signals if signal.name != "dropped"]

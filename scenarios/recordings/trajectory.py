@@ -1,6 +1,6 @@
-"""Camera trajectories: chained from the odometry's motions, and as text in the formats of TUM and KITTI.
+"""Camera trajectories from the odometry's motions, and the text formats of TUM and KITTI.
 
-Poses are those of the left camera (x right, y down, z ahead) from its first frame on.
+Poses are those of the left camera (x right, y down, z ahead) relative to its first frame.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from vehicle.frames import FloatArray, inverse, orthonormalised, transform
 def camera_poses(ticks: Sequence[int], motions: Sequence[Motion]) -> FloatArray:
     """Poses X_C0C (n, 4, 4) of the left camera at these ticks.
 
-    A lost motion is bridged at the last velocity; what a later motion from before it tells takes its place. Ticks
-    without a motion lie on the motion at constant velocity between their neighbours; before the first motion and
-    after the last one nothing moves.
+    A lost motion is replaced by one at the last velocity, until a later motion that starts before it corrects the pose.
+    Poses at ticks without a motion are interpolated at constant velocity; before the first motion and after the last
+    one the pose is constant.
     """
     known = _chained(motions)
-    there = np.array(sorted(known), dtype=np.int64)
+    ticks_known = np.array(sorted(known), dtype=np.int64)
     poses = np.tile(np.eye(4), (len(ticks), 1, 1))
     for pose, tick in zip(poses, ticks, strict=True):
         if tick in known:
             pose[:] = known[tick]
-        elif len(there) and tick > there[0]:
-            after = int(np.searchsorted(there, tick))
-            before = int(there[after - 1])
+        elif len(ticks_known) and tick > ticks_known[0]:
+            after = int(np.searchsorted(ticks_known, tick))
+            before = int(ticks_known[after - 1])
             pose[:] = known[before]
-            if after < len(there):
-                ratio = (tick - before) / (int(there[after]) - before)
-                pose[:] = pose @ stretched(inverse(pose) @ known[int(there[after])], ratio)
+            if after < len(ticks_known):
+                ratio = (tick - before) / (int(ticks_known[after]) - before)
+                pose[:] = pose @ stretched(inverse(pose) @ known[int(ticks_known[after])], ratio)
     return poses
 
 
@@ -55,7 +55,7 @@ def _chained(motions: Sequence[Motion]) -> dict[int, FloatArray]:
 
 
 def tum_text(times: Sequence[float], poses: FloatArray) -> str:
-    """A line ``time x y z q_x q_y q_z q_w`` for every pose, [s] and [m]."""
+    """One line ``time x y z q_x q_y q_z q_w`` per pose, in s and m."""
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     rows = np.column_stack([poses[:, :3, 3], quaternions])
     lines = [f"{t:.6f} " + " ".join(f"{value:.9f}" for value in row) for t, row in zip(times, rows, strict=True)]
@@ -65,15 +65,15 @@ def tum_text(times: Sequence[float], poses: FloatArray) -> str:
 
 
 def kitti_text(poses: FloatArray) -> str:
-    """A line of the 12 numbers of the 3x4 pose matrix, row by row, for every pose."""
+    """One line per pose: the 12 numbers of its 3x4 matrix, row by row."""
     return "".join(" ".join(f"{value:.12e}" for value in pose[:3].ravel()) + "\n" for pose in poses)
 
 
 def read_kitti_poses(path: Path, lines: int) -> FloatArray:
-    """Poses (n, 4, 4) from a file with one line of 12 numbers a frame.
+    """Read poses (n, 4, 4) from a file with one line of 12 numbers per frame.
 
     Raises:
-        ValueError: one line, if the file is no such list, or has not as many lines as there are frames.
+        ValueError: one line, if a line has another form, or if the numbers of lines and frames differ.
     """
     try:
         text = path.read_text(encoding="utf-8").splitlines()
@@ -81,8 +81,8 @@ def read_kitti_poses(path: Path, lines: int) -> FloatArray:
         raise ValueError(f"{path} cannot be read: {error}") from error
     rows = [(k, line.split()) for k, line in enumerate(text, start=1) if line.strip()]
     poses = [_pose(path, k, row) for k, row in rows]
-    if not lines <= len(poses) <= lines + 1:  # a recording that was cut off may have one too many
-        raise ValueError(f"{path} has {len(poses)} poses for {lines} frames: repair it, or move it away")
+    if not lines <= len(poses) <= lines + 1:  # an interrupted recording may have one more
+        raise ValueError(f"{path} has {len(poses)} poses for {lines} frames: repair it or remove it")
     return np.array(poses)
 
 
@@ -92,5 +92,5 @@ def _pose(path: Path, number: int, row: list[str]) -> FloatArray:
     except ValueError:
         raise ValueError(f"{path}, line {number}: a pose is 12 numbers, the 3x4 matrix row by row") from None
     if not np.allclose(matrix[:, :3] @ matrix[:, :3].T, np.eye(3), atol=1e-2):  # benchmark files are good to 1e-6
-        raise ValueError(f"{path}, line {number}: the first three columns are no rotation")
+        raise ValueError(f"{path}, line {number}: the first three columns are not a rotation")
     return transform(orthonormalised(matrix[:, :3]), matrix[:, 3])

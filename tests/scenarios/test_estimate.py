@@ -229,13 +229,13 @@ def test_broken_and_missing_images_are_dropped_frames_and_the_run_goes_on(yard: 
     result = estimated(yard, "--out", "out", "--no-video")
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
-    assert f"Frame 30 dropped: {yard}/image_0/000030.png is broken or no image" in lines
+    assert f"Frame 30 dropped: {yard}/image_0/000030.png is corrupt or not an image" in lines
     assert f"Frame 45 dropped: {yard}/image_1/000045.png is missing" in lines
     found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
     assert found["frames"]["dropped"] == 2
     assert [entry["frame"] for entry in found["dropped_frames"]] == [30, 45]
     assert found["off_tracking"]["estimate_error_max_m"] < 2e-3  # the path between two frames 1 m apart is a cubic
-    assert "000030.png is broken" in Path("out/report.html").read_text(encoding="utf-8")
+    assert "000030.png is corrupt" in Path("out/report.html").read_text(encoding="utf-8")
     assert [k for k, row in enumerate(rows()) if row["health"] == "dropped"] == [30, 45]
     assert len(np.loadtxt("out/trajectory_kitti.txt")) == FRAMES
     used = [k for k in range(FRAMES) if k not in (30, 45)]
@@ -395,7 +395,7 @@ def test_nothing_but_the_summary_is_printed_for_a_program_and_nothing_when_quiet
 @pytest.mark.parametrize(
     ("remove", "arguments", "says"),
     [
-        ([], ["nowhere"], ["nowhere", "no folder"]),
+        ([], ["nowhere"], ["nowhere", "not a folder"]),
         (["image_1"], ["yard"], ["image_1", "missing"]),
         (["image_0", "image_1"], ["yard"], ["yard", "image_0 and image_1"]),
         (["calib.txt"], ["yard"], ["calib.txt", "missing", "--calibration"]),
@@ -435,5 +435,5 @@ def test_a_recording_of_which_nothing_can_be_read_is_refused(yard: Path) -> None
     result = estimated(yard, "--out", "out")
     assert result.exit_code == 2
     assert "no frame can be used" in result.stderr
-    assert "image_0/000000.png is broken" in result.stderr
+    assert "image_0/000000.png is corrupt" in result.stderr
     assert not Path("out").exists()

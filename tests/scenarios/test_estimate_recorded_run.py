@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from scenarios.commands.estimate import app
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
-from scenarios.recordings.recording import open_recording
+from scenarios.recordings.stereo_reader import open_recording
 from scenarios.results.log import read_log
 
 
@@ -49,4 +49,4 @@ def test_a_recorded_run_gives_the_estimates_of_its_loop(tmp_path: Path, monkeypa
     assert max(abs(angles[f"{name}_deg"]) for name in ("roll", "yaw", "pitch")) < 0.02
     # how the cameras face is seen by how they move
     (tmp_path / "images" / "rig.toml").unlink()
-    assert "cameras face to the rear, by their motion (--facing)" in open_recording(tmp_path / "images").assumed
+    assert "cameras face to the rear, found from their motion (--facing)" in open_recording(tmp_path / "images").assumed

@@ -16,7 +16,7 @@ import pytest
 
 from scenarios.recordings import recording_page, slip_page
 from scenarios.recordings.estimation import Estimation
-from scenarios.recordings.rover_recording import RoverRecording
+from scenarios.recordings.rover_reader import RoverRecording
 from scenarios.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
 from scenarios.recordings.slip_estimation import SlipEstimation
 from scenarios.report.drawing import drawn

@@ -21,8 +21,8 @@ from scenarios.recordings.mounting import (
     read_rig,
 )
 from scenarios.recordings.projections import read_projections
-from scenarios.recordings.recording import Recording, open_recording
 from scenarios.recordings.sequence import LAYOUTS
+from scenarios.recordings.stereo_reader import Recording, open_recording
 from scenarios.recordings.stereo_writer import calibration_text, rig_text
 from sensors.camera.lens import CameraModel, RawStereoRig
 from sensors.camera.rig import StereoCalibration, StereoRig
@@ -79,12 +79,12 @@ def test_a_calibration_like_the_benchmarks_is_understood(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("P0: 1 2 3\n", "needs a line 'P0: ' with the 12 numbers"),
-        (KITTI.split("P1")[0], "needs a line 'P1: '"),
+        ("P0: 1 2 3\n", "a line 'P0: ' with the 12 numbers"),
+        (KITTI.split("P1")[0], "a line 'P1: '"),
         (KITTI.replace("-3.861448000000e+02", "3.861448000000e+02"), "are left and right swapped?"),
         (KITTI.replace("P1: 7.188560000000e+02", "P1: 6.188560000000e+02"), "--calibration FILE.toml"),
         (KITTI.replace("7.188560000000e+02 1.852157000000e+02", "5e+02 1.852157000000e+02"), "focal lengths"),
-        ("P0: nan", "needs a line 'P0: '"),
+        ("P0: nan", "a line 'P0: '"),
     ],
 )
 def test_projections_that_are_no_rectified_pair_are_refused(tmp_path: Path, text: str, says: str) -> None:

@@ -122,13 +122,13 @@ def test_a_recording_cut_off_within_its_last_frame_is_taken_without_it(tmp_path:
 @pytest.mark.parametrize(
     ("times", "says"),
     [
-        (None, "times.txt is missing: write the time of every frame in it [s], or give --rate HZ"),
+        (None, "times.txt is missing: create it with the time [s] of every frame, or use --rate HZ"),
         ([0.0, 0.1], "has 2 lines for 4 frames"),
         ([0.0, 0.1, 0.1, 0.2], "line 3: 0.1 s must be at least 0.001 s after the line before"),
         ([0.0, 0.1, 0.05, 0.2], "line 3"),
         ([0.0, "later", 0.2, 0.3], "line 2: 'later' is not a time"),
         ([0.0, "nan", 0.2, 0.3], "line 2: nan is not a time"),
-        ([0.0, 1e5, 2e5, 3e5], "times must be in seconds"),
+        ([0.0, 1e5, 2e5, 3e5], "Times must be in seconds"),
     ],
 )
 def test_wrong_times_are_refused(tmp_path: Path, times: list[float | str] | None, says: str) -> None:
@@ -162,7 +162,7 @@ def test_a_rate_that_can_not_be_is_refused(tmp_path: Path, rate: float) -> None:
 
 def test_folders_that_are_not_there_are_named(tmp_path: Path) -> None:
     """No folder, no images in it, no second camera."""
-    with pytest.raises(ValueError, match="nowhere is no folder"):
+    with pytest.raises(ValueError, match="nowhere is not a folder"):
         find_sequence(tmp_path / "nowhere")
     with pytest.raises(ValueError, match="image_0 and image_1"):
         find_sequence(tmp_path)
@@ -170,7 +170,7 @@ def test_folders_that_are_not_there_are_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"image_1 is missing"):
         find_sequence(tmp_path)
     (tmp_path / "image_1").mkdir()
-    with pytest.raises(ValueError, match=r"image_1 holds no images"):
+    with pytest.raises(ValueError, match=r"image_1 contains no images"):
         find_sequence(tmp_path)
 
 
@@ -187,7 +187,7 @@ def test_without_a_single_readable_pair_the_first_file_is_named(tmp_path: Path) 
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
         (tmp_path / side / "0.png").write_text("no image", encoding="utf-8")
-    with pytest.raises(ValueError, match=r"no pair of images can be read.*left/0\.png is broken or no image"):
+    with pytest.raises(ValueError, match=r"no pair of images can be read.*left/0\.png is corrupt or not an image"):
         image_size(find_sequence(tmp_path, 10.0))
 
 
@@ -206,7 +206,7 @@ def test_broken_images_are_dropped_with_the_reason_and_the_rest_is_read(tmp_path
     reasons = {k: frame.reason for k, frame in enumerate(read) if isinstance(frame, Dropped)}
     assert sorted(reasons) == [3, 4, 5, 6]
     for k in (3, 4, 5):
-        assert reasons[k] == f"{left}/{k:06d}.png is broken or no image"
+        assert reasons[k] == f"{left}/{k:06d}.png is corrupt or not an image"
     assert reasons[6] == f"{tmp_path}/image_1/000006.png has 12x8 px, not 24x16"
     whole_frame = read[11]
     assert not isinstance(whole_frame, Dropped)
@@ -220,7 +220,7 @@ def test_a_truncated_jpeg_is_broken_not_half_grey(tmp_path: Path) -> None:
     write_images(tmp_path, ["a.jpg"], big)
     data = (tmp_path / "a.jpg").read_bytes()
     (tmp_path / "a.jpg").write_bytes(data[: len(data) // 2])
-    with pytest.raises(ValueError, match=r"a\.jpg is broken or no image"):
+    with pytest.raises(ValueError, match=r"a\.jpg is corrupt or not an image"):
         read_grey(tmp_path / "a.jpg")
 
 

@@ -100,7 +100,7 @@ def test_tum_text_has_time_position_and_quaternion() -> None:
     [
         ("1 2 3\n", "line 1: a pose is 12 numbers"),
         ("1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1"),
-        ("1 0 0 0 0 2 0 0 0 0 1 0\n", "no rotation"),
+        ("1 0 0 0 0 2 0 0 0 0 1 0\n", "not a rotation"),
         ("1 0 0 0 0 1 0 0 0 0 1 0\n" * 3, "has 3 poses for 5 frames"),
         ("1 0 0 0 0 1 0 0 0 0 1 0\n" * 8, "has 8 poses for 5 frames"),
     ],

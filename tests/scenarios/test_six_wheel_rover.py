@@ -13,7 +13,7 @@ from scenarios.cli import app
 from scenarios.loop.rover_run import run_rover
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario
-from scenarios.recordings.rover_recording import open_rover_recording
+from scenarios.recordings.rover_reader import open_rover_recording
 from scenarios.results.log import read_log
 from scenarios.results.rover import RoverResult
 

@@ -1,4 +1,4 @@
-"""What an estimation leaves behind: trajectories, tables, summary, report and video in one directory."""
+"""Result directory of an off-tracking estimation: trajectories, tables, summary, report and video."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from scenarios.results.run import appearing_at_once, versions
 def write_estimation(
     estimation: Estimation, odometry: str, directory: Path, *, video: bool, progress: Progress = no_progress
 ) -> dict[str, Any]:
-    """Writes everything and returns the summary; ``progress`` is told the frames of the video.
+    """Write all results and return the summary; ``progress`` counts the frames of the video.
 
-    An interrupt while the video is drawn keeps the rest, and what there is of the video.
+    An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
 
     Raises:
-        ValueError: if the directory can not take it.
+        ValueError: if the directory exists and is not empty.
     """
     from scenarios.recordings.recording_page import report_page  # matplotlib takes a second to import
     from scenarios.recordings.recording_video import write_video

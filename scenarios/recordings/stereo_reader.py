@@ -1,4 +1,4 @@
-"""A recording opened: its frames, their calibration, where the cameras sit, and true poses if there are any."""
+"""Reader of a stereo recording: frames, calibration, pose of the cameras on the trailer, and true poses if known."""
 
 from __future__ import annotations
 
@@ -22,48 +22,48 @@ from vehicle.frames import FloatArray, inverse
 
 
 class Rectification(Protocol):
-    """Whatever makes a rectified pair of a raw one, such as ``estimators.calibration.rectification.Rectifier``."""
+    """Rectifies raw pairs, such as ``estimators.calibration.rectification.Rectifier``."""
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of the rectified pair."""
+        """Calibration of the rectified pair."""
         ...
 
     def step(self, frame: StereoFrame) -> StereoFrame:
-        """The rectified pair."""
+        """Rectify a pair."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """A stereo sequence with all that is known about it."""
+    """A stereo sequence with its calibration and mounting."""
 
     sequence: StereoSequence
     size: tuple[int, int]  # of all images [px]
     calibration: StereoCalibration  # of the rectified pair
-    rectification: Rectification | None  # None: the images are rectified
+    rectification: Rectification | None  # None: the images are rectified already
     follow_distance: float  # hitch to follow point [m]
-    poses: FloatArray | None  # (n, 4, 4) true poses of the left camera from the first frame
-    notes: tuple[str, ...]  # what is odd about the recording
-    assumed: tuple[str, ...]  # what nobody has said
+    poses: FloatArray | None  # (n, 4, 4) true poses of the left camera relative to the first frame
+    notes: tuple[str, ...]  # on irregularities of the recording
+    assumed: tuple[str, ...]  # assumptions on the mounting in words
 
     def rectified(self, frame: StereoFrame) -> StereoFrame:
-        """The frame as the calibration describes it."""
+        """Rectified frame, as the calibration describes it."""
         return self.rectification.step(frame) if self.rectification else frame
 
     def rectified_left(self, image: GreyImage) -> GreyImage:
-        """A left image alone as the calibration describes it."""
+        """Rectified left image."""
         return self.rectified(StereoFrame(tick=0, left=image, right=image)).left
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Cameras:
-    """What the calibration files of a recording say."""
+    """Contents of a recording's calibration files."""
 
-    calibration: StereoCalibration  # of the rectified pair; its X_SC is not the last word
+    calibration: StereoCalibration  # of the rectified pair; its X_SC is replaced by the mounting
     rectification: Rectification | None
     rig: Rig
-    X_CP: FloatArray  # (4, 4) pose, in the rectified left camera, of the camera that ``poses.txt`` speaks of
+    X_CP: FloatArray  # (4, 4) pose in the rectified left camera of the camera whose poses are in ``poses.txt``
 
 
 def open_recording(
@@ -73,23 +73,23 @@ def open_recording(
     rate_hz: float | None = None,
     options: MountingOptions | None = None,
 ) -> Recording:
-    """The recording in a folder, complete but for the images themselves.
+    """Open the recording in a folder, without reading the images.
 
     Args:
-        directory: with two folders of images, ``times.txt`` and ``calib.txt``; ``rig.toml`` says where the cameras
-            sit, and can take the place of ``calib.txt`` for raw images; ``poses.txt`` holds true poses.
-        calibration_file: goes before what is in the folder; a TOML file describes raw images.
-        rate_hz: takes the place of ``times.txt``.
-        options: go before ``rig.toml``.
+        directory: contains two folders of images, ``times.txt`` and ``calib.txt``. ``rig.toml`` has the pose of the
+            cameras and, for raw images, their calibration in place of ``calib.txt``; ``poses.txt`` has true poses.
+        calibration_file: overrides the calibration in the folder; a TOML file describes raw images.
+        rate_hz: replaces ``times.txt``.
+        options: override ``rig.toml``.
 
     Raises:
-        ValueError: one line naming the file that is wrong, and what to do.
+        ValueError: one line naming the wrong file and the remedy.
     """
     sequence = find_sequence(directory, rate_hz)
     size = image_size(sequence)
     cameras = _cameras(sequence, size, calibration_file)
     calibration = cameras.calibration
-    placed = mounting(
+    mounted = mounting(
         options or MountingOptions(),
         cameras.rig,
         calibration.baseline,
@@ -98,21 +98,21 @@ def open_recording(
     return Recording(
         sequence=sequence,
         size=size,
-        calibration=replace(calibration, X_SC=placed.X_SC),
+        calibration=replace(calibration, X_SC=mounted.X_SC),
         rectification=cameras.rectification,
-        follow_distance=placed.follow_distance,
+        follow_distance=mounted.follow_distance,
         poses=_poses(sequence, cameras.X_CP),
         notes=sequence.notes,
-        assumed=placed.assumed,
+        assumed=mounted.assumed,
     )
 
 
 def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None) -> _Cameras:
-    """What the files say: that of the option, ``rig.toml`` of raw cameras, or ``calib.txt`` and ``rig.toml``."""
-    beside = sequence.directory / "rig.toml"
-    rig = read_rig(beside) if beside.exists() else Rig()
+    """Cameras from the option's file, from the ``rig.toml`` of raw images, or from ``calib.txt`` and ``rig.toml``."""
+    own_rig = sequence.directory / "rig.toml"
+    rig = read_rig(own_rig) if own_rig.exists() else Rig()
     if file is None and rig.raw:
-        file = beside
+        file = own_rig
     if file is not None and file.suffix == ".toml":
         given = read_rig(file)
         rig = Rig(
@@ -172,12 +172,12 @@ def _rectified(
 
 
 def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:
-    """True poses X_C0C of the frames, from a file with those of a camera P at X_CP on the same rig."""
+    """True poses X_C0C of the frames, from a file with the poses of a camera P at X_CP on the same rig."""
     benchmark = sequence.directory.resolve().parent.parent / "poses" / f"{sequence.directory.resolve().name}.txt"
     path = next((p for p in (sequence.directory / "poses.txt", benchmark) if p.is_file()), None)
     if path is None:
         return None
-    listed = read_kitti_poses(path, sequence.lines)
-    X_WC = listed[[files.line for files in sequence.frames]] @ inverse(X_CP)
+    X_WP = read_kitti_poses(path, sequence.lines)
+    X_WC = X_WP[[files.line for files in sequence.frames]] @ inverse(X_CP)
     poses: FloatArray = inverse(X_WC[0]) @ X_WC
     return poses

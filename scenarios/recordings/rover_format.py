@@ -1,0 +1,89 @@
+"""Files of a rover's recording: their names, the columns of the readings, and the camera rig as TOML.
+
+``images/000000.png`` …, ``readings.csv`` (time_s, heading_deg, each wheel's speed in rad/s, each wheel's steer angle in
+deg), ``rig.toml``, and where the true slip is known ``slip.csv`` (time_s, slip_deg).
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import tomli_w
+
+from sensors.camera.lens import CameraModel
+from sensors.sand.trace_rig import TraceRig
+from vehicle.parameter_file import read_toml
+from vehicle.rover.command import WheelPlace, corner_wheels
+
+IMAGES, READINGS, RIG, SLIP = "images", "readings.csv", "rig.toml", "slip.csv"
+SLIP_COLUMNS: Final = ("time_s", "slip_deg")
+
+
+def rig_toml(rig: TraceRig) -> str:
+    """The rig as TOML, numbers exact to the last bit."""
+    c = rig.camera
+    camera = {"width": c.width, "height": c.height, "fx": c.fx, "fy": c.fy, "cx": c.cx, "cy": c.cy}
+    return tomli_w.dumps(
+        {
+            "X_RC": rig.X_RC.tolist(),
+            "wheel": list(rig.wheel),
+            "wheel_radius": rig.wheel_radius,
+            "wheel_width": rig.wheel_width,
+            **_wheels_table(rig.wheels),
+            "camera": {**camera, "distortion": list(c.distortion)},
+        }
+    )
+
+
+def columns(rig: TraceRig) -> tuple[str, ...]:
+    """Columns of ``readings.csv``."""
+    names = [wheel.name for wheel in rig.wheels]
+    return (
+        "time_s",
+        "heading_deg",
+        *(f"wheel_speed_{name}" for name in names),
+        *(f"steer_deg_{name}" for name in names),
+    )
+
+
+def _wheels_table(wheels: tuple[WheelPlace, ...]) -> dict[str, Any]:
+    """Wheels as ``rig.toml`` has them: ``wheelbase`` and ``tread`` of four at the corners, otherwise a list."""
+    wheelbase, tread = 2.0 * wheels[0].x, 2.0 * wheels[0].y
+    if wheels == corner_wheels(wheelbase, tread):
+        return {"wheelbase": wheelbase, "tread": tread}
+    return {"wheels": [wheel._asdict() for wheel in wheels]}
+
+
+def _wheels(table: dict[str, Any]) -> tuple[WheelPlace, ...]:
+    if "wheels" not in table:
+        return corner_wheels(float(table["wheelbase"]), float(table["tread"]))
+    return tuple(WheelPlace(str(one["name"]), float(one["x"]), float(one["y"])) for one in table["wheels"])
+
+
+def load_rig(path: Path) -> TraceRig:
+    """Read a rig from a TOML file.
+
+    Raises:
+        ValueError: one line naming file and key.
+    """
+    table = read_toml(path)
+    try:
+        camera = dict(table["camera"])
+        camera["distortion"] = tuple(camera.get("distortion", (0.0,) * 5))
+        numbers = {name: float(table[name]) for name in ("wheel_radius", "wheel_width")}
+        X_RC = np.array(table["X_RC"], dtype=np.float64)
+        x, y = (float(value) for value in table["wheel"])
+        if X_RC.shape != (4, 4) or not np.allclose(X_RC[:3, :3] @ X_RC[:3, :3].T, np.eye(3), atol=1e-6):
+            raise ValueError("X_RC must be the 4 x 4 pose of the camera in the rover")
+        wheels = _wheels(table)
+        watched = min(range(len(wheels)), key=lambda k: math.dist((x, y), wheels[k][1:]))
+        return TraceRig(
+            camera=CameraModel(**camera), X_RC=X_RC, wheel=(x, y), wheels=wheels, watched=watched, **numbers
+        )
+    except KeyError as error:
+        raise ValueError(f"{path}: {error.args[0]} is missing") from None
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None

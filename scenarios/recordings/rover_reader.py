@@ -1,0 +1,99 @@
+"""Reader of a rover's recording."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from scenarios.recordings.rover_format import IMAGES, READINGS, RIG, SLIP, SLIP_COLUMNS, columns, load_rig
+from sensors.messages import GreyImage, RoverView
+from sensors.sand.trace_rig import TraceRig
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoverRecording:
+    """Images and readings of a rover."""
+
+    directory: Path
+    rig: TraceRig
+    images: tuple[Path, ...]
+    readings: FloatArray  # (n, 2 + 2 wheels) as ``columns``
+    slip: FloatArray | None  # (m, 2) time [s] and true slip angle [deg], if known
+
+    def view(self, k: int) -> RoverView | str:
+        """The k-th view, or the reason why it can not be used."""
+        image = cv2.imread(str(self.images[k]), cv2.IMREAD_GRAYSCALE) if self.images[k].is_file() else None
+        size = (self.rig.camera.height, self.rig.camera.width)
+        if image is None:
+            return f"{self.images[k].name} is missing or not an image"
+        if image.shape != size:
+            return f"{self.images[k].name} is {image.shape[1]}x{image.shape[0]} px, the rig {size[1]}x{size[0]}"
+        row, n = self.readings[k], len(self.rig.wheels)
+        grey: GreyImage = np.asarray(image, dtype=np.uint8)
+        return RoverView(
+            tick=round(row[0] / TICK),
+            image=grey,
+            heading=math.radians(row[1]),
+            wheel_speeds=row[2 : 2 + n].copy(),
+            steer=np.radians(row[2 + n :]),
+        )
+
+
+def open_rover_recording(directory: Path, rig_file: Path | None = None) -> RoverRecording:
+    """Open the recording in a folder.
+
+    Raises:
+        ValueError: one line naming the file that is missing or does not fit.
+    """
+    if not directory.is_dir():
+        raise ValueError(f"{directory} is not a folder")
+    folder = directory / IMAGES
+    if not folder.is_dir():
+        raise ValueError(f"{directory}: the folder {IMAGES} is missing")
+    images = tuple(
+        sorted(path for path in folder.iterdir() if path.suffix.lower() in (".png", ".jpg", ".jpeg", ".bmp"))
+    )
+    if not images:
+        raise ValueError(f"{folder} contains no images")
+    rig = load_rig(rig_file or directory / RIG)
+    readings = _table(directory / READINGS, columns(rig))
+    if len(readings) != len(images):
+        raise ValueError(
+            f"{directory}: {len(images)} images and {len(readings)} rows in {READINGS}; their numbers must be equal"
+        )
+    if not np.all(np.diff(readings[:, 0]) > 0.0):
+        raise ValueError(f"{directory / READINGS}: time_s must increase from row to row")
+    slip = _table(directory / SLIP, SLIP_COLUMNS) if (directory / SLIP).is_file() else None
+    return RoverRecording(directory=directory, rig=rig, images=images, readings=readings, slip=slip)
+
+
+def _table(path: Path, columns: tuple[str, ...]) -> FloatArray:
+    """The named columns of a CSV file.
+
+    Raises:
+        ValueError: one line, if the file or a column is missing or a value is not a number.
+    """
+    if not path.is_file():
+        raise ValueError(f"{path} is missing")
+    with path.open(newline="", encoding="utf-8") as file:
+        lines: list[dict[str, Any]] = list(csv.DictReader(file))
+    table = np.empty((len(lines), len(columns)))
+    for number, line in enumerate(lines, start=2):
+        for k, column in enumerate(columns):
+            try:
+                table[number - 2, k] = float(line[column])
+            except KeyError:
+                raise ValueError(f"{path}: column {column} is missing; expected {', '.join(columns)}") from None
+            except (TypeError, ValueError):
+                raise ValueError(f"{path}, line {number}: {column} = {line[column]!r} is not a number") from None
+    if not np.isfinite(table).all():
+        raise ValueError(f"{path}: all numbers must be finite")
+    return table
