@@ -15,7 +15,7 @@ from vehicle.combination.plant_inputs import slices
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
-from vehicle.rover.equations import balance
+from vehicle.rover.equations import dynamics
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.terrain import Terrain, slope_towards
@@ -203,7 +203,7 @@ def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
     in_x, in_u = state_sizes(4), input_sizes(4)
     x, given = ca.SX.sym("x", sum(in_x)), ca.SX.sym("u", sum(in_u))
     s, demands = RoverState(*parts(x, in_x)), RoverInput(*parts(given, in_u))
-    rate = balance(rover, rover.footprint, None, s, demands).rate
+    rate = dynamics(rover, rover.footprint, None, s, demands).rate
     state, u = np.zeros(sum(in_x)), np.zeros(sum(in_u))
     at = RoverInput(*slices(in_u))
     state[3:6] = motion

@@ -15,7 +15,7 @@ from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Positio
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.rover.footprint import Footprint
 
-_DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a rover may be symbols
+_DEGREE: Final = math.pi / 180.0  # [rad]; not math.radians, which takes no symbols
 _TOLERANCE: Final = 1e-9  # of wheel places that must mirror each other [m]
 
 _ROVERS: Final = ParameterLibrary("rover", "rovers")
@@ -172,12 +172,12 @@ def _check_wheels(wheels: tuple[RoverWheel, ...]) -> None:
 
 
 def rover_names() -> tuple[str, ...]:
-    """Names of the rovers that come with the program."""
+    """Names of the shipped rovers."""
     return _ROVERS.names()
 
 
 def load_rover(name_or_path: str) -> Rover:
-    """The rover of this name, or the one described by a ``.toml`` file.
+    """Load a shipped rover by its name, or one from a ``.toml`` file.
 
     A file has a list ``wheels``, or in its place ``wheelbase``, ``tread`` and ``steered`` of four driven wheels.
 
@@ -192,7 +192,7 @@ def load_rover(name_or_path: str) -> Rover:
 
 
 def rover_sources(name_or_path: str) -> dict[str, str]:
-    """Where a rover's numbers come from: key in its file to source.
+    """Sources of a rover's numbers, by key in its file.
 
     Raises:
         ValueError: if there is no such rover or file.

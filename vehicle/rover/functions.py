@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from vehicle.combination.layout import parts
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover
-from vehicle.rover.equations import balance
+from vehicle.rover.equations import dynamics
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.soil import Soil
 
@@ -21,7 +21,7 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def numbers(rover: Rover, soil: Soil | None) -> FloatArray:
-    """Every physical number of a rover and its soil, in the order in which the functions take them."""
+    """All physical numbers of a rover and its soil, in the order of the functions' third argument."""
     values = [value for model in (rover, soil) if model is not None for _, value in _numbers(model)]
     return np.array([*values, *rover.footprint[:2]])
 
@@ -48,7 +48,7 @@ def _functions(rover: Rover, soil: Soil | None) -> tuple[Any, Any]:
     u = RoverInput(*parts(given, in_input))
 
     def at(state: ca.SX) -> Any:
-        return balance(rover, footprint, soil, RoverState(*parts(state, in_state)), u)
+        return dynamics(rover, footprint, soil, RoverState(*parts(state, in_state)), u)
 
     now = at(x)
     midway = at(x + 0.5 * u.step * ca.vertcat(*now.rate))
@@ -65,20 +65,20 @@ def _numbers(model: BaseModel) -> Iterable[tuple[str, float]]:
 
 
 def _bare(model: M) -> M:
-    """The model without its numbers and names: equal for all that the same equations serve."""
+    """The model without numbers and names: equal for all models with the same equations."""
     zeros = {name: 0.0 for name, _ in _numbers(model)}
     return type(model).model_construct(**{**dict(model), **zeros, "name": "", "summary": ""})
 
 
 def _bare_rover(rover: Rover) -> Rover:
-    """The same of a rover, whose wheels keep their proportions."""
+    """The same for a rover; the proportions of its wheel places stay."""
     shares = zip(rover.wheels, rover.footprint.along, rover.footprint.across, strict=True)
     wheels = tuple(wheel.model_copy(update={"name": "", "x": x, "y": y}) for wheel, x, y in shares)
     return _bare(rover).model_copy(update={"wheels": wheels})
 
 
 def _symbolic(model: M, symbols: list[ca.SX]) -> M:
-    """The model with a symbol for each of its numbers, which go to the end of the list."""
+    """The model with a symbol in place of each number; the symbols are appended to the list."""
     own = {name: ca.SX.sym(name) for name, _ in _numbers(model)}
     symbols.extend(own.values())
     return type(model).model_construct(**{**dict(model), **own})

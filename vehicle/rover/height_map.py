@@ -1,4 +1,4 @@
-"""Heights of the ground on a grid, smooth between its points."""
+"""Map of ground heights on a grid, smooth between its points."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle.frames import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeightMap:
-    """Heights on a square grid, bicubic between its points; beyond its edges the ground stays as at the edge.
+    """Heights on a square grid, bicubic between its points; beyond an edge the height of the edge continues.
 
     Raises:
         ValueError: if there are fewer than 4 x 4 points, one is not finite, or the spacing is not positive.
@@ -51,7 +51,7 @@ class HeightMap:
         return np.where(np.stack([u == x, v == y], axis=-1), slope, 0.0)
 
     def _inside(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The nearest place on the grid: y, then x [m]."""
+        """Nearest place on the grid: y, then x [m]."""
         n_y, n_x = self.heights.shape
         return (
             np.minimum(np.maximum(y, self.y), self.y + self.spacing * (n_y - 1)),
@@ -60,10 +60,10 @@ class HeightMap:
 
 
 def load_height_map(path: str, spacing: float, *, x: float = 0.0, y: float = 0.0) -> HeightMap:
-    """The height map in a file: heights [m], rows of growing y, as ``.npy`` or as comma-separated text.
+    """Load a height map: heights [m] in rows of growing y, as ``.npy`` or as comma-separated text.
 
     Raises:
-        ValueError: if the file is missing or is no table of numbers.
+        ValueError: if the file is missing or is not a table of numbers.
     """
     try:
         heights = np.load(path) if Path(path).suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)

@@ -1,4 +1,4 @@
-"""What the vectors of the rover's equations hold, entry by entry."""
+"""Entries of the state and input vectors of the rover's equations."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class RoverState(NamedTuple, Generic[V]):
     wheel_speed: V  # (n,) of rotation, + forward [rad/s]
     turn: V  # (n,) angle rolled since the start [rad]
     steer: V  # (n,) + left [rad]
-    slip_x: V  # (n,) slip that the ground has felt, along the wheel, as slip / (1 + size of slip) [-]
+    slip_x: V  # (n,) lagged slip along the wheel, as slip / (1 + size of slip) [-]
     slip_y: V  # (n,) the same across
     sinkage: V  # (n,) [m]
 
 
 class RoverInput(NamedTuple, Generic[V]):
-    """What acts on a rover during a step."""
+    """Demands and ground during a step."""
 
     wheel_speed: V  # (n,) demanded [rad/s]
     steer: V  # (n,) demanded [rad]

@@ -1,4 +1,4 @@
-"""The rover as it really moves: its equations stepped over whole ticks on a terrain."""
+"""Simulated rover: its equations integrated over whole ticks on a terrain."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from vehicle.rover.truth import RoverTruth
 from vehicle.sanity import is_sane
 
 _LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
-_LOOK_EVERY: Final = 0.01  # way between two looks at changing ground [m]: a tenth of a wheel's radius
-_SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s renews its contact in it
+_LOOK_EVERY: Final = 0.01  # distance between two looks at uneven ground [m]: a tenth of a wheel's radius
+_SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s rolls over its whole contact in this time
 
 
 class RoverPlant:
@@ -35,7 +35,7 @@ class RoverPlant:
         self._rover, self._terrain, self._soil, self._engine = rover, terrain, soil, engine
         values = numbers(rover, soil)
         self._advance = kernel_for_one(step_function(rover, soil), values, engine)
-        # What is asked now and then is interpreted: a call costs more than its arithmetic.
+        # Loads are seldom asked for, and compiling costs more than it saves.
         self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
         self._wheels = rover.wheel_places
         self._steered = np.array([wheel.steered for wheel in rover.wheels])
@@ -44,12 +44,15 @@ class RoverPlant:
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
 
     def __reduce__(self) -> tuple[type[RoverPlant], tuple[Rover, Terrain, Soil | None, Engine]]:
-        return (RoverPlant, (self._rover, self._terrain, self._soil, self._engine))  # memory does not travel
+        return (
+            RoverPlant,
+            (self._rover, self._terrain, self._soil, self._engine),
+        )  # compiled functions are not pickled
 
     def initial_state(self, pose: Pose2, speed: float = 0.0) -> FloatArray:
-        """State of the rover with R at X_WR, wheels straight, as it has come to drive where the ground is as there.
+        """State of a rover that has driven straight on ground as at this pose X_WR until its slip was steady.
 
-        Its wheels turn as for this speed [m/s]; what it really does is its slip's business.
+        The wheels turn for this speed [m/s]; slip takes its share of it.
 
         Raises:
             ValueError: if the soil does not carry the rover.
@@ -73,7 +76,7 @@ class RoverPlant:
         """State after whole ticks under a held command, a new array.
 
         Raises:
-            ValueError: if there is no tick to go, a demand is not finite, or wheels shall steer that can not.
+            ValueError: if ``ticks`` is below 1, a demand is not finite, or a wheel without steering shall steer.
             DivergedError: if the new state is not finite, or beyond 1e12 in any SI unit.
         """
         if ticks < 1:
@@ -86,7 +89,7 @@ class RoverPlant:
         return state
 
     def observe(self, state: FloatArray, tick: int) -> RoverTruth:
-        """What is really so in this state."""
+        """Ground truth of this state."""
         rover, s = self._rover, RoverState(*(state[span] for span in self._in_state))
         at = posture(rover, self._terrain, s)
         rim = rover.radius * s.wheel_speed
@@ -108,7 +111,7 @@ class RoverPlant:
         )
 
     def entrapped(self, truth: RoverTruth) -> bool:
-        """Whether a wheel has sunk in beyond the rover's limit."""
+        """True if a wheel has sunk in beyond the rover's limit."""
         return bool(np.max(truth.sinkages) > self._rover.sinkage_limit)
 
     def _stepped(self, state: FloatArray, demands: FloatArray, ticks: int) -> FloatArray:
@@ -132,13 +135,13 @@ class RoverPlant:
         return demands
 
     def _input(self, state: FloatArray) -> FloatArray:
-        """``RoverInput`` of this place, without demands."""
+        """Input vector of this place, without demands."""
         if self._everywhere is not None:
             return self._everywhere.copy()
         return self._look(Pose2(*state[:3].tolist()))
 
     def _look(self, pose: Pose2) -> FloatArray:
-        """The same where a rover stands on level ground; how far a slope moves its wheels on the map changes little."""
+        """Input vector for a pose; the wheels' places on the map are those of a level rover."""
         u = np.zeros(self._in_input.friction.stop)
         x, y = pose.apply(self._wheels).T
         slope = self._terrain.gradient(x, y)
@@ -150,6 +153,6 @@ class RoverPlant:
 
 
 def _ticks_to_next_look(state: FloatArray) -> int:
-    """How long ground that changes from place to place may be taken as it is."""
-    speed = max(math.hypot(*state[3:5].tolist()), 0.1)  # whoever stands has moved off by 0.1 m/s at most [m/s]
+    """Number of ticks for which the last look at uneven ground is good enough."""
+    speed = max(math.hypot(*state[3:5].tolist()), 0.1)  # a standing rover may start to move [m/s]
     return max(1, int(_LOOK_EVERY / (speed * TICK)))

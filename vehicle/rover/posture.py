@@ -1,4 +1,4 @@
-"""How a rover stands on its terrain: the body's pose in space, its wheels, and how they move."""
+"""Posture of a rover on its terrain: pose of the body, places and velocities of the wheels."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from vehicle.rover.description import Rover
 from vehicle.rover.layout import RoverState
 from vehicle.rover.terrain import Terrain
 
-_AT_REST: Final = 1e-6  # below it a velocity has no direction: a standing rover trembles by rounding [m/s]
+_AT_REST: Final = 1e-6  # below it a velocity is rounding and has no direction [m/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posture:
-    """Where body and wheels are, and the wheels' velocities."""
+    """Pose of the body, places and velocities of the wheels."""
 
     X_WB: FloatArray  # (4, 4)
     wheels: FloatArray  # (n, 3) lowest points in W [m]
@@ -25,12 +25,12 @@ class Posture:
 
 
 def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
-    """The posture in a state: the body leans as the plane nearest to its wheels' lowest points does."""
+    """Posture in a state: the body is parallel to the least-squares plane of the wheels' lowest points."""
     p, origin = rover.wheel_places, np.array([s.x[0], s.y[0]])
     flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
-    for _ in range(2):  # a leaning body covers less of the map than a level one
+    for _ in range(2):  # an inclined body covers less of the map than a level one
         lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
-        R_WB = _lean(p, lowest)
+        R_WB = _attitude(p, lowest)
         flat = p @ R_WB[:2, :2].T + origin
     return Posture(
         X_WB=transform(R_WB, np.mean(lowest, axis=0)),
@@ -40,25 +40,22 @@ def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Postur
 
 
 def slip_ratios(rim: FloatArray, v_x: FloatArray) -> FloatArray:
-    """(r omega - v_x) / r omega of wheels that drive, / v_x of those that skid [-]; 0 at rest.
+    """Slip ratios [-]: (r omega - v_x) / r omega of driving wheels, / v_x of braking ones; 0 at rest.
 
-    Beyond 1 a wheel that drives is carried the other way.
+    Above 1 a driving wheel moves against its rotation.
     """
     over = np.where(rim * (rim - v_x) > 0.0, rim, v_x)
     return np.divide(rim - v_x, over, out=np.zeros_like(rim), where=np.abs(over) > _AT_REST)
 
 
 def slip_angles(velocities: FloatArray) -> FloatArray:
-    """Direction of travel of wheels against their headings [rad], from velocities (n, 2); 0 at rest."""
+    """Directions of travel of wheels relative to their headings [rad], from velocities (n, 2); 0 at rest."""
     angles = np.arctan2(velocities[:, 1], velocities[:, 0])
     return np.where(np.hypot(velocities[:, 0], velocities[:, 1]) > _AT_REST, angles, 0.0)
 
 
-def _lean(p: FloatArray, lowest: FloatArray) -> FloatArray:
-    """R_WB of a body with wheels at p (n, 2) in R, whose lowest points in W (n, 3) it stands on.
-
-    It leans as the plane through these points does that has the least squared distances.
-    """
+def _attitude(p: FloatArray, lowest: FloatArray) -> FloatArray:
+    """R_WB of a body with wheels at p (n, 2) in R, from the wheels' lowest points in W (n, 3)."""
     forward, leftward = (_weighted(lowest, p[:, k] / p[:, k].max()) for k in (0, 1))
     e_x = forward / np.linalg.norm(forward)
     up = cross(e_x, leftward)
@@ -67,7 +64,7 @@ def _lean(p: FloatArray, lowest: FloatArray) -> FloatArray:
 
 
 def _weighted(points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Sum of points by their weights, the positive ones first: so four wheels give the same bits as ever."""
+    """Weighted sum of points, in the order of falling weights."""
     order = np.argsort(-weights, kind="stable")
     total: FloatArray = (weights[:, None] * points)[order].sum(axis=0)
     return total

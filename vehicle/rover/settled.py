@@ -1,4 +1,4 @@
-"""How deep a wheel stands in soil."""
+"""Static sinkage of a wheel in soil."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from vehicle.rover.terramechanics import Rolling, soil_force
 
 
 def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:
-    """Sinkage [m] at which the soil carries a load [N] on a wheel that rolls without slip.
+    """Sinkage [m] of a wheel that rolls without slip under a load [N].
 
     Raises:
-        ValueError: if the soil does not carry it before the wheel is in up to its axle.
+        ValueError: if the soil does not carry the load before the wheel is in up to its axle.
     """
     lift = _lift(rover, soil)
     if float(lift(rover.radius)) < load:

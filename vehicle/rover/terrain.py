@@ -1,4 +1,4 @@
-"""The ground a rover drives on: slope, mounds, a height map, and where it is firm."""
+"""Ground that a rover drives on: slope, mounds, a height map, and firm patches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle.rover.height_map import HeightMap
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mound:
-    """A mound, or with a negative height a crater: a bell, steepest at 0.61 of a ``radius`` from its top.
+    """A bell-shaped mound, or with a negative height a crater; it is steepest at half a ``radius`` from its top.
 
     Raises:
         ValueError: if the radius is not positive.
@@ -23,7 +23,7 @@ class Mound:
     x: float  # of its top, in W [m]
     y: float  # [m]
     height: float  # [m]
-    radius: float  # at which it is 0.14 of its height: two standard deviations of the bell [m]
+    radius: float  # where the height has fallen to 0.14: two standard deviations of the bell [m]
 
     def __post_init__(self) -> None:
         if not self.radius > 0.0:
@@ -32,7 +32,7 @@ class Mound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FirmPatch:
-    """A round place where the ground carries without giving way: rock, or a crust of salt.
+    """A round patch of firm ground: rock, or a crust of salt.
 
     Raises:
         ValueError: if the radius is not positive.
@@ -49,16 +49,16 @@ class FirmPatch:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terrain:
-    """The large shape of the ground, and its friction where it is firm.
+    """Large shape of the ground, and its friction where it is firm.
 
-    Without soil it is firm everywhere; on soil, in the ``firm`` patches.
+    Without soil the ground is firm everywhere; with soil, in the ``firm`` patches.
 
     Raises:
         ValueError: if a slope or the friction is out of range.
     """
 
-    slope_x: float = 0.0  # how the ground rises along W's x [-]; tan(5 deg) for a slope of 5 deg
-    slope_y: float = 0.0  # along W's y [-]
+    slope_x: float = 0.0  # rise along W's x [-]; tan(5 deg) for a slope of 5 deg
+    slope_y: float = 0.0  # rise along W's y [-]
     friction: float = 0.6  # of a wheel on firm ground [-]; assumed: a lugged metal wheel on rock or floor
     mounds: tuple[Mound, ...] = ()
     height_map: HeightMap | None = None
@@ -76,7 +76,7 @@ class Terrain:
 
     @property
     def is_uniform(self) -> bool:
-        """Whether it is one plane, equally firm everywhere."""
+        """True if it is one plane, equally firm everywhere."""
         return not self.mounds and self.height_map is None and not self.firm
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -99,7 +99,7 @@ class Terrain:
         return slope if self.height_map is None else slope + self.height_map.gradient(x, y)
 
     def is_firm(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """1 in a firm patch, 0 where there is soil if there is any, of the common shape of x, y [m] in W."""
+        """1 in a firm patch, else 0, of the common shape of x, y [m] in W."""
         x, y = _common(x, y)
         inside = np.zeros(x.shape, dtype=bool)
         for patch in self.firm:
@@ -107,7 +107,7 @@ class Terrain:
         return inside.astype(np.float64)
 
     def _heights(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Height of every mound [m] at x, y [m]; (..., n)."""
+        """Heights of all mounds [m] at x, y [m]; (..., n)."""
         at_x, at_y, height, radius = self._bells.T
         squared = (x[..., None] - at_x) ** 2 + (y[..., None] - at_y) ** 2
         bells: FloatArray = height * np.exp((-2.0 / radius**2) * squared)

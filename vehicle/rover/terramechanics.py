@@ -2,17 +2,17 @@
 
 Wong & Reece 1967 ("Prediction of rigid wheel performance based on the analysis of soil-wheel stresses", J. of
 Terramechanics 4) with the lateral shear and the bulldozing of Ishigami et al. 2007 ("Terramechanics-based model for
-steering maneuver of planetary exploration rovers on loose soil", J. of Field Robotics 24); neither was read itself, but
-public implementations of both. Of the variants of the bulldozing force this is F_y = F_u + F_s sin(beta): nothing
-when the wheel runs straight, all of it when it is dragged sideways.
+steering maneuver of planetary exploration rovers on loose soil", J. of Field Robotics 24). The papers themselves were
+not read, but public implementations of both. The bulldozing force enters as F_y = F_u + F_s sin(beta): it is 0 for a
+wheel that runs straight and complete for one dragged sideways.
 
-A wheel that skids has two zones of shear, as Wong & Reece's part II has it: in front of a transition angle the soil is
-pushed ahead and drives the rim, behind it the rim drags over the soil. The transition runs from the entry (no skid) to
-half of it (locked), as Pavlov & Johnson have it (robomechanics/3d-terramechanics, 2022).
+A skidding wheel has two zones of shear (Wong & Reece, part II). In front of a transition angle the soil is pushed ahead
+and drives the rim; behind it the rim drags over the soil. The transition angle goes from the entry angle (no skid) to
+half of it (locked wheel), as in Pavlov & Johnson (robomechanics/3d-terramechanics, 2022).
 
-Angles run from the lowest point of the rim towards where the wheel enters the soil. Not modelled: single grousers (give
-the radius over them), soil that a wheel before has compacted (a rear wheel in the rut of the front one sinks in as on
-fresh soil, which is the worse case), digging in over time.
+Angles are measured from the lowest point of the rim, positive towards the entry into the soil. Not modelled: single
+grousers (the radius includes them), compaction by a leading wheel (a rear wheel in a rut sinks in as on fresh soil,
+which is the worse case), and digging in over time.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from vehicle.tyres import Num
 
 GRAVITY: Final = 9.81  # [m/s2]
 _POINTS: Final = 6  # of Gauss's quadrature in each of the two zones: see the test of its error
-_LARGEST_SIDE_SLIP: Final = math.pi / 4.0  # up to which the shear moduli were measured: Ishigami's own limit [rad]
-_TURNING: Final = 0.05  # displacement over modulus below which combined shear has not taken its direction; assumed [-]
-_HEAPING: Final = 0.02  # slide over way of the rim that heaps up soil beside a wheel that spins in place [-]; assumed
-_LEAST_SINKAGE: Final = 1e-6  # over the radius: keeps the angles' derivatives finite
+_LARGEST_SIDE_SLIP: Final = math.pi / 4.0  # limit of the measured shear moduli, from Ishigami [rad]
+_TURNING: Final = 0.05  # displacement over modulus over which combined shear changes its direction; assumed [-]
+_HEAPING: Final = 0.02  # speed of the centre over that of the rim, below which bulldozing fades; assumed [-]
+_LEAST_SINKAGE: Final = 1e-6  # over the radius; keeps the derivatives of the angles finite [-]
 
 
 class Wheel(Protocol):
-    """What a rigid wheel is to the soil."""
+    """A rigid wheel."""
 
     @property
     def radius(self) -> float:
@@ -48,14 +48,14 @@ class Wheel(Protocol):
 
 
 class Rolling(NamedTuple):
-    """How a wheel's centre moves over how its rim does: v / |r omega|."""
+    """Velocity of a wheel's centre over the speed of its rim: v / |r omega|."""
 
-    along: Num  # 1 rolls without slip, below it drives, above it skids [-]
+    along: Num  # 1: rolling without slip, below 1 driving, above 1 skidding [-]
     across: Num  # + left [-]
 
 
 class SoilForce(NamedTuple):
-    """What the soil does to the wheel, along the wheel's axes (x where it rolls to, y left, z up)."""
+    """Force and torque of the soil on a wheel, along its axes (x in the direction of rolling, y left, z up)."""
 
     F_x: Num  # [N]
     F_y: Num  # [N]
@@ -64,7 +64,7 @@ class SoilForce(NamedTuple):
 
 
 def slip_ratio(along: Num) -> Num:
-    """(r omega - v_x) / r omega of a wheel that drives, / v_x of one that skids, from v_x / r omega [-]."""
+    """Slip ratio [-]: (r omega - v_x) / r omega driving, / v_x skidding, from ``along`` = v_x / r omega [-]."""
     return ca.if_else(along <= 1.0, 1.0 - along, 1.0 / ca.fmax(along, 1.0) - 1.0)
 
 
@@ -75,7 +75,7 @@ def soil_force(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> Soil
     F_x: Num = 0.0
     F_z: Num = 0.0
     F_u: Num = 0.0  # lateral shear under the rim
-    F_s: Num = 0.0  # soil bulldozed by the side of the wheel
+    F_s: Num = 0.0  # bulldozing by the side of the wheel
     torque: Num = 0.0
     for theta, weight, sigma in _stressed(soil, contact):
         j_x = _sheared_along(contact, theta, rolling) / k_x
@@ -96,13 +96,13 @@ def soil_force(wheel: Wheel, soil: Soil, sinkage: Num, rolling: Rolling) -> Soil
 
 
 class _Contact(NamedTuple):
-    """Where the rim touches, and how hard."""
+    """Contact of the rim with the soil."""
 
     radius: Num  # [m]
     entry: Num  # theta_f [rad]
     leave: Num  # theta_r [rad]
     crest: Num  # theta_m, of the largest pressure [rad]
-    transition: Num  # theta_0, between the two zones of shear of a wheel that skids [rad]
+    transition: Num  # theta_0, between the two zones of shear of a skidding wheel [rad]
     stiffness: Num  # K: pressure over the sinkage in radii to the power of the exponent [Pa]
     exponent: Num  # n [-]
 
@@ -132,9 +132,9 @@ def _stiffness(wheel: Wheel, soil: Soil, n: Num) -> Num:
 
 
 def _stressed(soil: Soil, contact: _Contact) -> Iterator[tuple[Num, Num, Num]]:
-    """Places of the rim [rad], what each stands for [rad], and the pressure there [Pa]: rear zone, then front zone.
+    """Quadrature points of the rim: angle [rad], weight [rad] and pressure [Pa]; rear zone, then front zone.
 
-    Behind its crest the pressure falls as it rises in front of it, stretched over the angle there.
+    Behind its crest the pressure has the profile of the front zone, stretched over the angle of the rear zone.
     """
     places, weights = np.polynomial.legendre.leggauss(_POINTS)
     for end in (contact.leave, contact.entry):
@@ -153,9 +153,9 @@ def _shear_moduli(soil: Soil, side_slip: Num) -> tuple[Num, Num]:
 
 
 def _sheared_along(contact: _Contact, theta: Num, rolling: Rolling) -> Num:
-    """How far the rim has sheared the soil backward at theta [m].
+    """Backward shear displacement of the soil at theta [m].
 
-    In front of the transition the displacement runs from none to none; without skid the transition is the entry.
+    In front of the transition it starts and ends at 0; without skid the transition is at the entry.
     """
     f, t = contact.entry, contact.transition
     front = (ca.sin(f) - ca.sin(t)) * (f - theta) / ca.fmax(f - t, 1e-9) - (ca.sin(f) - ca.sin(theta))
@@ -164,29 +164,30 @@ def _sheared_along(contact: _Contact, theta: Num, rolling: Rolling) -> Num:
 
 
 def _mobilised(soil: Soil, j_x: Num, j_y: Num, rolling: Rolling, theta: Num) -> tuple[Num, Num]:
-    """Parts of the shear strength that displacements over their moduli call up along and across [-].
+    """Mobilised shares of the shear strength along and across [-], from displacements over their moduli.
 
-    Apart, as Ishigami has it, both can be 1. Together, as Pavlov & Johnson have it, the way of both counts and the
-    shear points where the rim slides to.
+    ``separate`` (Ishigami): each share can reach 1. ``combined`` (Pavlov & Johnson): the length of both displacements
+    counts, and the shear has the direction in which the rim slides.
     """
     if soil.shear_law == "separate":
         return _share(j_x), _share(j_y)
     slide_x, slide_y = ca.fabs(1.0 - rolling.along * ca.cos(theta)), ca.fabs(rolling.across)
-    whole = _share(ca.sqrt(j_x**2 + j_y**2)) / ca.sqrt(slide_x**2 + slide_y**2 + 1e-18)
-    return _direction(j_x) * slide_x * whole, _direction(j_y) * slide_y * whole
+    total = _share(ca.sqrt(j_x**2 + j_y**2)) / ca.sqrt(slide_x**2 + slide_y**2 + 1e-18)
+    return _direction(j_x) * slide_x * total, _direction(j_y) * slide_y * total
 
 
 def _direction(j: Num) -> Num:
-    """Sign of a displacement over its modulus, fading where it turns."""
+    """Smoothed sign of a displacement over its modulus."""
     return j / ca.sqrt(j**2 + _TURNING**2)
 
 
 def _share(j: Num) -> Num:
+    """Mobilised share of the strength, with the sign of the displacement over its modulus."""
     return ca.sign(j) * (1.0 - ca.exp(-ca.fabs(j)))
 
 
 def _bulldozing(soil: Soil, depth: Num) -> Num:
-    """Force on a strip of the wheel's side over its length [N/m], after Hegedus."""
+    """Bulldozing force per length of the wheel's side [N/m], after Hegedus."""
     phi = soil.friction_angle
     cot = 1.0 / ca.tan(math.pi / 4.0 - 0.5 * phi)
     D_1 = cot + ca.tan(math.pi / 4.0 + 0.5 * phi)

@@ -1,4 +1,4 @@
-"""What is really so of a rover at one tick.
+"""Ground truth of a rover at one tick.
 
 Frame R has its origin in the body centre's projection on the ground, x forward, y left, z up. Only ``sensors`` and
 ``scenarios`` may look at the truth.
@@ -12,7 +12,7 @@ from typing import Final
 
 from vehicle.frames import FloatArray
 
-_STANDING: Final = 0.01  # slower than this a rover settles, it does not travel [m/s]
+_STANDING: Final = 0.01  # below this speed a rover settles and does not travel [m/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -24,7 +24,7 @@ class RoverTruth:
     velocity: FloatArray  # (3,) v_x, v_y [m/s] of R's origin along the body's axes, yaw rate [rad/s]
     X_WB: FloatArray  # (4, 4) pose of the body, with slope, roll, pitch and sinkage; on level hard ground that of R
     wheel_positions: FloatArray  # (n, 3) lowest point of each wheel in W [m], below the ground by the sinkage
-    wheel_headings: FloatArray  # (n,) where each wheel points, in W [rad]
+    wheel_headings: FloatArray  # (n,) direction of each wheel in W [rad]
     wheel_velocities: FloatArray  # (n, 2) of each wheel's centre, along and across (+ left) its own heading [m/s]
     wheel_speeds: FloatArray  # (n,) of rotation, + forward [rad/s]
     wheel_turns: FloatArray  # (n,) angle rolled since the start [rad]
@@ -36,9 +36,9 @@ class RoverTruth:
 
     @property
     def slip_angle(self) -> float:
-        """Direction of travel of R's origin against the body's x axis, + left: beta of Reina 2008, eq. 1 [rad].
+        """Direction of travel of R's origin relative to the body's x axis, + left; 0 at a standstill [rad].
 
-        Who stands does not slip.
+        This is beta of Reina 2008, eq. 1.
         """
         v_x, v_y, _ = self.velocity.tolist()
         return math.atan2(v_y, v_x) if math.hypot(v_x, v_y) > _STANDING else 0.0
