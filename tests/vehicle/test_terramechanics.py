@@ -153,7 +153,7 @@ def test_quadrature_is_exact_to_a_hundredth_of_a_percent(name: str, monkeypatch:
     along = np.concatenate([rng.uniform(0.1, 1.0, 100), rng.uniform(1.0, 3.0, 100)])
     arguments = [values[None, :] for values in (h, along, across)]
     coarse = np.array(compiled(SINGLE_WHEEL, load_soil(name))(*arguments))
-    monkeypatch.setattr(vehicle.terramechanics, "_POINTS", 60)
+    monkeypatch.setattr(vehicle.rover.terramechanics, "_POINTS", 60)
     fine = np.array(compiled(SINGLE_WHEEL, load_soil(name))(*arguments))
     wrong = np.max(np.abs(coarse - fine)[:3] / fine[2], axis=0)
     assert np.max(wrong[:100]) < 1e-4

@@ -1,9 +1,9 @@
 """Equations of motion of a rover on sloping ground, as CasADi expressions.
 
 A rigid body moves on a plane with the mean slope of the ground under its wheels. Each wheel also feels the difference
-between its own slope and the plane's. Loads follow from the forces in the plane (see ``footprint``). Unevenness does not
-change them: rockers are assumed to even it out. Not modelled: moments about the vertical in a contact, and the inertia
-of roll and pitch.
+between its own slope and the plane's. Loads follow from the forces in the plane (see ``footprint``). They do not change
+with unevenness: rockers are assumed to even it out. Not modelled: moments about the vertical in a contact, and the
+inertia of roll and pitch.
 """
 
 from __future__ import annotations
