@@ -13,6 +13,19 @@ def arc_length(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
+def resampled(points: FloatArray, stations: FloatArray) -> FloatArray:
+    """Points (m, 2) at distances ``stations`` (m,) along the polyline through points (n, 2) [m]."""
+    along = arc_length(points)
+    return np.stack([np.interp(stations, along, points[:, i]) for i in range(2)], axis=1)
+
+
+def dense(points: FloatArray, spacing: float) -> tuple[FloatArray, float]:
+    """Points (m, 2) about ``spacing`` [m] apart from one end of the polyline to the other, and their spacing [m]."""
+    length = float(arc_length(points)[-1])
+    stations = np.linspace(0.0, length, max(2, int(length / spacing) + 1))
+    return resampled(points, stations), float(stations[1])
+
+
 def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:
     """Indices of points (n, 2) about ``spacing`` [m] of arc length apart."""
     along = arc_length(points)

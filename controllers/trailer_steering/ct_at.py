@@ -28,11 +28,12 @@ from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
 from estimators.estimates import OffTracking
-from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
+from vehicle.polyline import arc_length
 
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _REACH = 0.5  # half window of the fit of the heading to the path [m]
@@ -100,7 +101,7 @@ class CtAt(SteeringLaw[CtAtMemory]):
 
     def _due(self, path: FloatArray, motion: HitchMotion) -> float | None:
         """Direction in which the follow point is to travel [rad], when the axles have answered; None if not known."""
-        s = chord_lengths(path)
+        s = arc_length(path)
         passed = crossing(path, s, -self._trailer.follow_distance)
         if passed is None:
             return None

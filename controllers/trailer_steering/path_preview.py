@@ -23,11 +23,12 @@ from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
+from vehicle.polyline import arc_length
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
@@ -164,7 +165,7 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
 
     def _target(self, path: FloatArray) -> Target | None:
         """Where a path (n, 2) passes the follow point; None if it does not reach back that far."""
-        s = chord_lengths(path)
+        s = arc_length(path)
         passed = crossing(path, s, -self._trailer.follow_distance)
         if passed is None:
             return None

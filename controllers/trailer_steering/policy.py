@@ -24,11 +24,12 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import chord_lengths, crossing
+from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
+from vehicle.polyline import arc_length
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: where along the path from the follow point to the hitch one looks
@@ -155,7 +156,7 @@ class Policy(SteeringLaw[PolicyMemory]):
 
 def seen_features(seen: OffTracking, follow_distance: float) -> tuple[float, ...]:
     """What an estimate with health says, as the first of ``feature_names`` up to ``trailer_yaw_rate``."""
-    s = chord_lengths(seen.path)
+    s = arc_length(seen.path)
     passed = crossing(seen.path, s, -follow_distance)
     back = s[-1] if passed is None else passed.s
     ahead = np.interp(back - follow_distance * np.array(AHEAD), s, seen.path[:, 1])

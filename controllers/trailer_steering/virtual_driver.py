@@ -29,11 +29,12 @@ from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup, held
 from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import chord_lengths, crossing
+from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
+from vehicle.polyline import arc_length
 
 _CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
 _SMOOTHING = 0.5  # low-pass on the derivative of the error [m]
@@ -124,7 +125,7 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
     def _error(self, path: FloatArray, ahead: float) -> float | None:
         """How far beside the axis a path (n, 2) lies ``ahead`` of the follow point [m]; None if it is not that long."""
         x = min(0.0, ahead - self._trailer.follow_distance)
-        passed = crossing(path, chord_lengths(path), x)
+        passed = crossing(path, arc_length(path), x)
         return None if passed is None else passed.y
 
     def _angles(self, hitch_direction: float, memory: VirtualDriverMemory, error: float) -> FloatArray:

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, OffTracking
-from estimators.off_tracking.hitch_path import Crossing, Tangent, chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
 from estimators.off_tracking.lateral_uncertainty import lateral_std
 from estimators.off_tracking.motion_smoother import Moments, started, updated
 from estimators.off_tracking.pose_chain import (
@@ -45,6 +45,7 @@ from estimators.off_tracking.standstill import Step, Withheld, released
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, so3_exp
+from vehicle.polyline import arc_length
 
 REVERSING = 20.0  # for which the path is kept: into a yard, or back for another attempt [m]
 _BEYOND = 1.0  # path kept behind the follow point, for the fit of its tangent [m]
@@ -132,7 +133,7 @@ class OffTrackingBuffer:
         all_positions = positions_now(samples)
         places = np.flatnonzero([sample.on_path for sample in samples])
         positions = all_positions[places]
-        s = chord_lengths(positions[:, :2])
+        s = arc_length(positions[:, :2])
         passed = crossing(positions[:, :2], s, -self._follow_distance)
         reach = _LONGEST * self._follow_distance if passed is None else passed.s + _BEYOND
         needed = 2 + int(np.searchsorted(s, reach))  # one more beyond for the cubic

@@ -23,7 +23,7 @@ from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.ground_motion import ground_motion
 from estimators.off_tracking.ground_view import GroundView, ground_cameras, viewed
-from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.path_closure import closed
 from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, positions_now
@@ -32,6 +32,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse
 from vehicle.option import Option
+from vehicle.polyline import arc_length
 
 _STILL = 5e-4  # a motion of less is a standstill: views are kept, so that their noise does not add up [m]
 _LONGEST_SPAN = 500  # between two frames; a truck has then gone on beyond what it saw [ticks]
@@ -232,7 +233,7 @@ def _remeasured(
 ) -> OffTracking:
     """The off-tracking on the corrected path, with the uncertainty of the closure and of where the cameras looked."""
     path = positions_now(samples)[:, :2]
-    s = chord_lengths(path)
+    s = arc_length(path)
     passed = crossing(path, s, -follow_distance)
     if passed is None or off_tracking.health is Health.LOST:
         return off_tracking

@@ -31,11 +31,6 @@ class Tangent(NamedTuple):
     curvature: float  # + turning left [1/m]
 
 
-def chord_lengths(path: FloatArray) -> FloatArray:
-    """s of every point, shape (n,)."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-
-
 def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
     """The most recent crossing of x from ahead, on the cubic through the four points around it; None if none.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.off_tracking.hitch_path import chord_lengths
 from estimators.off_tracking.pose_chain import Sample, positions_now
 from estimators.rigid_motion import chained, stretched
 from vehicle.frames import FloatArray, inverse
+from vehicle.polyline import arc_length
 
 
 def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[Sample, ...]:
@@ -16,7 +16,7 @@ def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[S
     Older samples move with it as one piece; those between turn and shift by their share of the way.
     """
     X_OC = samples[0].X_OS
-    way = chord_lengths(positions_now(samples)[:, :2])
+    way = arc_length(positions_now(samples)[:, :2])
     share = np.minimum(way / way[index], 1.0)
     correction = X_CK @ inverse(inverse(X_OC) @ samples[index].X_OS)
     return tuple(

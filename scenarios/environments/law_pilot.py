@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.policy import feature_names
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import chord_lengths, crossing, tangent
+from estimators.off_tracking.hitch_path import crossing, tangent
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.environments.hitch_paths import Mark
@@ -26,6 +26,7 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _KEPT: Final = 60  # control steps back that an estimate may be from: its age and a loss of health or two
 _FIT: Final = 1.0  # of path at the hitch that its direction is told from [m]
@@ -107,7 +108,7 @@ class LawPilot:
     def _estimate(self, k: int, row: FloatArray, tick: int, mark: Mark, follow: float) -> OffTracking:
         at = self._column
         path = self._core.hitch_paths.behind(k, mark, follow + _BEYOND)
-        s = chord_lengths(path)
+        s = arc_length(path)
         passed = crossing(path, s, -follow)
         value = float(row[at["off_tracking"]])
         if passed is not None:

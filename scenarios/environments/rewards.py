@@ -30,11 +30,11 @@ def off_path(moment: Moment) -> FloatArray:
     return -np.minimum(np.abs(moment.off_tracking), _WORST)
 
 
-def tail_swing(moment: Moment) -> FloatArray:
-    """Minus how far the follow point is outside of the path in a turn [m], up to 3 m."""
+def outside_path(moment: Moment) -> FloatArray:
+    """Minus the follow point's distance from the path to the outside of the turn [m], up to 3 m."""
     outside = np.sign(moment.turn) * moment.off_tracking  # the path lies left of it: in a left turn it is outside
-    swing: FloatArray = np.minimum(np.maximum(outside, 0.0), _WORST)
-    return -swing
+    distance: FloatArray = np.minimum(np.maximum(outside, 0.0), _WORST)
+    return -distance
 
 
 def kerb(moment: Moment) -> FloatArray:
@@ -62,6 +62,6 @@ def weighted(parts: Mapping[Reward, float]) -> Reward:
     return together
 
 
-# A decimetre beside the path costs 0.01 a step, a decimetre of tail swing as much again; axles at 6 deg/s cost 0.0002.
-USUAL: Final[Mapping[Reward, float]] = {follow_error: 1.0, tail_swing: 0.1, steer_effort: 0.02}
+# A decimetre beside the path costs 0.01 a step, a decimetre to the outside as much again; axles at 6 deg/s cost 0.0002.
+USUAL: Final[Mapping[Reward, float]] = {follow_error: 1.0, outside_path: 0.1, steer_effort: 0.02}
 MISHAP: Final = -100.0  # once: as much as two hundred steps at 0.7 m

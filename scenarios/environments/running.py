@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from scenarios.environments.core import Info
 from scenarios.environments.moment import Moment
-from scenarios.environments.rewards import tail_swing
+from scenarios.environments.rewards import outside_path
 from vehicle.frames import FloatArray
 
 
@@ -17,13 +17,13 @@ class RunningMetrics:
     def __init__(self, n: int) -> None:
         """At their beginning."""
         self._steps, self._squares = np.zeros(n), np.zeros(n)
-        self._largest, self._swing = np.zeros(n), np.zeros(n)
+        self._largest, self._outside = np.zeros(n), np.zeros(n)
         self._steer, self._rate = np.zeros(n), np.zeros(n)
         self.newest = np.zeros(n)  # off-tracking [m]
 
     def begin(self, lanes: NDArray[np.intp]) -> None:
         """New episodes in these lanes."""
-        for part in (self._steps, self._squares, self._largest, self._swing, self._steer, self._rate, self.newest):
+        for part in (self._steps, self._squares, self._largest, self._outside, self._steer, self._rate, self.newest):
             part[lanes] = 0.0
 
     def step(self, moment: Moment, angles: FloatArray) -> None:
@@ -35,17 +35,17 @@ class RunningMetrics:
         self._steps += 1.0
         self._squares += error * error
         np.fmax(self._largest, np.abs(error), out=self._largest)
-        np.fmax(self._swing, -tail_swing(moment), out=self._swing)
+        np.fmax(self._outside, -outside_path(moment), out=self._outside)
         np.fmax(self._steer, np.abs(angles).max(axis=1), out=self._steer)
         np.fmax(self._rate, np.abs(moment.steer_rate).max(axis=1), out=self._rate)
 
     def info(self) -> Info:
-        """By the names of ``summary.json``."""
+        """The metrics by the names of ``summary.json``; ``outside_max_m`` is the follow point's, in turns."""
         return {
             "off_tracking": self.newest.copy(),
             "true_rms_m": np.sqrt(self._squares / np.maximum(self._steps, 1.0)),
             "true_max_m": self._largest.copy(),
-            "tail_swing_m": self._swing.copy(),
+            "outside_max_m": self._outside.copy(),
             "steer_max_deg": np.degrees(self._steer),
             "steer_max_rate_deg_s": np.degrees(self._rate),
         }

@@ -38,8 +38,9 @@ Observation, ``Box((n_features,))`` in SI units, each cut off at its limit; ``co
 reset and tens of milliseconds for a frame, trailer by trailer, in the thread that resets and steps; ``close`` gives
 them back. They are for few trailers; processes are to be spawned, not forked.
 
-Reward of a step: ``rewards.USUAL``, minus the squared off-tracking [m2], a tenth of the tail swing [m] and 0.02 of the
-mean squared steer rate [rad2/s2]; ``rewards.MISHAP`` once at a bad end. ``reward={part: weight}`` takes its place.
+Reward of a step: ``rewards.USUAL``, minus the squared off-tracking [m2], a tenth of the follow point's distance to the
+outside of the turn [m] and 0.02 of the mean squared steer rate [rad2/s2]; ``rewards.MISHAP`` once at a bad end.
+``reward={part: weight}`` takes its place.
 
 Start: straight at the start of a course, rolling at set speed, the path behind known. With "estimate" the trailer has
 come straight to the start at that speed, cameras running, by a follow distance and 2 m; if nothing could be seen even
@@ -51,7 +52,8 @@ End: terminated when it has jackknifed, rolled over, left the road or the physic
 the course is done, or after one and a half times the time it should take and 10 s.
 
 Info: ``off_tracking`` [m] and the metrics of a run's ``summary.json`` so far: ``true_rms_m``, ``true_max_m``,
-``tail_swing_m``, ``steer_max_deg``, ``steer_max_rate_deg_s``; ``outcome`` at the end.
+``steer_max_deg``, ``steer_max_rate_deg_s``; ``outside_max_m``, the follow point's largest distance to the outside of a
+turn; ``outcome`` at the end.
 """
 
 from __future__ import annotations

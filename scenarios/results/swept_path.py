@@ -7,11 +7,13 @@ wrapped or not.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _QUARTER_TURN = 0.5 * math.pi
 _TURN = math.radians(10.0)  # less than this is a lane change, not a turn with an inside and an outside
@@ -132,22 +134,22 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
     until the combination has passed. NaN if the vehicle hardly moved.
     """
     front = placed(np.array([[outlines[0].front_x, 0.0]]), poses[0])[:, 0]
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front, axis=0).T))])
-    rows = np.unique(np.searchsorted(travelled, np.arange(0.0, travelled[-1], _ROW_SPACING)))
-    if travelled[-1] < 2.0 * _STATION_SPACING:
+    along = arc_length(front)
+    rows = np.unique(np.searchsorted(along, np.arange(0.0, along[-1], _ROW_SPACING)))
+    if along[-1] < 2.0 * _STATION_SPACING:
         return math.nan
-    front, travelled = front[rows], travelled[rows]
+    front, along = front[rows], along[rows]
     corners = [placed(outline.corners, pose[rows]) for outline, pose in zip(outlines, poses, strict=True)]
     length = max(float(np.hypot(*(corner - front[0]).T).max()) for corner in (c[0] for c in corners))
-    stations = np.arange(0.0, travelled[-1], _STATION_SPACING)
-    tangents = np.gradient(front, travelled, axis=0)
+    stations = np.arange(0.0, along[-1], _STATION_SPACING)
+    tangents = np.gradient(front, along, axis=0)
     widths = [0.0]
     for s in stations:
-        point = np.array([np.interp(s, travelled, front[:, k]) for k in (0, 1)])
-        tangent = np.array([np.interp(s, travelled, tangents[:, k]) for k in (0, 1)])
+        point = np.array([np.interp(s, along, front[:, k]) for k in (0, 1)])
+        tangent = np.array([np.interp(s, along, tangents[:, k]) for k in (0, 1)])
         # On a path that crosses itself the section must not see the vehicle pass on another leg: it has passed when
         # the front has gone on by the combination's length, or on an arc of up to half a turn, pi / 2 times that.
-        first, last = np.searchsorted(travelled, [s, s + _QUARTER_TURN * length])
+        first, last = np.searchsorted(along, [s, s + _QUARTER_TURN * length])
         cuts = np.concatenate([_cuts(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
         widths.append(float(np.ptp(cuts)) if cuts.size else 0.0)
     return max(widths)
@@ -173,7 +175,7 @@ def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, n
     return crossing
 
 
-def tail_swings(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> tuple[float, float]:
+def tail_swings(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> tuple[float, float]:
     """How far a rear corner swings out beyond the straight before and after a turn [m]; NaN without a turn.
 
     At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit when

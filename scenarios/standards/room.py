@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from controllers.path import Path
 from scenarios.results.swept_path import UnitOutline, placed
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _SPACING = 0.1  # of the stations along the path [m]
 _EDGE = 0.2  # between points along a body's edge [m]: inside a 12.5 m arc they hide 0.4 mm of it
@@ -53,24 +54,6 @@ def front_reach(outline: UnitOutline, poses: FloatArray, path: Path) -> FloatArr
     return _reach(corner, path).outside(path)
 
 
-def tail_swing(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> tuple[float, float]:
-    """How far a rear corner swings out beyond the straights at entry and at exit of a turn [m].
-
-    Beyond the outer side of a body in line with the tractor where it stood first, and where it stands in the end.
-    For turns of half a circle at most: their far sides lie inside of both straights.
-    """
-    side = -1.0 if poses[0][-1, 2] >= poses[0][0, 2] else 1.0
-    swings = []
-    for x, y, psi in (poses[0][0], poses[0][-1]):
-        outwards = side * np.array([-math.sin(psi), math.cos(psi)])
-        beyond = [
-            (placed(np.array([[o.rear_x, side * 0.5 * o.width]]), p)[:, 0] - [x, y]) @ outwards - 0.5 * o.width
-            for o, p in zip(outlines, poses, strict=True)
-        ]
-        swings.append(max(0.0, float(np.max(beyond))))
-    return swings[0], swings[1]
-
-
 def _edge(outline: UnitOutline) -> FloatArray:
     """Points round a body, shape (m, 2) in its frame."""
     ends = zip(outline.corners, np.roll(outline.corners, -1, axis=0), strict=True)
@@ -80,8 +63,8 @@ def _edge(outline: UnitOutline) -> FloatArray:
 
 def _thinned(poses: FloatArray) -> FloatArray:
     """Poses about a station's spacing apart."""
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-    rows = np.searchsorted(travelled, np.arange(0.0, travelled[-1], _SPACING))
+    along = arc_length(poses[:, :2])
+    rows = np.searchsorted(along, np.arange(0.0, along[-1], _SPACING))
     thinned: FloatArray = poses[np.unique(np.append(rows, len(poses) - 1))]
     return thinned
 

@@ -10,11 +10,12 @@ import numpy as np
 
 from scenarios.assembly.adapters import outer_wall, outlines
 from scenarios.assembly.courses import Course, corner
+from scenarios.results.swept_path import tail_swings
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import poses
 from scenarios.standards.proving_ground import Drive
-from scenarios.standards.room import front_reach, reach, tail_swing
+from scenarios.standards.room import front_reach, reach
 from vehicle.combination.description import Vehicle
 
 NAMES: Final = (
@@ -51,7 +52,7 @@ def _figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
     moved = [poses(driven.log, unit.name) for unit in vehicle.units]
     fronts = [front_reach(body, pose, course.path) for body, pose in zip(bodies, moved, strict=True)]
     farthest = [float(np.nanmax(front)) for front in fronts]
-    at_entry, at_exit = tail_swing(bodies, moved)
+    at_entry, at_exit = tail_swings(bodies, moved)
     return {
         "swept_path_m": reach(bodies, moved, course.path).width,
         "frontal_swing_m": farthest[0],

@@ -50,7 +50,7 @@ class Score(NamedTuple):
     rms_m: float  # of the episodes' off-tracking, root of the mean square
     median_rms_m: float
     max_m: float  # the farthest of all
-    swing_m: float  # the largest tail swing of all
+    outside_max_m: float  # the follow point's largest distance to the outside of a turn, of all
     mishaps: int  # episodes that ended badly
 
 
@@ -138,7 +138,7 @@ def _score(episodes: Sequence[dict[str, Any]]) -> Score:
         rms_m=float(np.sqrt(np.mean(rms**2))),
         median_rms_m=float(np.median(rms)),
         max_m=float(max(episode["true_max_m"] for episode in episodes)),
-        swing_m=float(max(episode["tail_swing_m"] for episode in episodes)),
+        outside_max_m=float(max(episode["outside_max_m"] for episode in episodes)),
         mishaps=sum(episode["mishap"] for episode in episodes),
     )
 

@@ -17,7 +17,7 @@ from scenarios.environments.rewards import Reward
 
 ENVIRONMENT: Final = "TrailerSteering-v0"
 ACTION_REPEAT: Final = 4
-REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.tail_swing: 0.1, rewards.steer_effort: 0.02}
+REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.outside_path: 0.1, rewards.steer_effort: 0.02}
 REWARD_SCALE: Final = 0.1  # values are of the size of 1 then: half a metre for two seconds is -5
 COURSES: Final = ("roundabout", "roundabout-right", "turn-90", *(f"random-{k}" for k in range(1, 17)))
 DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))

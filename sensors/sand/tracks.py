@@ -12,6 +12,7 @@ from sensors.sand.imprint import Roll, Sand, Tread, imprinted, strip_of, window_
 from sensors.sand.relief import Relief
 from sensors.sand.slump import slumped
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _BESIDE: Final = (0.17, 0.33)  # of a track along the way, from the rover's own left wheels [m]
 _SWEEPS: Final = 4  # of slumping after an imprint
@@ -47,7 +48,7 @@ def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand
 
 def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:
     """Tracks beside the left wheels' way and across it, for a rover whose middle takes a route (n, 2)."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(route, axis=0).T))])
+    along = arc_length(route)
     tracks = []
     for centre in np.arange(0.7, along[-1], _SPACING):
         s = centre + rng.uniform(-0.25, 0.25)

@@ -13,6 +13,7 @@ from scipy.spatial import Delaunay, cKDTree
 from sensors.world.shapes import FaceArray, Mesh
 from sensors.world.textures import NoiseArray, fractal_noise
 from vehicle.frames import FloatArray
+from vehicle.polyline import dense
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
@@ -82,11 +83,7 @@ class Centreline:
     """The road's centreline as points dense enough to measure distances to."""
 
     def __init__(self, polyline: FloatArray) -> None:
-        step = np.diff(polyline, axis=0)
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
-        stations = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SPACING) + 1))
-        self.points: FloatArray = np.stack([np.interp(stations, along, polyline[:, i]) for i in range(2)], axis=1)
-        self.spacing = stations[1]  # [m]
+        self.points, self.spacing = dense(polyline, _SPACING)  # (n, 2), [m]
         self._tree = cKDTree(self.points)
 
     def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:

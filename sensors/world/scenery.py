@@ -11,6 +11,7 @@ from sensors.world import houses, plants, things
 from sensors.world.ground import Centreline, Terrain
 from sensors.world.things import Thing
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length, resampled
 
 _GAP = 0.5  # between neighbouring things [m]
 
@@ -137,10 +138,7 @@ def kerbs(plot: Plot, road_half_width: float) -> Stand:
 
 def _paced_out(line: FloatArray, length: float) -> FloatArray:
     """Points (n, 2) every ``length`` along a line (m, 2)."""
-    step = np.diff(line, axis=0)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(step[:, 0], step[:, 1]))])
-    joints = np.arange(0.0, along[-1], length)
-    return np.stack([np.interp(joints, along, line[:, i]) for i in range(2)], axis=1)
+    return resampled(line, np.arange(0.0, arc_length(line)[-1], length))
 
 
 def _tilted(poses: FloatArray, terrain: Terrain) -> FloatArray:

@@ -216,13 +216,13 @@ def moment(**values: Any) -> Moment:
 
 def test_rewards_cost_nothing_where_all_is_well_and_are_told_in_their_units() -> None:
     """Each part by hand; a left turn whose path lies left of the follow point has it outside."""
-    for part in (rewards.follow_error, rewards.tail_swing, rewards.kerb, rewards.steer_effort):
+    for part in (rewards.follow_error, rewards.outside_path, rewards.kerb, rewards.steer_effort):
         assert part(moment())[0] == 0.0
     assert rewards.follow_error(moment(off_tracking=np.array([0.2])))[0] == pytest.approx(-0.04)
     assert rewards.follow_error(moment(off_tracking=np.array([50.0])))[0] == pytest.approx(-9.0)
     outside = moment(off_tracking=np.array([0.2]), turn=np.array([0.1]))
-    assert rewards.tail_swing(outside)[0] == pytest.approx(-0.2)
-    assert rewards.tail_swing(outside._replace(turn=-outside.turn))[0] == 0.0
+    assert rewards.outside_path(outside)[0] == pytest.approx(-0.2)
+    assert rewards.outside_path(outside._replace(turn=-outside.turn))[0] == 0.0
     assert rewards.kerb(moment(off_tracking=np.array([-0.6])))[0] == -1.0
     assert rewards.steer_effort(moment(steer_rate=np.array([[0.1, 0.3]])))[0] == pytest.approx(-0.05)
     both = rewards.weighted({rewards.kerb: 2.0, rewards.follow_error: 1.0})

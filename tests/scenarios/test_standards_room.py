@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from controllers.path import Path, arc, line
-from scenarios.results.swept_path import UnitOutline
-from scenarios.standards.room import front_reach, reach, tail_swing
+from scenarios.results.swept_path import UnitOutline, tail_swings
+from scenarios.standards.room import front_reach, reach
 from vehicle.frames import FloatArray, Pose2
 
 BODY = UnitOutline("truck", 6.0, -2.0, 2.5, (5.0, 0.0), (2.0, 2.0))
@@ -44,7 +44,7 @@ def test_a_rear_overhang_swings_out_at_entry_only(side: float) -> None:
     At exit it comes from the inside and follows the axle onto the straight. Rows are 3 cm apart.
     """
     expected = math.hypot(RADIUS + 1.25, 2.0) - RADIUS - 1.25
-    assert tail_swing((BODY,), (rolled(side),)) == pytest.approx((expected, 0.0), abs=1e-4)
+    assert tail_swings((BODY,), (rolled(side),)) == pytest.approx((expected, 0.0), abs=1e-4)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -56,13 +56,13 @@ def test_a_trailer_steered_too_far_swings_out_at_exit(side: float) -> None:
     bump = np.where((travelled > turned) & (travelled < turned + 6.0), side * math.radians(5.0), 0.0)
     overturned = poses + np.column_stack([np.zeros((len(poses), 2)), bump])
     out = 2.0 * math.sin(math.radians(5.0)) - 1.25 * (1.0 - math.cos(math.radians(5.0)))
-    assert tail_swing((BODY,), (overturned,))[1] == pytest.approx(out, abs=1e-9)
+    assert tail_swings((BODY,), (overturned,))[1] == pytest.approx(out, abs=1e-9)
 
 
 def test_a_body_without_overhang_does_not_swing_out() -> None:
     """The rear axle's own corners never leave the straight to the outside."""
     stump = UnitOutline("truck", 6.0, 0.0, 2.5, (5.0, 0.0), (2.0, 2.0))
-    assert tail_swing((stump,), (rolled(1.0),)) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert tail_swings((stump,), (rolled(1.0),)) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 def test_standing_straight_the_width_is_the_bodys() -> None:

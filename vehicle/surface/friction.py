@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from vehicle.frames import FloatArray
+from vehicle.polyline import dense
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
 _SPACING = 0.1  # of the points that represent a line: at R = 10 m their error is s^2/8R = 0.1 mm [m]
@@ -59,7 +60,7 @@ class SplitFriction:
         if line.ndim != 2 or line.shape[1] != 2 or len(line) < 2 or not np.any(np.diff(line, axis=0)):
             raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
         self._left, self._right = left, right
-        self._points = _dense(line)
+        self._points = dense(line, _SPACING)[0]
         self._tangents = np.gradient(self._points, axis=0)
         self._tree = cKDTree(self._points)
 
@@ -74,13 +75,6 @@ class SplitFriction:
         along = self._tangents[nearest]
         left: NDArray[np.bool_] = along[..., 0] * (y - from_line[..., 1]) > along[..., 1] * (x - from_line[..., 0])
         return left
-
-
-def _dense(line: FloatArray) -> FloatArray:
-    """Points (n, 2) close together along a polyline."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    stations = np.linspace(0.0, along[-1], max(2, int(along[-1] / _SPACING) + 1))
-    return np.stack([np.interp(stations, along, line[:, i]) for i in range(2)], axis=1)
 
 
 class FrictionImage:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
 _WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
 # Sizes are assumed: moderate to severe in terms of road maintenance. Potholes are counted from some 0.15 m on, which a
@@ -64,7 +65,7 @@ def scattered_potholes(
         road_half_width: [m].
         per_100_m: number of potholes per 100 m of road.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(centreline, axis=0).T))])
+    along = arc_length(centreline)
     count = round(per_100_m * along[-1] / 100.0)
     diameter = _DIAMETERS[0] * (_DIAMETERS[1] / _DIAMETERS[0]) ** rng.random(count)
     depth = rng.uniform(_DEPTHS[0], _DEPTHS[1], size=count) * (
