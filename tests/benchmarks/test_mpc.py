@@ -1,4 +1,4 @@
-"""What a step of the predictive controller costs: the whole law, an estimate every fifth step, on one core.
+"""Computing time of a step of the predictive controller: the whole law, an estimate every fifth step, on one core.
 
 Each benchmark carries ``median_ms`` and ``p99_ms`` of the processor's time for a step, for others may use the machine
 too, and fails beyond the bars of a controller that runs every 20 ms. Run with ``make benchmarks``.

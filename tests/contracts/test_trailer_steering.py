@@ -1,36 +1,31 @@
-"""What every trailer steering law of the catalogue must keep, whoever wrote it."""
+"""The contract of every trailer steering law of the catalogue."""
 
 from __future__ import annotations
 
 import inspect
 import pickle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from controllers.checked import CheckedLaw
-from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
+from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Guarded
+from controllers.trailer_steering.policy import Network, feature_names, save_network
 from controllers.trailer_steering.reverse_lock import ReverseLock
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.studies.parameters import defaults_of
 from sensors.messages import CombinationSignals
-from vehicle.combination.description import load_vehicle
+from tests.trailers import COMBINATION
+from tests.trailers import TWO_OF_THREE as TRAILER
+from tests.trailers import signals as readings
 from vehicle.frames import FloatArray
 from vehicle.option import Option, Parameter
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(False, True, True),
-    max_steer=0.5,
-    max_steer_rate=0.35,
-    actuator_lag=0.15,
-)
-COMBINATION = Combination(load_vehicle("uk_longer_semitrailer"), 1)
 PERIOD = 20  # between two steps of a controller [ticks]
 CAMERA = 100  # between two estimates, and their latency [ticks]
 
@@ -56,16 +51,13 @@ def estimate(tick: int, *, turn: float, health: Health = Health.OK, speed: float
 
 
 def mirrored(e: OffTracking) -> OffTracking:
-    return OffTracking(
-        tick=e.tick,
+    return replace(
+        e,
         value=-e.value,
-        std=e.std,
-        health=e.health,
         path=e.path * [1.0, -1.0],
         hitch_direction=-e.hitch_direction,
         hitch_direction_rate=-e.hitch_direction_rate,
         path_tangent=-e.path_tangent,
-        v_x=e.v_x,
         v_y=-e.v_y,
         yaw_rate=-e.yaw_rate,
     )
@@ -73,8 +65,8 @@ def mirrored(e: OffTracking) -> OffTracking:
 
 def signals(tick: int, angles: FloatArray, *, turn: float, speed: float = 2.8) -> CombinationSignals:
     """Readings on the circle of curvature ``turn`` [1/m]: wheelbase 3.8 m, trailer 9.3 m."""
-    return CombinationSignals(
-        tick=tick,
+    return readings(
+        tick,
         angles=angles,
         speed=speed,
         steer=float(np.arctan(3.8 * turn)),
@@ -104,13 +96,37 @@ def drive(
     return np.array(commands)
 
 
-# A policy is what its file makes of it, mirror symmetry included: tests/controllers/test_policy.py.
-LAWS = sorted(set(TRAILER_STEERING) - {"policy"})
+@pytest.fixture(scope="module")
+def network(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """File of a linear policy that steers by articulation and off-tracking; one without bias is odd."""
+    names = feature_names(2, [unit.name for unit in COMBINATION.vehicle.units])
+    weights = np.zeros((2, len(names)))
+    weights[:, names.index("articulation_1")] = -0.6, -1.0
+    weights[:, names.index("off_tracking")] = 0.4
+    file = tmp_path_factory.mktemp("policy") / "linear.npz"
+    save_network(Network((weights,), (np.zeros(2),), np.zeros(len(names)), np.ones(len(names)), names), file)
+    return str(file)
 
 
-@pytest.fixture(params=LAWS)
-def law(request: pytest.FixtureRequest) -> TrailerSteering[Any]:
-    return trailer_law(request.param, TRAILER, COMBINATION, {})
+@pytest.fixture(params=sorted(TRAILER_STEERING))
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def law(name: str, network: str) -> TrailerSteering[Any]:
+    """The law as scenarios construct it: guarded, and locked in reverse."""
+    return trailer_law(name, TRAILER, COMBINATION, {"path": network} if name == "policy" else {})
+
+
+@pytest.fixture
+def bare(name: str, network: str) -> TrailerSteering[Any]:
+    """The law itself."""
+    part = resolve("trailer_steering", name, TRAILER_STEERING)
+    keywords = {"combination": COMBINATION, "path": network}
+    asked = {key: keywords[key] for key in inspect.signature(part).parameters if key in keywords}
+    constructed: TrailerSteering[Any] = part(TRAILER, **asked)
+    return constructed
 
 
 class Plain:
@@ -134,7 +150,6 @@ class Declared(Plain):
     options = (Option("gain", 1.0, "gain", "rad/m", 0.0, 2.0),)
 
 
-@pytest.mark.parametrize("name", sorted(TRAILER_STEERING))
 def test_declared_options_are_those_of_the_constructor(name: str) -> None:
     """Names and defaults stand in both places; each option has a meaning, and its default keeps the limits."""
     part = resolve("trailer_steering", name, TRAILER_STEERING)
@@ -157,11 +172,11 @@ def test_declared_options_are_those_of_the_constructor(name: str) -> None:
 def test_a_law_without_declarations_can_be_used() -> None:
     """Its parameters are those of its constructor, of any type."""
     law = trailer_law(f"{__name__}:Plain", TRAILER, COMBINATION, {"gain": 2.5, "mode": "fast"})
-    assert isinstance(law, ReverseLock)
-    assert isinstance(law.law, Guarded)
-    assert isinstance(law.law.law, CheckedLaw)
-    assert isinstance(law.law.law.law, Plain)
-    assert law.law.law.law.given == (2.5, "fast", "")
+    layers: list[Any] = [law]
+    while hasattr(layers[-1], "law"):
+        layers.append(layers[-1].law)
+    assert [type(layer) for layer in layers] == [ReverseLock, Guarded, CheckedLaw, Plain]
+    assert layers[-1].given == (2.5, "fast", "")
     assert defaults_of(Plain) == {"gain": 1.0}
 
 
@@ -228,9 +243,29 @@ def test_a_step_is_pure(law: TrailerSteering[Any]) -> None:
 
 
 def test_law_and_memory_can_be_pickled(law: TrailerSteering[Any]) -> None:
-    """Runs travel to other processes and are snapshotted."""
-    memory, _ = law.step(law.init(), 0, None, signals(0, np.zeros(2), turn=0.08))
-    pickle.loads(pickle.dumps((law, memory)))
+    """Runs move to other processes and are snapshotted: the copies go on as the originals, to the last bit."""
+    memory = law.init()
+    for tick in range(0, 2000, PERIOD):
+        memory, _ = law.step(memory, tick, TURN.get(tick), signals(tick, np.zeros(2), turn=0.08))
+    copy, copied = pickle.loads(pickle.dumps((law, memory)))
+    for tick in range(2000, 2400, PERIOD):
+        reading = signals(tick, np.zeros(2), turn=0.06)
+        memory, command = law.step(memory, tick, TURN.get(tick), reading)
+        copied, again = copy.step(copied, tick, TURN.get(tick), reading)
+        np.testing.assert_array_equal(again.angles, command.angles)
+
+
+@pytest.mark.parametrize("points", [1, 2, 60])
+def test_lost_estimates_never_make_a_command_infinite(bare: TrailerSteering[Any], points: int) -> None:
+    """From the start, and in between good ones; the path of a lost one may be the hitch alone."""
+    lost = {
+        k: replace(seen, health=Health.LOST, value=0.0, std=np.inf, path=seen.path[:points], v_x=0.0, v_y=0.0)
+        for k, seen in TURN.items()
+        if k < 500 or 2000 <= k < 3000
+    }
+    commands = drive(bare, TURN | lost, 4000)
+    assert np.isfinite(commands).all()
+    assert np.abs(commands).max() <= TRAILER.max_steer + 1e-12
 
 
 @pytest.mark.parametrize("speed", [0.0, 1e-9, -1.0])

@@ -9,23 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import Combination, TrailerGeometry
+from controllers.trailer import Combination
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.path_preview import PathPreview
 from scenarios.assembly.courses import roundabout
 from sensors.messages import CombinationSignals
-from vehicle.combination.description import load_vehicle
+from tests.trailers import ALL_STEERED as TRAILER
+from tests.trailers import COMBINATION
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(True, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=math.radians(20.0),
-    actuator_lag=0.15,
-)
-COMBINATION = Combination(load_vehicle("uk_longer_semitrailer"), 1)
 HITCH_X = COMBINATION.vehicle.units[0].rear_hitch[0]
 
 

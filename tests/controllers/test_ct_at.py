@@ -9,19 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import Combination, TrailerGeometry
+from controllers.trailer import Combination
 from controllers.trailer_steering.ct_at import CtAt
 from scenarios.assembly.courses import roundabout, straight
+from tests.trailers import ALL_STEERED as TRAILER
 from vehicle.combination.description import load_vehicle
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(True, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=math.radians(20.0),
-    actuator_lag=0.15,
-)
 LOADED = load_vehicle("uk_longer_semitrailer")
 TRACTOR = LOADED.units[0].model_copy(update={"hitch_x": 0.6})  # that of `drive`
 COMBINATION = Combination(LOADED.model_copy(update={"units": (TRACTOR, *LOADED.units[1:])}), 1)

@@ -14,17 +14,14 @@ from hypothesis import strategies as st
 
 from controllers.driver import DriverMemory, PreviewDriver, TractorGeometry
 from controllers.path import Path, Segment, arc, line
-from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.assembly.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState
+from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import Pose2
 
 TRACTOR = TractorGeometry(wheelbase=3.8, x_ref=5.2, y_ref=-1.275, max_steer=0.75, max_steer_rate=0.5, actuator_lag=0.1)
 PATH = Path(Pose2(5.2, -1.275, 0.0), (line(10.0), arc(60.0, 0.08), line(10.0)))
-TRAILER = TrailerGeometry(
-    follow_distance=14.0, axle_distances=(9.31,), steered=(True,), max_steer=0.5, max_steer_rate=0.35, actuator_lag=0.15
-)
 COURSES = {
     "left": roundabout(front_x=5.2, width=2.55),
     "right": roundabout(front_x=5.2, width=2.55, direction="right"),
@@ -33,8 +30,8 @@ COURSES = {
 
 
 def ego(tick: int = 0, /, **motion: float) -> EgoState:
-    at_rest = {"x": 0.0, "y": 0.0, "psi": 0.0, "v_x": 0.0, "v_y": 0.0, "yaw_rate": 0.0}
-    return EgoState(tick=tick, **{**at_rest, **motion})
+    at_rest = EgoState(tick=tick, x=0.0, y=0.0, psi=0.0, v_x=0.0, v_y=0.0, yaw_rate=0.0)
+    return replace(at_rest, **motion)  # type: ignore[arg-type]  # of any field, for mypy
 
 
 @pytest.mark.parametrize("course", COURSES)

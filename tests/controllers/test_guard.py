@@ -12,23 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry
+from controllers.trailer import SteerCommand
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
-from vehicle.combination.description import load_vehicle
+from tests.trailers import COMBINATION, signals
+from tests.trailers import TWO_OF_THREE as TRAILER
 from vehicle.frames import FloatArray
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(False, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=math.radians(20.0),
-    actuator_lag=0.15,
-)
-COMBINATION = Combination(load_vehicle("uk_longer_semitrailer"), 1)
 SPEED = 2.8  # [m/s]
 PERIOD, CAMERA = 20, 100  # of steps and estimates [ticks]
 WANTED = 0.2  # what the law under guard steers by any estimate that it is given [rad]
@@ -68,18 +60,6 @@ def estimate(tick: int, **changes: Any) -> OffTracking:
     return replace(seen, **changes)
 
 
-def signals(tick: int, articulation: float = 0.0, speed: float = SPEED) -> CombinationSignals:
-    return CombinationSignals(
-        tick=tick,
-        angles=np.zeros(2),
-        speed=speed,
-        steer=0.0,
-        articulation=np.array([articulation]),
-        yaw_rates=np.zeros(2),
-        lateral_acceleration=0.0,
-    )
-
-
 Faulty = Callable[[OffTracking], OffTracking | None]  # None: it does not arrive
 
 
@@ -99,7 +79,9 @@ def drive(
     for tick in ticks.tolist():
         if tick % CAMERA == 0 and tick:
             newest = faulty(estimate(tick - CAMERA, v_x=speed)) or newest
-        memory, command = guarded.step(memory, tick, newest, signals(tick, articulation, speed))
+        memory, command = guarded.step(
+            memory, tick, newest, signals(tick, articulation=np.array([articulation]), speed=speed)
+        )
         commands.append(command.angles)
     return ticks.astype(np.float64), np.array(commands), memory
 
@@ -207,7 +189,9 @@ def test_in_a_turn_the_axles_go_over_to_command_steer() -> None:
     alone = CommandSteer(TRAILER, combination=COMBINATION)
     memory = alone.init()
     for tick in range(0, 12000, PERIOD):
-        memory, command = alone.step(memory, tick, None, signals(tick, math.radians(20.0)))
+        memory, command = alone.step(
+            memory, tick, None, signals(tick, articulation=np.array([math.radians(20.0)]), speed=SPEED)
+        )
     assert np.abs(command.angles).max() > math.radians(5.0)
     np.testing.assert_allclose(commands[-1], command.angles, atol=1e-12)
 
@@ -291,4 +275,4 @@ def test_whatever_befalls_the_estimates_no_limit_is_exceeded(faults: list[Faulty
 def test_a_setting_outside_its_limits_is_refused(name: str, value: float) -> None:
     """By name, value and limits."""
     with pytest.raises(ValueError, match=rf"{name} = {value} .*must be between"):
-        Degradation(**{name: value})
+        replace(Degradation(), **{name: value})  # type: ignore[arg-type]  # of any field, for mypy

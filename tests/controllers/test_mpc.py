@@ -184,7 +184,7 @@ def test_law_and_memory_travel_to_other_processes() -> None:
 def test_a_parameter_outside_its_limits_is_refused(name: str, value: float) -> None:
     """By name, value and limits."""
     with pytest.raises(ValueError, match=rf"{name} = {value} .*must be between"):
-        law(**{name: value})
+        Mpc(TRAILER, combination=COMBINATION, **{name: value})
 
 
 def test_a_trailer_without_steered_axles_is_refused() -> None:

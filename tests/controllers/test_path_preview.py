@@ -16,33 +16,12 @@ from controllers.trailer_steering.unsteered import Unsteered
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.courses import figure_of_eight, roundabout, straight
 from sensors.messages import CombinationSignals
-from vehicle.frames import FloatArray
+from tests.trailers import ALL_STEERED as TRAILER
+from tests.trailers import TWO_OF_THREE, signals
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(True, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=math.radians(20.0),
-    actuator_lag=0.15,
-)
-TWO_OF_THREE = replace(TRAILER, steered=(False, True, True))
 SINGLE = replace(TRAILER, axle_distances=(9.31,), steered=(True,))
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
 EIGHT = figure_of_eight(front_x=5.2, width=2.55)
-
-
-def signals(tick: int, angles: FloatArray) -> CombinationSignals:
-    """Readings of a combination at rest but for the trailer's axles."""
-    return CombinationSignals(
-        tick=tick,
-        angles=angles,
-        speed=0.0,
-        steer=0.0,
-        articulation=np.zeros(1),
-        yaw_rates=np.zeros(2),
-        lateral_acceleration=0.0,
-    )
 
 
 def test_an_unsteered_trailer_cuts_in_as_the_reference_figures_say(drive: Any) -> None:
@@ -173,7 +152,7 @@ def steps(law: PathPreview, until: int, seen: Any, memory: PathPreviewMemory | N
     memory = law.init() if memory is None else memory
     angles, commands = np.array(memory.demand), []
     for tick in range(start, until, 20):
-        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles))
+        memory, command = law.step(memory, tick, seen(tick), signals(tick, angles=angles))
         angles = command.angles
         commands.append(angles)
     return memory, np.array(commands)
@@ -234,7 +213,7 @@ def test_slip_is_taken_away_before_there_is_a_path_to_follow() -> None:
     for tick in range(0, 3000, 20):
         crab = (slip + float(np.mean(np.tan(angles)))) * 2.8
         seen = short_of_the_follow_point(tick // 100 * 100 - 100, v_y=crab) if tick >= 100 else None
-        memory, command = law.step(memory, tick, seen, signals(tick, angles))
+        memory, command = law.step(memory, tick, seen, signals(tick, angles=angles))
         angles = command.angles
     assert np.degrees(angles) == pytest.approx([-1.0] * 3, abs=0.05)
 

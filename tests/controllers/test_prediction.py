@@ -8,21 +8,13 @@ import numpy as np
 import pytest
 
 from controllers.actuator import settle
-from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
-from sensors.messages import CombinationSignals
+from tests.trailers import TWO_OF_THREE as TRAILER
+from tests.trailers import signals
 from vehicle.frames import FloatArray
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(False, True, True),
-    max_steer=0.5,
-    max_steer_rate=0.35,
-    actuator_lag=0.15,
-)
 AXLES = AxleGroup.of(TRAILER)
 PREDICTOR = Predictor(TRAILER, AXLES)
 
@@ -43,24 +35,11 @@ def seen(*, direction: float, direction_rate: float, speed: float, yaw_rate: flo
     )
 
 
-def signals(tick: int, angles: FloatArray) -> CombinationSignals:
-    """Readings of a combination at rest but for the trailer's axles."""
-    return CombinationSignals(
-        tick=tick,
-        angles=angles,
-        speed=0.0,
-        steer=0.0,
-        articulation=np.zeros(1),
-        yaw_rates=np.zeros(2),
-        lateral_acceleration=0.0,
-    )
-
-
 def history(read: FloatArray) -> SteerHistory:
     """Readings (n, 2) every 20 ms from tick 1000 on."""
     past: SteerHistory = ()
     for k, angles in enumerate(read):
-        past = recorded(past, signals(1000 + 20 * k, angles), 3000)
+        past = recorded(past, signals(1000 + 20 * k, angles=angles), 3000)
     return past
 
 
@@ -89,7 +68,11 @@ def test_angles_read_meanwhile_and_on_their_way_turn_the_trailer() -> None:
     for k in range(400):
         t = (k + 0.5) * 1e-3
         read = -0.07 * t / 0.2 * np.ones(2)
-        coming = settle([-0.07, -0.07], demand, t - 0.2, lag=0.15, max_rate=0.35) if t > 0.2 else read
+        coming = (
+            settle([-0.07, -0.07], demand, t - 0.2, lag=TRAILER.actuator_lag, max_rate=TRAILER.max_steer_rate)
+            if t > 0.2
+            else read
+        )
         moment = float(AXLES.steer_moment(coming))
         psi += speed * 1e-3 * AXLES.yaw_per_metre(direction + course_rate * t - psi, moment, 0.01)
     assert psi > 0.03  # there is something to predict: 0.4 m at the follow point
@@ -101,7 +84,7 @@ def test_steer_readings_are_kept_in_order_and_only_as_long_as_needed() -> None:
     """A reading that comes again changes nothing; old ones go; between two the angle is interpolated."""
     past: SteerHistory = ()
     for tick in range(0, 200, 20):
-        past = recorded(past, signals(tick, np.array([tick * 1e-3, 0.0])), 100)
-    assert recorded(past, signals(180, np.ones(2)), 100) == past
+        past = recorded(past, signals(tick, angles=np.array([tick * 1e-3, 0.0])), 100)
+    assert recorded(past, signals(180, angles=np.ones(2)), 100) == past
     assert [reading.tick for reading in past] == [80, 100, 120, 140, 160, 180]
     assert angles_at(past, np.array([130.0, 0.0])) == pytest.approx(np.array([[0.13, 0.0], [0.08, 0.0]]))

@@ -7,21 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from controllers.trailer import SteerCommand, TrailerGeometry
+from controllers.trailer import SteerCommand
 from controllers.trailer_steering.reverse_lock import ReverseLock, ReverseLockMemory
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
+from tests.trailers import TWO_OF_THREE as TRAILER
+from tests.trailers import signals
 from vehicle.frames import FloatArray
 
-RATE = math.radians(20.0)
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(False, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=RATE,
-    actuator_lag=0.15,
-)
+RATE = TRAILER.max_steer_rate
 HELD = math.radians(10.0)
 
 
@@ -42,11 +36,7 @@ def stepped(speeds: list[float]) -> tuple[ReverseLockMemory, FloatArray]:
     law, angles = ReverseLock(Counting(), TRAILER), []
     memory = law.init()
     for k, speed in enumerate(speeds):
-        signals = CombinationSignals(
-            tick=20 * k, angles=np.zeros(2), speed=speed, steer=0.0, articulation=np.zeros(1), yaw_rates=np.zeros(2),
-            lateral_acceleration=0.0,
-        )  # fmt: skip
-        memory, command = law.step(memory, 20 * k, None, signals)
+        memory, command = law.step(memory, 20 * k, None, signals(20 * k, speed=speed))
         angles.append(command.angles)
     return memory, np.array(angles)
 

@@ -10,17 +10,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from controllers.trailer import Linkage, TrailerGeometry
+from controllers.trailer import Linkage
 from controllers.trailer_steering.kinematics import AxleGroup
+from tests.trailers import ALL_STEERED as TRAILER
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(True, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=0.35,
-    actuator_lag=0.15,
-)
 ALL_STEERED = AxleGroup.of(TRAILER)
 TWO_STEERED = AxleGroup.of(replace(TRAILER, steered=(False, True, True)))
 directions = st.floats(-0.8, 0.8)

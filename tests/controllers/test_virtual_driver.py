@@ -9,20 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.trailer import TrailerGeometry
 from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.courses import roundabout, straight
 from sensors.messages import CombinationSignals
+from tests.trailers import ALL_STEERED as TRAILER
 
-TRAILER = TrailerGeometry(
-    follow_distance=14.0,
-    axle_distances=(8.0, 9.31, 10.62),
-    steered=(True, True, True),
-    max_steer=math.radians(30.0),
-    max_steer_rate=math.radians(20.0),
-    actuator_lag=0.15,
-)
 ROUNDABOUT = roundabout(front_x=5.2, width=2.55)
 
 

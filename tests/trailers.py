@@ -1,0 +1,38 @@
+"""Trailers and readings that tests of controllers share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from controllers.trailer import Combination, TrailerGeometry
+from sensors.messages import CombinationSignals
+from vehicle.combination.description import load_vehicle
+
+TWO_OF_THREE: Final = TrailerGeometry(
+    follow_distance=14.0,
+    axle_distances=(8.0, 9.31, 10.62),
+    steered=(False, True, True),
+    max_steer=math.radians(30.0),
+    max_steer_rate=math.radians(20.0),
+    actuator_lag=0.15,
+)
+ALL_STEERED: Final = replace(TWO_OF_THREE, steered=(True, True, True))
+COMBINATION: Final = Combination(load_vehicle("uk_longer_semitrailer"), 1)
+
+
+def signals(tick: int, **changes: Any) -> CombinationSignals:
+    """Readings of a combination with two steered trailer axles, straight and at rest but for the changes."""
+    at_rest = CombinationSignals(
+        tick=tick,
+        angles=np.zeros(2),
+        speed=0.0,
+        steer=0.0,
+        articulation=np.zeros(1),
+        yaw_rates=np.zeros(2),
+        lateral_acceleration=0.0,
+    )
+    return replace(at_rest, **changes)
