@@ -1,1 +1,1 @@
-"""Truth in, stamped messages out; nothing else sees the truth."""
+"""Sensors: they turn ground truth into stamped messages, the only input of estimators and controllers."""

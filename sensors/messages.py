@@ -1,4 +1,7 @@
-"""Messages from sensors: frozen, stamped with the tick at which they were captured."""
+"""Messages of sensors: frozen dataclasses stamped with the tick of their capture.
+
+A message class with images names their fields in ``IMAGES``, a stereo pair left first (see ``sensors.sensor``).
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,12 @@ class StereoFrame:
     tick: int
     left: GreyImage
     right: GreyImage
-    colour: ColourImage | None = None  # what the left camera saw in colour, for people and videos only
+    colour: ColourImage | None = None  # of the left camera, for people and videos only
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyPose:
-    """Pose of a vehicle's body from a reference unit (exact, or an RT3022-like one)."""
+    """Pose of a vehicle's body, from an exact reference unit or one like the RT3022."""
 
     tick: int
     X_WB: FloatArray  # (4, 4)
@@ -37,7 +40,7 @@ class BodyPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GnssIns:
-    """What a GNSS-aided inertial unit U says of itself; W are the axes of its local map."""
+    """Position, velocity and attitude of a GNSS-aided inertial unit U; W is its local map."""
 
     tick: int
     p_WU: FloatArray  # (3,) [m]
@@ -49,7 +52,7 @@ class GnssIns:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EgoState:
-    """What a driver perceives: where his tractor is on the road, how it moves (frame T), and what it tows."""
+    """State as perceived by the driver: pose and velocity of the tractor (frame T), articulation angles."""
 
     tick: int
     x: float  # [m]
@@ -58,18 +61,18 @@ class EgoState:
     v_x: float  # [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # [rad/s]
-    articulation: tuple[float, ...] = ()  # (N-1,) at each hitch, in his mirrors [rad]
+    articulation: tuple[float, ...] = ()  # (N-1,) at each hitch, seen in the mirrors [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CombinationSignals:
-    """What the sensors of a combination of N units say for the steering of one of its trailers."""
+    """Signals of a combination of N units for the steering of one of its trailers."""
 
     tick: int
     angles: FloatArray  # (n_steered,) encoders of that trailer's steered axles, front to rear, + left [rad]
-    speed: float  # of the tractor's rear axle, from the wheels of its foremost steered one [m/s]
+    speed: float  # of the tractor's rear axle, from the wheel speeds of its foremost steered axle [m/s]
     steer: float  # road-wheel angle of that axle, + left [rad]
-    articulation: FloatArray  # (N-1,) at each hitch, psi of the unit ahead less that of the unit behind [rad]
+    articulation: FloatArray  # (N-1,) at each hitch: psi of the unit ahead minus psi of the unit behind [rad]
     yaw_rates: FloatArray  # (N,) gyros, tractor first [rad/s]
     lateral_acceleration: float  # accelerometer on the body above that trailer's axle group, + left [m/s2]
 
@@ -90,7 +93,7 @@ class RoverView:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverReadings:
-    """What a rover's encoders and compass say at one tick."""
+    """Readings of a rover's encoders and compass at one tick."""
 
     tick: int
     heading: float  # of the compass, in W, wrapped [rad]
@@ -100,16 +103,16 @@ class RoverReadings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SlipReading:
-    """What an instrument without any error would say of a rover's slip."""
+    """Exact slip of a rover, as an ideal instrument would measure it."""
 
     tick: int
     slip_angle: float  # direction of travel of R's origin against the body's x axis, + left [rad]
-    wheel_slip: float  # the same of the left rear wheel against its heading [rad]
+    wheel_slip: float  # of the left rear wheel: direction of travel against its heading [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LaserFix:
-    """Where a laser tracker beside the field sees the rover."""
+    """Position of the rover, measured by a laser tracker on the ground."""
 
     tick: int
     p_WR: FloatArray  # (3,) of R's origin [m]

@@ -17,7 +17,7 @@ from estimators.calibration.board_views import BoardView, board_view, in_same_or
 from estimators.calibration.single_camera import calibrated
 from estimators.calibration.stereo import calibrated_pair
 from estimators.rigid_motion import rotation_vector
-from sensors.camera.calibration_target import Checkerboard, held, photographed
+from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel, RawStereoRig
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
@@ -78,7 +78,7 @@ def calibrated_with_boards(
 
 
 def _picture(k: int, camera: CameraModel, X_CB: FloatArray, noise_std: float, rng: np.random.Generator) -> BoardView:
-    image = photographed(_BOARD, camera, X_CB, noise_std=noise_std, rng=rng)
+    image = board_image(_BOARD, camera, X_CB, noise_std=noise_std, rng=rng)
     return board_view(f"board {k + 1}", image, _BOARD)
 
 
@@ -92,7 +92,7 @@ def _place(rig: RawStereoRig, column: int, squares: tuple[float, float], rng: np
     for _ in range(_TRIES):
         depth, at = rng.uniform(nearest, farthest), rng.uniform([column, 0.0], [column + 1.0, 1.0])
         ray = rig.left.rays(at * [width / _COLUMNS, height])
-        X_ClB = held(_BOARD, rng, place=ray, depth=depth, tilt=rng.uniform(*_TILT))
+        X_ClB = random_board_pose(_BOARD, rng, ray=ray, depth=depth, tilt=rng.uniform(*_TILT))
         if _shows(rig.left, X_ClB) and _shows(rig.right, inverse(rig.X_ClCr) @ X_ClB):
             return X_ClB
     raise ValueError(

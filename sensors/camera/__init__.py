@@ -1,1 +1,1 @@
-"""Cameras: where they sit, what lens, shutter and sensor make of the light."""
+"""Cameras: mounting, calibration, lens, shutter, exposure and noise; stereo cameras on a unit of a combination."""

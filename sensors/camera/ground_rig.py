@@ -1,7 +1,7 @@
 """Two cameras under a trailer that look straight down at the ground (Miao's ground-watching navigation system).
 
-As C. de Saxe and D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018,
-section 1.2, describe it: one near the fifth wheel, one near the follow point.
+One is near the fifth wheel, one near the follow point, as described in section 1.2 of C. de Saxe, D. Cebon,
+"Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import transform
 
-# The image's columns run to the rear (x of C against x of S), its rows to the left, the camera looks down: the rear
-# camera then lies along the front one's x, as the right camera of any pair does along the left one's.
+# The image's columns run to the rear (x of C against x of S), its rows to the left, the camera looks down. The
+# rear camera then lies on the front one's x axis, as the right camera of any pair lies on the left one's.
 _R_SC = np.diag([-1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroundRig:
-    """A pair of like cameras below the chassis, on the trailer's axis, looking straight down."""
+    """Two equal cameras below the chassis, on the trailer's axis, looking straight down."""
 
     width: int  # along the trailer [px]
     height: int  # across it [px]
@@ -31,7 +31,7 @@ class GroundRig:
     z: float  # both, above the ground [m]
 
     def calibration(self) -> StereoCalibration:
-        """The exact calibration of this rig: ``left`` is the front camera, ``right`` the rear one.
+        """Exact calibration of this rig: ``left`` is the front camera, ``right`` the rear one.
 
         Raises:
             ValueError: if the rear camera is not behind the front one.

@@ -1,6 +1,6 @@
-"""Image formation behind the lens: from what reaches the sensor to the grey image that is sent.
+"""Image formation behind the lens: from the light on the sensor to the grey image that is sent.
 
-The grey conversion, Gaussian noise that does not depend on the light or that grows with it, rounding and saturation.
+Modelled: conversion to grey, Gaussian noise that is constant or grows with the light, rounding and saturation.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 
 from sensors.messages import ColourImage, GreyImage
 
-_BANK = 1 << 22  # samples at least: eight images of 1344x391 px, so that two hardly ever show the same stretch
+_BANK = 1 << 22  # fewest samples: eight images of 1344x391 px, so that two rarely get the same noise
 _MAX_STD = 50.0  # with more, most pixels of a mid-grey image would saturate or nearly so [grey levels]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseBank:
-    """White Gaussian noise drawn once; every image takes a stretch of it that begins at random."""
+    """White Gaussian noise drawn once; every image takes a section of it with a random start."""
 
     samples: NDArray[np.int16]  # (n,) [grey levels]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, std: float, pixels: int) -> NoiseBank:
-        """A bank of the given standard deviation [grey levels] for images of so many pixels.
+        """Bank of the given standard deviation [grey levels] for images of this number of pixels.
 
-        Samples are whole grey levels, as is everything a camera of 8 bits sends: rounding adds a variance of 1/12.
+        Samples are whole grey levels, as an 8-bit camera sends them: rounding adds a variance of 1/12.
 
         Raises:
             ValueError: if ``std`` is out of range.
@@ -39,7 +39,7 @@ class NoiseBank:
         return cls(np.rint(noise).astype(np.int16))
 
     def added_to(self, image: GreyImage, rng: np.random.Generator) -> GreyImage:
-        """The image with a fresh stretch of noise on it, saturated at 0 and 255."""
+        """Image plus a new section of the noise, saturated at 0 and 255."""
         start = int(rng.integers(self.samples.size - image.size))
         noise = self.samples[start : start + image.size].reshape(image.shape)
         return np.asarray(cv2.add(image, noise, dtype=cv2.CV_8U), dtype=np.uint8)
@@ -47,15 +47,15 @@ class NoiseBank:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LightNoise:
-    """Noise of a sensor that counts photons: its variance grows with the light, from that of the read-out on."""
+    """Photon and read-out noise of an image sensor: its variance grows linearly with the light."""
 
     samples: NDArray[np.float32]  # (n,) of unit deviation
     read: float  # standard deviation in the dark [grey levels]
-    shot: float  # standard deviation at white and a gain of 1, without the read-out's [grey levels]
+    shot: float  # standard deviation at white and a gain of 1, without the read-out noise [grey levels]
 
     @classmethod
     def draw(cls, rng: np.random.Generator, read: float, shot: float, pixels: int) -> LightNoise:
-        """Noise for images of so many pixels.
+        """Noise for images of this number of pixels.
 
         Raises:
             ValueError: if a deviation is out of range.
@@ -66,7 +66,7 @@ class LightNoise:
         return cls(rng.standard_normal(max(_BANK, 2 * pixels), dtype=np.float32), read, shot)
 
     def sensed(self, light: NDArray[np.float32], gain: float, rng: np.random.Generator) -> GreyImage:
-        """The image (h, w) that the sensor sends of the light [grey levels at a gain of 1], amplified by ``gain``."""
+        """Noisy image (h, w) of the light [grey levels at a gain of 1], amplified by ``gain``."""
         level = light * np.float32(gain)
         start = int(rng.integers(self.samples.size - level.size))
         noise = self.samples[start : start + level.size].reshape(level.shape)

@@ -1,7 +1,7 @@
-"""A real camera: a pinhole behind a lens that distorts, and the pair of them that a raw stereo image comes from.
+"""Cameras with lens distortion, and the raw stereo rig made of two of them.
 
-The model is that of Brown and Conrady as OpenCV has it, with its order of the coefficients (k1, k2, p1, p2, k3).
-Pixel centres are whole numbers, that of the first pixel is (0, 0). Rays are given by their x and y at depth 1.
+The distortion model is that of Brown and Conrady with OpenCV's order of the coefficients (k1, k2, p1, p2, k3). Pixel
+centres are whole numbers; the first pixel's is (0, 0). Rays are given by their x and y at depth 1.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from vehicle.parameter_file import checked, read_toml, without_sources
 
 Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
 UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
-_WIDEST = 4.0  # rays farther off the axis than atan(4) = 76 deg are not for this model: fisheye lenses have others
+_WIDEST = 4.0  # greatest ray: the model does not hold beyond atan(4) = 76 deg off the axis, where fisheye models do
 _LARGEST_SIDE = 20_000  # of an image [px]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraModel:
-    """Intrinsics of one camera: where in its image a ray arrives.
+    """Intrinsics of one camera: the map from rays to pixels.
 
     Raises:
-        ValueError: for sizes and focal lengths that can not be, and for a distortion that folds the image over.
+        ValueError: for sizes or focal lengths out of range, and for a distortion that folds the image over.
     """
 
     width: int  # [px]
@@ -47,8 +47,8 @@ class CameraModel:
                 raise ValueError(f"{name} = {value} px must be positive")
         if len(self.distortion) != 5 or not np.isfinite([*self.distortion, self.cx, self.cy]).all():
             raise ValueError(
-                f"distortion = {self.distortion} must be five numbers k1, k2, p1, p2, k3, and cx = {self.cx} px and "
-                f"cy = {self.cy} px numbers, too"
+                f"distortion = {self.distortion} must be five finite numbers k1, k2, p1, p2, k3, and "
+                f"cx = {self.cx} px and cy = {self.cy} px must be finite"
             )
         self._check_fold()
 
@@ -59,47 +59,47 @@ class CameraModel:
 
     @property
     def matrix(self) -> FloatArray:
-        """K (3, 3), from rays (x, y, 1) to pixels (u, v, 1) if there were no distortion."""
+        """Camera matrix K (3, 3): from rays (x, y, 1) to pixels (u, v, 1) without distortion."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Pixels (n, 2) of points (n, 3) in this camera's frame [m], which have to lie before it."""
+        """Pixels (n, 2) of points (n, 3) in front of the camera, in its frame [m]."""
         return self.pixels(points[:, :2] / points[:, 2:])
 
     def pixels(self, rays: FloatArray) -> FloatArray:
-        """Pixels (..., 2) at which rays (..., 2) arrive."""
+        """Pixels (..., 2) of rays (..., 2)."""
         return _distorted(rays, self.distortion) * [self.fx, self.fy] + [self.cx, self.cy]
 
     def rays(self, pixels: FloatArray) -> FloatArray:
-        """Rays (..., 2) that arrive at pixels (..., 2): the inverse of ``pixels`` for all of the image."""
-        seen: FloatArray = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
-        return seen if self.distortion == UNDISTORTED else _undistorted(seen, self.distortion)
+        """Rays (..., 2) of pixels (..., 2): the inverse of ``pixels`` everywhere in the image."""
+        distorted: FloatArray = (pixels - [self.cx, self.cy]) / [self.fx, self.fy]
+        return distorted if self.distortion == UNDISTORTED else _undistorted(distorted, self.distortion)
 
     def undistort_points(self, pixels: FloatArray) -> FloatArray:
-        """Where pixels (..., 2) would lie in the image of a pinhole of the same K."""
+        """Pixels (..., 2) in the image of a pinhole of the same K."""
         ideal: FloatArray = self.rays(pixels) * [self.fx, self.fy] + [self.cx, self.cy]
         return ideal
 
     def _check_fold(self) -> None:
-        """Refuses a lens whose image turns back before its corner: there a pixel would see two directions."""
+        """Refuse a lens whose image folds back before its corner: a pixel there would belong to two rays."""
         k1, k2, _, _, k3 = self.distortion
         u, v = (-self.cx, self.width - 1 - self.cx), (-self.cy, self.height - 1 - self.cy)
         corner = max(math.hypot(x / self.fx, y / self.fy) for x in u for y in v)
         r = np.linspace(0.0, _WIDEST, 2000)
-        seen = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
-        turn = int(np.argmax(np.diff(seen) <= 0.0)) or len(r) - 1
-        if seen[turn] < corner:
+        distorted = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+        turn = int(np.argmax(np.diff(distorted) <= 0.0)) or len(r) - 1
+        if distorted[turn] < corner:
             raise ValueError(
-                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over or ends {seen[turn]:.3f} focal "
+                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over {distorted[turn]:.3f} focal "
                 f"lengths from its middle, before its corner at {corner:.3f}"
             )
 
 
 def mount_rotation(roll: float, yaw: float, pitch: float) -> FloatArray:
-    """R (3, 3) of a camera turned by roll about its optical axis (z), yaw about y (down) and pitch about x [rad].
+    """Rotation (3, 3) of a camera turned by roll about z (its optical axis), yaw about y (down), pitch about x [rad].
 
-    It is the turned camera's attitude in the straight one, and also the R of eqs (8) and (9) of de Saxe & Cebon 2018:
-    with it their K R K^-1 takes the turned camera's image to what the straight one would have seen.
+    It is the turned camera's attitude in the straight one's frame, and the R of eqs (8) and (9) of de Saxe & Cebon
+    2018: their K R K^-1 maps the image of the turned camera to that of the straight one.
     """
     cr, sr, cy, sy, cp, sp = (f(a) for a in (roll, yaw, pitch) for f in (math.cos, math.sin))
     R_z = np.array([[cr, -sr, 0.0], [sr, cr, 0.0], [0.0, 0.0, 1.0]])
@@ -111,7 +111,7 @@ def mount_rotation(roll: float, yaw: float, pitch: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawStereoRig:
-    """What a stereo pair is (or is calibrated to be) before any rectification: two cameras, each with its own pose.
+    """A stereo pair before rectification, true or as calibrated: two cameras, each with its own pose.
 
     Raises:
         ValueError: if a pose is no rigid motion or the right camera does not lie to the right of the left one.
@@ -134,11 +134,11 @@ class RawStereoRig:
 
     @property
     def baseline(self) -> float:
-        """Distance of the two optical centres [m]."""
+        """Distance between the optical centres [m]."""
         return float(np.linalg.norm(self.X_ClCr[:3, 3]))
 
     def to_toml(self) -> str:
-        """The text of a file that ``load_raw_rig`` reads back to the last bit."""
+        """Text of a TOML file that ``load_raw_rig`` reads back bit by bit."""
         return (
             "# A raw stereo pair; lengths in metres and pixels, the first pixel's centre is 0, 0.\n"
             "# Cameras: x right, y down, z ahead. distortion: k1, k2, p1, p2, k3 of OpenCV's model.\n\n"
@@ -151,7 +151,7 @@ class RawStereoRig:
 
 
 def load_raw_rig(path: Path) -> RawStereoRig:
-    """The raw stereo pair of a TOML file; what else is in it is not looked at.
+    """Raw stereo pair from a TOML file; other keys in it are ignored.
 
     Raises:
         ValueError: one line naming the file and what is wrong in it.
@@ -191,7 +191,7 @@ class _RigTable(BaseModel):
 
 
 def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
-    """Rays (..., 2) as the lens bends them."""
+    """Rays (..., 2) after distortion by the lens."""
     k1, k2, p1, p2, k3 = distortion
     x, y = rays[..., 0], rays[..., 1]
     r2 = x * x + y * y
@@ -205,10 +205,10 @@ def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
     )
 
 
-def _undistorted(seen: FloatArray, distortion: Distortion) -> FloatArray:
-    """Rays (..., 2) from bent ones by Newton's method: it converges in the image of any lens that does not fold."""
+def _undistorted(distorted: FloatArray, distortion: Distortion) -> FloatArray:
+    """Rays (..., 2) before distortion, by Newton's method; it converges wherever the lens does not fold."""
     k1, k2, p1, p2, k3 = distortion
-    rays = seen.copy()
+    rays = distorted.copy()
     for _ in range(20):
         x, y = rays[..., 0], rays[..., 1]
         r2 = x * x + y * y
@@ -217,7 +217,7 @@ def _undistorted(seen: FloatArray, distortion: Distortion) -> FloatArray:
         a = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
         b = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
         d = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-        rest = _distorted(rays, distortion) - seen
+        rest = _distorted(rays, distortion) - distorted
         det = a * d - b * b
         step = np.stack([d * rest[..., 0] - b * rest[..., 1], a * rest[..., 1] - b * rest[..., 0]], axis=-1)
         step /= det[..., None]

@@ -1,7 +1,7 @@
-"""Stereo cameras as they are: lenses that distort, a mount that bends, light that changes, a shutter that takes time.
+"""Stereo camera with imperfections: lens distortion, a mount that bends, exposure control, motion blur, noise.
 
-Light is measured in the renderer's grey levels and taken to be proportional to them; what the renderer draws as white
-is no brighter than white. Not modelled: chromatic aberration, focus, dead pixels, compression.
+Light is measured in the renderer's grey levels and assumed proportional to them; nothing is brighter than the
+renderer's white. Not modelled: chromatic aberration, focus, dead pixels, compression.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from sensors.camera.exposure import AutoExposure
 from sensors.camera.image_formation import LightNoise, grey
 from sensors.camera.lens import RawStereoRig, mount_rotation
-from sensors.camera.lens_map import Floats, LensMap, covering
+from sensors.camera.lens_map import Floats, LensMap, covering_pinholes
 from sensors.camera.lens_surface import LensSurface, lens_surface
 from sensors.camera.rig import StereoCalibration
 from sensors.camera.shutter import STILL, Shutter, Twist, twist_between
@@ -24,12 +24,12 @@ from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, transform
 
-_PIXELS_AROUND = 24  # what a moving image needs to come from while the shutter is open [px]
+_PIXELS_AROUND = 24  # margin of the pinhole image for motion during an exposure [px]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imperfections:
-    """What distinguishes real cameras from pinholes, besides their lenses' distortion and their poses."""
+    """Differences between real cameras and pinholes, apart from lens distortion and pose."""
 
     twist: tuple[float, float, float] = (0.0, 0.0, 0.0)  # roll, yaw, pitch of the right camera per load transfer [rad]
     read_noise: float = 0.0  # standard deviation that does not depend on the light [grey levels]
@@ -37,18 +37,18 @@ class Imperfections:
     exposure_time: float = 0.0  # [s]
     rolling_shutter: float = 0.0  # from first to last row [s]
     auto_exposure: AutoExposure | None = None  # None: fixed
-    vignetting: float = 0.0  # share of the light that is lost in the corners
-    dirt: float = 0.0  # share of the lens that is dirty
-    rain: float = 0.0  # share of the lens that is behind drops
-    glare: float = 0.0  # of the sun on the lens: 1 is a dusty lens
+    vignetting: float = 0.0  # share of the light lost in the corners
+    dirt: float = 0.0  # share of the lens covered by dirt
+    rain: float = 0.0  # share of the lens covered by drops
+    glare: float = 0.0  # strength of the sun's glare: 1 for a dusty lens
 
 
 class ViewSource(Protocol):
-    """Whatever can show what pinhole cameras see from anywhere, such as ``sensors.render.StereoRenderer``."""
+    """Renderer of two pinhole cameras at any poses, such as ``sensors.render.StereoRenderer``."""
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of the pinholes."""
+        """Calibration of the pinholes."""
         ...
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
@@ -56,33 +56,33 @@ class ViewSource(Protocol):
         ...
 
     def nearness(self) -> tuple[NearnessImage, NearnessImage]:
-        """Inverse depth of the images before."""
+        """Inverse depth of the last images [1/m]."""
         ...
 
 
 def pinholes_for(rig: RawStereoRig, imperfections: Imperfections) -> StereoCalibration:
-    """The pinholes that a renderer has to draw for a rig."""
+    """Pinholes to be rendered for a rig."""
     moving = imperfections.exposure_time > 0.0 or imperfections.rolling_shutter > 0.0
-    return covering(rig, _PIXELS_AROUND if moving else 0)
+    return covering_pinholes(rig, _PIXELS_AROUND if moving else 0)
 
 
 class RawStereoCamera:
-    """Samples what real cameras on one unit of the vehicle see; neither rectified nor otherwise corrected.
+    """Samples raw stereo images from one unit of the vehicle; they are not rectified.
 
-    Chassis twist: the mount follows the bending of the chassis, which is taken to be proportional to the moment that
-    shifts load from one side's wheels to the other's. At a load transfer of 1 the unit is about to roll over.
+    Chassis twist: the mount follows the twist of the chassis, which is assumed proportional to the moment that shifts
+    load from one side's wheels to the other's. At a load transfer of 1 the unit is about to roll over.
 
-    Motion during an exposure is the steady one that led here from the capture before: shake faster than the frame rate
+    The motion during an exposure is the mean motion since the previous capture: vibration faster than the frame rate
     does not blur.
 
     Args:
-        renderer: draws the pinholes of ``pinholes_for(rig, imperfections)``.
-        rig: the true one, before any twist.
-        imperfections: what else there is.
-        sun: unit vector (3,) towards the sun in W; None if clouds hide it.
+        renderer: of the pinholes of ``pinholes_for(rig, imperfections)``.
+        rig: true rig without twist.
+        imperfections: of both cameras.
+        sun: unit vector (3,) towards the sun in W; None under clouds.
         unit: of the vehicle that carries the rig.
-        rng: decides noise, dirt and drops.
-        keep_colour: let frames carry what the left camera saw.
+        rng: of noise, dirt and drops.
+        keep_colour: True if frames carry the left colour image.
     """
 
     def __init__(
@@ -98,33 +98,37 @@ class RawStereoCamera:
     ) -> None:
         if unit < 0:
             raise ValueError(f"unit = {unit} must be 0 (the tractor) or more")
-        self._renderer, self._rig, self._how, self._unit = renderer, rig, imperfections, unit
+        self._renderer, self._rig, self._imperfections, self._unit = renderer, rig, imperfections, unit
         self._sun = sun if imperfections.glare > 0.0 else None
         self._rng, noise_rng, *lens_rngs = rng.spawn(4)
         self._keep_colour = keep_colour
-        how = imperfections
-        self._shutter = Shutter(exposure=how.exposure_time, rolling=how.rolling_shutter)
+        self._shutter = Shutter(exposure=imperfections.exposure_time, rolling=imperfections.rolling_shutter)
         self._lenses = [LensMap.of(camera, renderer.calibration) for camera in (rig.left, rig.right)]
         self._surfaces: list[LensSurface] = [
             lens_surface(
-                lens_rng, lens, vignetting=how.vignetting, dirt=how.dirt, rain=how.rain, glare=self._sun is not None
+                lens_rng,
+                lens,
+                vignetting=imperfections.vignetting,
+                dirt=imperfections.dirt,
+                rain=imperfections.rain,
+                glare=self._sun is not None,
             )
             for lens_rng, lens in zip(lens_rngs, self._lenses, strict=True)
         ]
         pixels = rig.left.width * rig.left.height
-        self._noise = LightNoise.draw(noise_rng, how.read_noise, how.shot_noise, pixels)
-        self._before: tuple[int, FloatArray] | None = None  # tick and pose of the body at the capture before
-        self._exposure: tuple[float, float] | None = None  # gain and level of the light at the capture before
+        self._noise = LightNoise.draw(noise_rng, imperfections.read_noise, imperfections.shot_noise, pixels)
+        self._previous: tuple[int, FloatArray] | None = None  # tick and pose of the body at the last capture
+        self._exposure: tuple[float, float] | None = None  # gain and light level of the last capture
 
     @property
     def rig(self) -> RawStereoRig:
-        """The true rig, untwisted."""
+        """True rig without twist."""
         return self._rig
 
     def sample(self, truth: Truth) -> StereoFrame:
-        """The stereo pair whose exposure has its middle at the truth's tick."""
+        """Stereo pair whose mid-exposure is at the truth's tick."""
         X_WB = truth.bodies[self._unit]
-        X_BC = self._mounted(float(truth.load_transfer[self._unit]) if any(self._how.twist) else 0.0)
+        X_BC = self._mounted(float(truth.load_transfer[self._unit]) if any(self._imperfections.twist) else 0.0)
         twist, elapsed = self._motion(truth.tick, X_WB)
         drawn = self._renderer.render_from(*(X_WB @ X for X in X_BC))
         near = (None, None) if self._shutter.is_instant else self._renderer.nearness()
@@ -132,7 +136,7 @@ class RawStereoCamera:
             self._light(side, grey(drawn[side]), near[side], twist.seen_from(X_BC[side]), X_WB @ X_BC[side])
             for side in (0, 1)
         ]
-        gain = self._exposed(light, elapsed)
+        gain = self._gain(light, elapsed)
         left, right = (self._noise.sensed(image, gain, self._rng) for image in light)
         colour = None
         if self._keep_colour:
@@ -142,37 +146,39 @@ class RawStereoCamera:
 
     def _mounted(self, load_transfer: float) -> tuple[FloatArray, FloatArray]:
         """X_SC of both cameras, the right one turned by the twist of the chassis."""
-        bent = transform(mount_rotation(*(load_transfer * angle for angle in self._how.twist)), np.zeros(3))
-        return self._rig.X_SC, self._rig.X_SC @ self._rig.X_ClCr @ bent
+        twisted = transform(
+            mount_rotation(*(load_transfer * angle for angle in self._imperfections.twist)), np.zeros(3)
+        )
+        return self._rig.X_SC, self._rig.X_SC @ self._rig.X_ClCr @ twisted
 
     def _motion(self, tick: int, X_WB: FloatArray) -> tuple[Twist, float]:
-        """How the body moves, and the time since the capture before [s]."""
-        before, self._before = self._before, (tick, X_WB)
-        if before is None:
+        """Velocity of the body, and the time since the last capture [s]."""
+        previous, self._previous = self._previous, (tick, X_WB)
+        if previous is None:
             return STILL, 0.0
-        elapsed = (tick - before[0]) * TICK
-        return twist_between(before[1], X_WB, elapsed), elapsed
+        elapsed = (tick - previous[0]) * TICK
+        return twist_between(previous[1], X_WB, elapsed), elapsed
 
     def _light(
         self, side: int, image: GreyImage, nearness: NearnessImage | None, twist: Twist, X_WC: FloatArray
     ) -> Floats:
-        """What reaches one sensor [grey levels], of a grey or a colour image of the pinhole in its place."""
+        """Light on one image sensor [grey levels], from the grey or colour image of the pinhole in its place."""
         lens, surface = self._lenses[side], self._surfaces[side]
         if nearness is None:
-            gathered = lens.seen(image).astype(np.float32)
+            gathered = lens.apply(image).astype(np.float32)
         else:
             f = self._renderer.calibration.focal_length
             gathered = self._shutter.exposed(image, lens, nearness, twist, f)
-        light = surface.through(gathered)
+        light = surface.transmitted(gathered)
         if self._sun is None:
             return light
-        veil = surface.glare(X_WC[:3, :3].T @ self._sun, self._how.glare)
+        veil = surface.glare(X_WC[:3, :3].T @ self._sun, self._imperfections.glare)
         veil = np.asarray(cv2.resize(veil, (light.shape[1], light.shape[0])), dtype=np.float32)
         return light + (veil if light.ndim == 2 else veil[..., None])
 
-    def _exposed(self, light: list[Floats], elapsed: float) -> float:
-        """The gain of these images, regulated after those before."""
-        control = self._how.auto_exposure
+    def _gain(self, light: list[Floats], elapsed: float) -> float:
+        """Gain of these images, controlled by the brightness of the previous ones."""
+        control = self._imperfections.auto_exposure
         if control is None:
             return 1.0
         level = float(np.mean([image[::8, ::8].mean() for image in light]))

@@ -1,7 +1,7 @@
-"""Where the stereo cameras sit, and what a calibration of them says.
+"""Mounting of the stereo cameras, and their calibration.
 
-The calibration is all that an estimator gets to know of the rig: the same object comes from a rendered rig or from
-a file beside recorded images.
+The calibration is all that an estimator knows of the rig: it comes from a simulated rig or from the file of a
+recording.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sensors.camera.lens import UNDISTORTED, CameraModel, Distortion, RawStereoR
 from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 
 Facing = Literal["rear", "left", "right", "down"]
-# Yaw and pitch of the way the cameras look; the top of what those see that look down lies ahead.
+# Yaw and pitch of the optical axis; the upper edge of an image straight down lies ahead.
 _ATTITUDE: Final[dict[Facing, tuple[float, float]]] = {
     "rear": (math.pi, 0.0),
     "left": (math.pi / 2, 0.0),
@@ -27,7 +27,7 @@ _ATTITUDE: Final[dict[Facing, tuple[float, float]]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StereoCalibration:
-    """A rectified stereo pair: both cameras are the same pinhole, the right one ``baseline`` along the left one's x."""
+    """A rectified stereo pair: two equal pinholes, the right one at ``baseline`` along the left one's x axis."""
 
     width: int  # [px]
     height: int  # [px]
@@ -47,13 +47,13 @@ class StereoCalibration:
 
     @property
     def X_ClCr(self) -> FloatArray:
-        """Pose of the right camera in the left one."""
+        """Pose (4, 4) of the right camera in the left one."""
         return transform(np.eye(3), np.array([self.baseline, 0.0, 0.0]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoRig:
-    """A stereo pair on the trailer, looking level to the rear or to a side, or straight down at the ground."""
+    """A stereo pair on the trailer that looks level to the rear or to a side, or straight down at the ground."""
 
     facing: Facing
     width: int  # [px]
@@ -65,7 +65,7 @@ class StereoRig:
     baseline: float  # [m]
 
     def calibration(self) -> StereoCalibration:
-        """The exact calibration of this rig; the pair is centred on (x, y, z)."""
+        """Exact calibration of this rig; the pair is centred on (x, y, z)."""
         R_SC = rotation_zyx(*_ATTITUDE[self.facing], 0.0) @ R_BODY_CAMERA
         p_SC = np.array([self.x, self.y, self.z]) - R_SC @ np.array([0.5 * self.baseline, 0.0, 0.0])
         return StereoCalibration(
@@ -79,7 +79,7 @@ class StereoRig:
         )
 
     def raw(self, distortion: Distortion = UNDISTORTED, R_ClCr: FloatArray | None = None) -> RawStereoRig:
-        """This rig as it may really be: behind lenses that distort, the right camera turned where it stands."""
+        """This rig with lens distortion, and the right camera turned by ``R_ClCr`` (3, 3) about its optical centre."""
         ideal = self.calibration()
         camera = CameraModel(
             width=ideal.width,

@@ -1,4 +1,4 @@
-"""The stereo camera on a unit's body: truth in, stamped grey pairs out."""
+"""Ideal stereo camera on a unit's body: pinholes with white noise."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vehicle.frames import FloatArray
 
 
 class PairSource(Protocol):
-    """Whatever can show both cameras' views, such as ``sensors.render.StereoRenderer``."""
+    """Renderer of both cameras' views, such as ``sensors.render.StereoRenderer``."""
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of both cameras."""
+        """Calibration of both cameras."""
         ...
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
@@ -27,10 +27,10 @@ class PairSource(Protocol):
 
 
 class StereoCamera:
-    """Samples the view from one unit of the vehicle; each image gets noise of its own.
+    """Samples stereo pairs from one unit of the vehicle; the noise of the images is independent.
 
     Raises:
-        ValueError: if ``noise_std`` [grey levels] is out of range or there can be no such unit.
+        ValueError: if ``noise_std`` [grey levels] is out of range or ``unit`` is negative.
     """
 
     def __init__(
@@ -44,18 +44,18 @@ class StereoCamera:
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of the cameras, exactly."""
+        """Exact calibration of the cameras."""
         return self._renderer.calibration
 
     def sample(self, truth: Truth) -> StereoFrame:
-        """The stereo pair as captured at the truth's tick; ``colour`` is what the left camera saw, without noise."""
+        """Stereo pair captured at the truth's tick; ``colour`` is the left image without noise."""
         left, right = self._renderer.render(truth.bodies[self._unit])
         return StereoFrame(
             tick=truth.tick,
-            left=self._sent(left),
-            right=self._sent(right),
+            left=self._noisy(left),
+            right=self._noisy(right),
             colour=left if self._keep_colour else None,
         )
 
-    def _sent(self, colour: ColourImage) -> GreyImage:
+    def _noisy(self, colour: ColourImage) -> GreyImage:
         return self._bank.added_to(grey(colour), self._rng)

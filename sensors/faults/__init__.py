@@ -1,1 +1,1 @@
-"""Faults of sensors and their wires."""
+"""Faults of sensors and of their transmission: data, fault kinds, and sensors that have them."""

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from sensors.camera.lens_map import Floats
-from sensors.camera.lens_surface import crusted, dirtied, veil_of_light
+from sensors.camera.lens_surface import behind_dirt, dirt_layer, glare_veil
 from sensors.faults.fault import FaultContext, Pinhole, T
 from sensors.messages import GreyImage
 from sensors.sensor import Message, Sensor, image_fields
@@ -76,11 +76,11 @@ class Dirt(ImageFault):
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         camera, (share,) = camera_of(context), amount
         shape = camera.height, camera.width
-        self._crusts = tuple(crusted(context.rng, shape, share) for _ in image_fields(context.message))
+        self._dirt = tuple(dirt_layer(context.rng, shape, share) for _ in image_fields(context.message))
 
     def degraded(self, image: GreyImage, camera: int) -> GreyImage:
         """The image behind the dirt."""
-        return dirtied(image, self._crusts[camera])
+        return behind_dirt(image, self._dirt[camera])
 
 
 class Glare(ImageFault):
@@ -102,4 +102,4 @@ def _glare(c: Pinhole, rng: np.random.Generator, strength: float) -> Floats:
     u0, v0 = rng.uniform(0.1, 0.9) * c.width, rng.uniform(0.0, 0.4) * c.height
     v, u = np.mgrid[0 : c.height, 0 : c.width].astype(np.float32)
     angle = np.arctan(np.hypot(u - np.float32(u0), v - np.float32(v0)) / np.float32(c.focal_length))
-    return veil_of_light(angle, strength)
+    return glare_veil(angle, strength)

@@ -1,1 +1,1 @@
-"""Instruments that are no cameras: encoders, gyros, compass, reference units."""
+"""Instruments other than cameras: encoders, gyros, compass, laser tracker, reference units."""

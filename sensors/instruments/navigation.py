@@ -1,4 +1,4 @@
-"""Sensors of motion: the driver's own perception, and an exact reference unit."""
+"""The driver's perception, and an exact reference unit."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from vehicle.combination.truth import Truth
 
 @dataclass(frozen=True, slots=True)
 class DriverPerception:
-    """What the driver of the tractor sees and feels; people are not what offtrack models, so it is exact."""
+    """Perception of the tractor's driver; exact, as human perception is not modelled."""
 
     def sample(self, truth: Truth) -> EgoState:
-        """Where the tractor is and how it moves."""
+        """Pose and velocity of the tractor, and the articulation angles."""
         x, y, psi = truth.poses[0].tolist()
         v_x, v_y, yaw_rate = truth.velocities[0].tolist()
-        towed = tuple((-np.diff(truth.poses[:, 2])).tolist())
-        return EgoState(tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, articulation=towed)
+        articulation = tuple((-np.diff(truth.poses[:, 2])).tolist())
+        return EgoState(
+            tick=truth.tick, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, yaw_rate=yaw_rate, articulation=articulation
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class ExactPose:
-    """A reference unit without any error on one unit's body."""
+    """Exact reference unit on one unit's body."""
 
     unit: int
 

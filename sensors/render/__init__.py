@@ -1,7 +1,8 @@
-"""Rendered stereo pairs: the only place that touches pyrender and OpenGL, and it does so not before it has to.
+"""Rendering of two camera views: colour, depth and inverse depth. Only this package uses pyrender and OpenGL.
 
-Works without a GPU (Mesa's software renderer through EGL). Open one renderer at a time per process and close it before
-the next; use it only from the thread that opened it, and never fork once one has been opened (spawn instead).
+OpenGL is loaded when the first renderer is opened. It works without a GPU (Mesa's software renderer through EGL).
+Open one renderer at a time per process and close it before the next. Use it only in the thread that opened it. Do not
+fork after a renderer has been opened: spawn instead.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, NearnessImage
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.world import World
 from vehicle.frames import FloatArray
 
@@ -24,7 +25,7 @@ __all__ = ["RendererUnavailableError", "StereoRenderer"]
 
 
 class RendererUnavailableError(RuntimeError):
-    """There is no working OpenGL on this machine."""
+    """OpenGL does not work on this machine."""
 
     def __init__(self, cause: BaseException) -> None:
         reason = _missing_library() or " ".join(str(cause).split()) or type(cause).__name__
@@ -35,7 +36,7 @@ class RendererUnavailableError(RuntimeError):
 
 
 def _missing_library() -> str | None:
-    """What the loader says of the first of OpenGL's libraries that it can not load."""
+    """The loader's message for the first OpenGL library that cannot be loaded; None if all can."""
     for library in ("libEGL.so.1", "libGL.so.1"):
         try:
             ctypes.CDLL(library)
@@ -45,7 +46,7 @@ def _missing_library() -> str | None:
 
 
 class StereoRenderer:
-    """What both cameras of a rig see of a world, from any pose of the body that carries them.
+    """Renderer of the views of a stereo rig in a world.
 
     Raises:
         RendererUnavailableError: if EGL or OpenGL is missing or does not work.
@@ -57,25 +58,25 @@ class StereoRenderer:
         self._name = self._pair.name
 
     def on(self, calibration: StereoCalibration) -> StereoRenderer:
-        """Another rig of the same pinholes in the same world, drawn by the same OpenGL objects; it ends with this one.
+        """Renderer for another rig of equal pinholes in the same world; it shares this one's OpenGL objects.
 
         Raises:
-            ValueError: if its pinholes are others.
+            ValueError: if the pinholes differ.
         """
         if _pinhole(calibration) != _pinhole(self._calibration):
-            raise ValueError("a renderer can be shared by rigs of the same pinhole cameras only")
+            raise ValueError("only rigs of equal pinhole cameras can share a renderer")
         shared = copy(self)
         shared._calibration = calibration
         return shared
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of the cameras that are rendered."""
+        """Calibration of the rendered cameras."""
         return self._calibration
 
     @property
     def name(self) -> str:
-        """The OpenGL renderer's own name, with its version."""
+        """Name and version of the OpenGL renderer."""
         return self._name
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
@@ -83,18 +84,18 @@ class StereoRenderer:
         return self.render_from(*self._cameras(X_WB))
 
     def render_from(self, X_WCl: FloatArray, X_WCr: FloatArray) -> tuple[ColourImage, ColourImage]:
-        """Left and right image, RGB, of two such cameras wherever they are (4, 4)."""
+        """Left and right image, RGB, of two such cameras at any poses (4, 4)."""
         pair = self._live()
         pair.draw(X_WCl, X_WCr)
         left, right = pair.read_colour()
         return left, right
 
-    def place(self, stands: tuple[Stand, ...]) -> None:
-        """Put the world's moving things where these stands, in the same order, have them."""
-        self._live().place(stands)
+    def place(self, moved: tuple[Instances, ...]) -> None:
+        """Move the world's moving things to these poses; same things in the same order."""
+        self._live().place(moved)
 
     def nearness(self) -> tuple[NearnessImage, NearnessImage]:
-        """Inverse depth of what was rendered last, left and right (height, width) [1/m], next to nothing in the sky."""
+        """Inverse depth (height, width) [1/m] of the last left and right image; almost zero in the sky."""
         left, right = self._live().read_nearness()
         return left, right
 
@@ -114,7 +115,7 @@ class StereoRenderer:
         return first, second
 
     def close(self) -> None:
-        """Give back the OpenGL context; closing twice does no harm."""
+        """Release the OpenGL context; closing twice does no harm."""
         if self._pair is not None:
             self._pair.close()
             self._pair = None
@@ -125,7 +126,7 @@ class StereoRenderer:
         return self._pair
 
     def _cameras(self, X_WB: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """X_WC of the left and of the right camera."""
+        """Poses X_WC of the left and the right camera."""
         X_WCl = X_WB @ self._calibration.X_SC
         return X_WCl, X_WCl @ self._calibration.X_ClCr
 
@@ -135,7 +136,11 @@ def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
 
 
 def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
-    """A renderer on a context of its own; anything that goes wrong in there means: no OpenGL here."""
+    """Renderer on a new context.
+
+    Raises:
+        RendererUnavailableError: if anything fails in OpenGL.
+    """
     os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
     os.environ["PYGLET_HEADLESS"] = "true"
     try:

@@ -1,4 +1,4 @@
-"""Geometry made ready for drawing: a mesh cut into blocks that can be left out, and the dome that carries the sky."""
+"""Geometry prepared for drawing: a mesh cut into blocks for culling, and the sky dome."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from sensors.world import sky
 from sensors.world.shapes import FaceArray, Mesh, grid_faces
 from vehicle.frames import FloatArray
 
-_BLOCK = 300  # faces at most; smaller blocks cost more calls than they save vertices
+_BLOCK = 300  # most faces of a block; smaller ones cost more in calls than they save in vertices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Faces of a mesh in the order of compact blocks."""
+    """Faces of a mesh, ordered by compact blocks."""
 
     faces: FaceArray  # (m, 3)
     starts: NDArray[np.intp]  # (n + 1,) first face of each block, and m
     spheres: FloatArray  # (n, 4) centre and radius around each block [m]
 
-    def runs(self, wanted: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
-        """First face and number of faces of each run of consecutive wanted blocks."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], wanted, [False]]).astype(np.int8)))
+    def runs(self, selected: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+        """First face and number of faces of each run of consecutive selected blocks."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], selected, [False]]).astype(np.int8)))
         for first, behind in edges.reshape(-1, 2):
             yield int(self.starts[first]), int(self.starts[behind] - self.starts[first])
 
 
 def in_blocks(mesh: Mesh) -> Blocks:
-    """The faces of a mesh, halved at the median of the longer side until each block is small."""
+    """Faces of a mesh, halved at the median of the longer side until each block is small."""
     corners = mesh.vertices[mesh.faces]  # (m, 3 corners, 3)
     parts = list(_halved(corners.mean(axis=1)[:, :2], np.arange(len(mesh.faces))))
     spheres = np.array([_sphere(corners[part].reshape(-1, 3)) for part in parts])
@@ -56,7 +56,7 @@ def _sphere(points: FloatArray) -> FloatArray:
 
 
 def dome(sides: int = 24, rings: int = 4) -> Mesh:
-    """The sky as seen from inside: directions as vertices, and where on the panorama each of them looks."""
+    """Sky dome, visible from inside: unit directions as vertices, with coordinates on the panorama."""
     levels = np.append(np.linspace(sky.LOWEST, sky.HIGHEST, rings), [1.1, 0.5 * np.pi])  # up to the zenith [rad]
     elevation, azimuth = np.meshgrid(levels, np.linspace(0.0, 2.0 * np.pi, sides + 1), indexing="ij")
     level = np.cos(elevation)

@@ -1,4 +1,4 @@
-"""An OpenGL context without a window, and the few OpenGL objects that pyrender does not offer as they are needed.
+"""OpenGL context without a window, and OpenGL objects that pyrender does not provide.
 
 Importing this module imports pyrender and loads EGL.
 """
@@ -26,29 +26,29 @@ _LAYOUTS = {3: (GL.GL_RGB8, GL.GL_RGB), 4: (GL.GL_RGBA8, GL.GL_RGBA)}  # channel
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Context:
-    """A live OpenGL context of this process."""
+    """A current OpenGL context of this process."""
 
     platform: EGLPlatform
     name: str
 
     def make_current(self) -> None:
-        """Direct the OpenGL calls that follow to this context."""
+        """Make this the context of the OpenGL calls that follow."""
         self.platform.make_current()
 
     def close(self) -> None:
-        """Destroy the context but leave EGL's display, which belongs to the whole process, as it is."""
+        """Destroy the context, but not EGL's display, which belongs to the whole process."""
         display, context = EGL.eglGetCurrentDisplay(), EGL.eglGetCurrentContext()
         EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
         EGL.eglDestroyContext(display, context)
 
 
 def open_context() -> Context:
-    """A context on the first device that gives one: a graphics card that may be used, or else the processor.
+    """Context on the first device that works: an accessible graphics card, or else the processor.
 
     Raises:
-        OSError: with what the last device said if none works.
+        OSError: with the last device's error if none works.
     """
-    failure = "EGL knows no device"
+    failure = "EGL has no device"
     for device in query_devices():
         try:
             return _opened_on(device)
@@ -60,14 +60,14 @@ def open_context() -> Context:
 
 
 def _opened_on(device: EGLDevice) -> Context:
-    platform = EGLPlatform(1, 1, device=device)  # drawn into a framebuffer object: the size does not matter
+    platform = EGLPlatform(1, 1, device=device)  # rendering is into a framebuffer object: the size does not matter
     platform.init_context()
     name, version = (GL.glGetString(key).decode() for key in (GL.GL_RENDERER, GL.GL_VERSION))
     return Context(platform, f"{name}, OpenGL {version}")
 
 
 def upload_table(table: NDArray[np.float32]) -> int:
-    """Name of a new texture that holds a table (ny, nx, 4) of numbers as they are, neither mixed nor shrunk."""
+    """Name of a new texture with a table (ny, nx, 4) of numbers, without filtering."""
     texture = int(GL.glGenTextures(1))
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     ny, nx = table.shape[:2]
@@ -83,7 +83,7 @@ def upload_table(table: NDArray[np.float32]) -> int:
 
 
 def upload_texture(image: NDArray[np.uint8], shrink: int) -> int:
-    """Name of a new texture that repeats; its first row gets v = 0; ``shrink`` is OpenGL's filter for far away."""
+    """Name of a new repeating texture; v = 0 at its first row; ``shrink`` is OpenGL's minification filter."""
     internal, layout = _LAYOUTS[image.shape[2]]
     texture = int(GL.glGenTextures(1))
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
@@ -110,14 +110,14 @@ class Program:
 
     @classmethod
     def load(cls, cache: ShaderProgramCache, vertex: str, fragment: str, *defined: str) -> Program:
-        """The program of two files in ``shaders``, with some words defined in them; the cache owns it."""
+        """Program of two files in ``shaders``, with preprocessor definitions; the cache owns it."""
         defines = dict.fromkeys(defined, 1)
         program: ShaderProgram = cache.get_program(f"{vertex}.vert", f"{fragment}.frag", defines=defines)
         program._add_to_context()
         return cls(int(program._program_id))
 
     def use(self, uniforms: Uniforms) -> None:
-        """Make this the current program and set uniforms: numbers, vectors or matrices; a texture's unit is an int."""
+        """Make this the current program and set uniforms: numbers, vectors, matrices, or ints for texture units."""
         GL.glUseProgram(self.identity)
         for name, value in uniforms.items():
             if name not in self.locations:
@@ -137,5 +137,5 @@ def _set(location: int, value: float | tuple[float, ...] | FloatArray) -> None:
 
 
 def shader_cache() -> ShaderProgramCache:
-    """pyrender's cache, filled from this package's shaders."""
+    """Pyrender's cache for this package's shaders."""
     return ShaderProgramCache(shader_dir=str(_SHADERS))

@@ -1,4 +1,4 @@
-"""Two views of a world in one framebuffer: pyrender's renderer with shaders and a drawing order of its own.
+"""Two views of a world in one framebuffer: pyrender's renderer with own shaders and drawing order.
 
 Importing this module imports pyrender and loads EGL.
 """
@@ -27,29 +27,29 @@ from sensors.render.context import (
     upload_table,
     upload_texture,
 )
-from sensors.render.crowd import Crowd, Muster, draw, draw_run, in_view, primitive
+from sensors.render.instancing import Culler, InstancedPart, draw, draw_run, in_view, primitive
 from sensors.world import sky
 from sensors.world.condition import Condition
 from sensors.world.ground import RoadMap
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.textures import to_bytes
-from sensors.world.traffic import MOST
+from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform
 
 _NEAR, _FAR = 0.3, 2500.0  # [m]
-_STRIP = (-0.7, 1.02)  # edge distances that matter begin here, and span this: steps of 4 mm [m]
-_NO_BOX = transform(np.eye(3), np.full(3, 1e4))  # from W into a box that is nowhere near
-_CLEARANCE = 0.3  # between the ground and what of a vehicle throws its shadow [m]
-_TAPS = 3.0  # of ground.frag along a pixel's footprint
+_STRIP = (-0.7, 1.02)  # lowest relevant edge distance, and range: steps of 4 mm [m]
+_NO_BOX = transform(np.eye(3), np.full(3, 1e4))  # from W into a box far away
+_CLEARANCE = 0.3  # height of the shadow-casting part of a vehicle above the ground [m]
+_TAPS = 3.0  # samples of ground.frag along a pixel's footprint
 _HAZE_RANGE = 800.0  # distance over which the haze takes 63 % [m]
 
 
 def projection(calibration: StereoCalibration) -> FloatArray:
     """Clip coordinates (4, 4) from points in the camera frame C (OpenCV axes, z forward).
 
-    Row v of the image becomes row v of the framebuffer, counted from OpenGL's bottom, so that what is read back is
-    the right way up; the centre of the first pixel is (0, 0), half a pixel inside OpenGL's corner.
+    Row v of the image becomes row v of the framebuffer, counted from OpenGL's bottom, so that images read back are
+    upright. The centre of the first pixel is (0, 0), half a pixel inside OpenGL's corner.
     """
     c, P = calibration, np.zeros((4, 4))
     P[0, 0], P[0, 2] = 2.0 * c.focal_length / c.width, 2.0 * (c.cx + 0.5) / c.width - 1.0
@@ -60,7 +60,7 @@ def projection(calibration: StereoCalibration) -> FloatArray:
 
 
 class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
-    """Draws both views with one set of OpenGL objects; read-back is one call for both."""
+    """Draws both views with one set of OpenGL objects; one call reads both back."""
 
     def __init__(self, context: Context, world: World, calibration: StereoCalibration) -> None:
         super().__init__(calibration.width, calibration.height)
@@ -73,12 +73,12 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
         }
         marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes}
-        defined = [name for name, mark in marks.items() if mark is not None]  # what there is not costs nothing
+        defined = [name for name, mark in marks.items() if mark is not None]  # absent features cost nothing
         defined += ["TRAFFIC"] if world.moving else []
         defined += ["MARKED"] if defined else []
         self._programs["ground"] = Program.load(self._program_cache, "ground", "ground", *defined)
-        nearest_level = GL.GL_LINEAR_MIPMAP_NEAREST  # tracks as well as a trilinear look-up, at half the price
-        self._pierced = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
+        nearest_level = GL.GL_LINEAR_MIPMAP_NEAREST  # as good for tracking as trilinear filtering, at half the cost
+        self._transparent = {key for key, texture in world.textures.items() if texture.shape[2] == 4}
         self._textures = {key: upload_texture(texture[::-1], nearest_level) for key, texture in world.textures.items()}
         self._panorama = upload_texture(world.panorama[::-1], GL.GL_LINEAR)
         self._ground_textures = {  # by texture unit
@@ -86,15 +86,17 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             1: upload_texture(_packed(world.road), nearest_level),  # smooth: its levels do not show
             **_uploaded(world.condition),
         }
-        crowds = [Crowd.of(stand, part) for stand in world.stands for part in stand.thing.parts]
-        self._moving = [[Crowd.of(stand, part) for part in stand.thing.parts] for stand in world.moving]
-        crowds += [crowd for crowds_of_one in self._moving for crowd in crowds_of_one]
-        crowds.sort(key=lambda crowd: crowd.part.texture in self._pierced)  # what hides more first
-        self._muster = Muster(crowds)
+        parts = [InstancedPart.of(instances, part) for instances in world.scenery for part in instances.thing.parts]
+        self._moving = [
+            [InstancedPart.of(instances, part) for part in instances.thing.parts] for instances in world.moving
+        ]
+        parts += [part for parts_of_one in self._moving for part in parts_of_one]
+        parts.sort(key=lambda part: part.part.texture in self._transparent)  # opaque parts first
+        self._culler = Culler(parts)
         self._blocks = in_blocks(world.ground)
         self._ground, self._sky = primitive(replace(world.ground, faces=self._blocks.faces)), primitive(dome())
         scene = Scene()
-        scene.add(GlMesh([self._ground, self._sky, *(crowd.primitive for crowd in crowds)]))
+        scene.add(GlMesh([self._ground, self._sky, *(part.primitive for part in parts)]))
         self._update_context(scene, 0)
         self._set_constants(world)
         self.place(world.moving)
@@ -103,16 +105,16 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
     @classmethod
     def open(cls, world: World, calibration: StereoCalibration) -> PairRenderer:
-        """A renderer on a context of its own."""
+        """Renderer on a new context."""
         return cls(open_context(), world, calibration)
 
     @property
     def name(self) -> str:
-        """OpenGL's name of the renderer and its version."""
+        """Name and version of the OpenGL renderer."""
         return self._context.name
 
     def close(self) -> None:
-        """Free everything in the context, and the context."""
+        """Free all objects in the context, and the context."""
         self._context.make_current()
         GL.glDeleteTextures([*self._textures.values(), self._panorama, *self._ground_textures.values()])
         GL.glDeleteRenderbuffers(2, self._buffers)
@@ -121,10 +123,10 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._context.close()
 
     def __del__(self) -> None:
-        """Leave everything: pyrender would free objects of whatever context happens to be current."""
+        """Free nothing: pyrender would free objects of the context that happens to be current."""
 
     def draw(self, X_WCl: FloatArray, X_WCr: FloatArray) -> None:
-        """Draw what the left and the right camera see from their poses X_WC (4, 4)."""
+        """Draw the views of the left and the right camera at poses X_WC (4, 4)."""
         self._context.make_current()
         self._prepare()
         views = [(X_WC, self._projection @ inverse(X_WC)) for X_WC in (X_WCl, X_WCr)]
@@ -133,19 +135,19 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._draw_sky(views)
         GL.glBindVertexArray(0)
 
-    def place(self, stands: tuple[Stand, ...]) -> None:
-        """Put moving things, and the shadows they throw, where the stands have them."""
+    def place(self, moved: tuple[Instances, ...]) -> None:
+        """Move the moving things and their shadows."""
         self._context.make_current()
-        for stand, crowds in zip(stands, self._moving, strict=True):
-            for crowd in crowds:
-                crowd.place(stand)
-        boxes = [_into_box(stand) for stand in stands] + [_NO_BOX] * (MOST - len(stands))
+        for instances, parts in zip(moved, self._moving, strict=True):
+            for part in parts:
+                part.place(instances)
+        boxes = [_into_box(instances) for instances in moved] + [_NO_BOX] * (MAX_VEHICLES - len(moved))
         self._programs["ground"].use({f"into_box[{k}]": box for k, box in enumerate(boxes)})
 
     def read_colour(self) -> NDArray[np.uint8]:
         """Both images (2, height, width, 3), RGB."""
         GL.glReadPixels(0, 0, *self._pixels.shape[1::-1], GL.GL_RGBA, GL.GL_UNSIGNED_BYTE, array=self._pixels)
-        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # OpenGL takes twice as long to leave alpha out
+        colour = cv2.cvtColor(self._pixels, cv2.COLOR_RGBA2RGB)  # reading RGB from OpenGL takes twice as long
         return np.asarray(colour, dtype=np.uint8).reshape(2, self._height, self._width, 3)
 
     def read_nearness(self) -> NDArray[np.float32]:
@@ -163,7 +165,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         return depth
 
     def _set_constants(self, world: World) -> None:
-        """Uniforms that never change."""
+        """Set the uniforms that never change."""
         light: Uniforms = {
             "sun": world.light.direction,
             "sun_colour": world.light.sun_colour,
@@ -187,43 +189,43 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._programs["sky"].use({"panorama": 0})
 
     def _make_framebuffer(self) -> None:
-        """One framebuffer for both views, the right one above the left one; no multisampling: it costs the most."""
+        """Create one framebuffer for both views, the right one above the left one; without costly multisampling."""
         self._buffers = GL.glGenRenderbuffers(2)
         self._framebuffer = int(GL.glGenFramebuffers(1))
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         formats = (GL.GL_RGBA8, GL.GL_DEPTH_COMPONENT32F)
-        places = (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT)
-        for buffer, layout, place in zip(self._buffers, formats, places, strict=True):
+        attachments = (GL.GL_COLOR_ATTACHMENT0, GL.GL_DEPTH_ATTACHMENT)
+        for buffer, layout, attachment in zip(self._buffers, formats, attachments, strict=True):
             GL.glBindRenderbuffer(GL.GL_RENDERBUFFER, buffer)
             GL.glRenderbufferStorage(GL.GL_RENDERBUFFER, layout, self._width, 2 * self._height)
-            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, place, GL.GL_RENDERBUFFER, buffer)
+            GL.glFramebufferRenderbuffer(GL.GL_FRAMEBUFFER, attachment, GL.GL_RENDERBUFFER, buffer)
 
     def _prepare(self) -> None:
         GL.glBindFramebuffer(GL.GL_FRAMEBUFFER, self._framebuffer)
         for capability in (GL.GL_DEPTH_TEST, GL.GL_CULL_FACE, GL.GL_SCISSOR_TEST):
             GL.glEnable(capability)
-        GL.glFrontFace(GL.GL_CW)  # the projection turns the picture over
+        GL.glFrontFace(GL.GL_CW)  # the projection flips the image
         GL.glDepthFunc(GL.GL_LEQUAL)  # the sky lies on the far plane
         GL.glScissor(0, 0, self._width, 2 * self._height)
-        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers whatever else is left
+        GL.glClear(GL.GL_DEPTH_BUFFER_BIT)  # the sky covers the rest
 
     def _view(self, index: int) -> None:
         for select in (GL.glViewport, GL.glScissor):
             select(0, index * self._height, self._width, self._height)
 
     def _draw_things(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
-        """Draw the individuals that either view may see."""
-        seen = self._muster.seen([VP for _, VP in views], views[0][0][:3, 3])
+        """Draw the instances in either view."""
+        visible = self._culler.in_views([VP for _, VP in views], views[0][0][:3, 3])
         GL.glActiveTexture(GL.GL_TEXTURE0)
         for index, (X_WC, VP) in enumerate(views):
             self._view(index)
-            for name, pierced in (("thing", False), ("leaves", True)):
+            for name, transparent in (("thing", False), ("leaves", True)):
                 self._programs[name].use({"view_projection": VP, "camera": X_WC[:3, 3]})
-                (GL.glDisable if pierced else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
-                for crowd, count in seen:
-                    if (crowd.part.texture in self._pierced) == pierced:
-                        GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[crowd.part.texture])
-                        draw(crowd.primitive, count)
+                (GL.glDisable if transparent else GL.glEnable)(GL.GL_CULL_FACE)  # leaves have two sides
+                for part, count in visible:
+                    if (part.part.texture in self._transparent) == transparent:
+                        GL.glBindTexture(GL.GL_TEXTURE_2D, self._textures[part.part.texture])
+                        draw(part.primitive, count)
         GL.glEnable(GL.GL_CULL_FACE)
 
     def _draw_ground(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
@@ -239,12 +241,12 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
                 draw_run(first, count)
 
     def _stretch(self, X_WC: FloatArray) -> float:
-        """Length over breadth of the least elongated pixel on level ground, as far as ground.frag's taps can use it."""
+        """Length over width of the least elongated pixel on level ground, limited to ground.frag's samples."""
         steepest = float((self._rays @ -X_WC[2, :3]).max())
         return min(1.0 / max(steepest, 1e-3), _TAPS)
 
     def _draw_sky(self, views: list[tuple[FloatArray, FloatArray]]) -> None:
-        """The sky where nothing else was drawn."""
+        """Draw the sky where nothing else was drawn."""
         GL.glBindTexture(GL.GL_TEXTURE_2D, self._panorama)
         for index, (X_WC, _) in enumerate(views):
             self._view(index)
@@ -254,16 +256,16 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
 
 
 def _rays(calibration: StereoCalibration) -> FloatArray:
-    """Unit vectors (9, 3) in C through the image's corners, the middles of its sides and its own."""
+    """Unit vectors (9, 3) in C through the image's corners, the middles of its sides and its middle."""
     c = calibration
     corners = np.stack(np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]), axis=-1).reshape(-1, 2)
-    at = (corners * [c.width - 1, c.height - 1] - [c.cx, c.cy]) / c.focal_length
-    rays = np.column_stack([at, np.ones(len(at))])
+    xy = (corners * [c.width - 1, c.height - 1] - [c.cx, c.cy]) / c.focal_length
+    rays = np.column_stack([xy, np.ones(len(xy))])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
 
 
 def _uploaded(condition: Condition) -> dict[int, int]:
-    """Textures, by texture unit, of what there is to be seen of the ground's condition."""
+    """Textures of the ground's condition by texture unit."""
     textures = {}
     if condition.looks is not None:
         textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST)
@@ -272,16 +274,16 @@ def _uploaded(condition: Condition) -> dict[int, int]:
     return textures
 
 
-def _into_box(stand: Stand) -> FloatArray:
-    """From W (4, 4) into the box around a thing that stands alone, whose sides are at +-1 there."""
-    vertices = np.concatenate([part.mesh.vertices for part in stand.thing.parts])
+def _into_box(instances: Instances) -> FloatArray:
+    """From W (4, 4) into the box around a single thing; the box's sides are at +-1 there."""
+    vertices = np.concatenate([part.mesh.vertices for part in instances.thing.parts])
     low, high = vertices.min(axis=0) + np.array([0.0, 0.0, _CLEARANCE]), vertices.max(axis=0)
     box = transform(np.diag(0.5 * (high - low)), 0.5 * (low + high))
-    return np.asarray(np.linalg.inv(stand.poses[0] @ box), dtype=np.float64)
+    return np.asarray(np.linalg.inv(instances.poses[0] @ box), dtype=np.float64)
 
 
 def _packed(road: RoadMap) -> NDArray[np.uint8]:
-    """The road's map with its strip of edge distances, 8 bits a channel: llvmpipe samples these three times as fast."""
+    """The road map with its strip of edge distances, 8 bits per channel: llvmpipe samples it three times as fast."""
     strip = (road.edge_distance - _STRIP[0]) / _STRIP[1]
     channels = np.stack([strip, road.light, road.gravel, road.lushness], axis=-1)
     return to_bytes(channels)

@@ -1,4 +1,4 @@
-"""An airfield in the country: tarmac that has been patched, and around it fields of grain, beds of standing crop."""
+"""Surroundings of a country airfield: patched tarmac and fields of grain."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.world.ground import Centreline, RoadMap, Terrain
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.shapes import Mesh, cards, grid_faces, smooth_normals
 from sensors.world.things import TWIGS_RANGE, Colour, Part, Thing
 from vehicle.frames import FloatArray
 
-_BED = 8.0  # side of a bed [m]
-_NODES = 6  # along a side of it, edges included
+_BED = 8.0  # side of a square bed of crop [m]
+_NODES = 6  # of the mesh along a side, edges included
 _HEIGHT = 0.75  # of ripe wheat [m]
-_UNEVEN = 0.04  # of its top, standard deviation [m]
-_EARS = 60  # tufts that stick out of a bed
+_UNEVENNESS = 0.04  # standard deviation of the top of the crop [m]
+_EARS = 60  # tufts above a bed
 _VERGE = 2.0  # of grass between a road and the crop [m]
-_REACH = 55.0  # beyond the verge the nearest fields end, and hedges would stand [m]
-_AT_MOST = 1500  # beds: keeps the number of triangles of a long course in bounds
+_REACH = 55.0  # of the fields beyond the verge [m]
+_MAX_BEDS = 1500  # limits the number of triangles of a long course
 _PATCHES = (0.4, 3.0)  # sides of patches [m]
-_RIPE: Colour = (2.5, 1.45, 0.95)  # makes straw of the green of leaves
+_RIPE: Colour = (2.5, 1.45, 0.95)  # turns the green of leaves into straw
 
 
 def patched(rng: np.random.Generator, road: RoadMap, per_100_m2: float) -> RoadMap:
-    """The map with rectangles on the road that have worn more or less than what is around them."""
+    """The map with rectangular patches of different wear on the road."""
     ny, nx = road.edge_distance.shape
     count = round(per_100_m2 * 1e-2 * road.cell**2 * nx * ny)
     wear = road.gravel.copy()
@@ -41,17 +41,17 @@ def patched(rng: np.random.Generator, road: RoadMap, per_100_m2: float) -> RoadM
     return replace(road, gravel=np.where(road.edge_distance < 0.0, wear, road.gravel).astype(np.float32))
 
 
-def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, road_half_width: float) -> Stand:
-    """Beds of ripe grain on a lattice, wherever it is clear of the road and not too far from it."""
+def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, road_half_width: float) -> Instances:
+    """Beds of ripe grain on a lattice, clear of the road and within reach of it."""
     nearest = road_half_width + _VERGE + np.sqrt(0.5) * _BED
     low, high = line.points.min(axis=0) - nearest - _REACH, line.points.max(axis=0) + nearest + _REACH
     axes = [np.arange(low[i], high[i], _BED) for i in range(2)]
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     distance = line.distance(places)
     order = np.argsort(distance)
-    kept = order[(distance[order] > nearest) & (distance[order] < nearest + _REACH)][:_AT_MOST]
+    kept = order[(distance[order] > nearest) & (distance[order] < nearest + _REACH)][:_MAX_BEDS]
     bed = _bed(rng)
-    return Stand(
+    return Instances(
         thing=bed,
         poses=_poses(rng, places[kept], terrain),
         brightness=1.0 + bed.variety * rng.uniform(-1.0, 1.0, len(kept)),
@@ -59,7 +59,7 @@ def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, r
 
 
 def _poses(rng: np.random.Generator, places: FloatArray, terrain: Terrain) -> FloatArray:
-    """Upright on the ground, turned by any number of right angles, so that neighbours differ."""
+    """Poses upright on the ground, turned by random multiples of 90 deg, so that neighbours differ."""
     turns = rng.integers(4, size=len(places))
     c, s = np.array([1.0, 0.0, -1.0, 0.0])[turns], np.array([0.0, 1.0, 0.0, -1.0])[turns]
     poses = np.tile(np.eye(4), (len(places), 1, 1))
@@ -69,10 +69,10 @@ def _poses(rng: np.random.Generator, places: FloatArray, terrain: Terrain) -> Fl
 
 
 def _bed(rng: np.random.Generator) -> Thing:
-    """One bed: an uneven top that falls to the ground at its edges, and ears that stick out."""
+    """One bed: an uneven top with sides down to the ground, and ears above it."""
     top = _top(rng)
-    at = rng.uniform(-0.48 * _BED, 0.48 * _BED, size=(_EARS, 2))
-    places = np.column_stack([at, np.full(_EARS, _HEIGHT)])
+    xy = rng.uniform(-0.48 * _BED, 0.48 * _BED, size=(_EARS, 2))
+    places = np.column_stack([xy, np.full(_EARS, _HEIGHT)])
     upwards = np.tile(np.array([0.0, 0.0, 1.0]), (_EARS, 1))
     ears = cards(rng, places, upwards, 0.4, np.full(_EARS, 0.95))
     straw = Part(mesh=top, texture="foliage", colour=_RIPE)
@@ -82,15 +82,15 @@ def _bed(rng: np.random.Generator) -> Thing:
 
 def _top(rng: np.random.Generator) -> Mesh:
     side = np.linspace(-0.5 * _BED, 0.5 * _BED, _NODES)
-    side = np.concatenate([side[:1], side, side[-1:]])  # the outermost nodes twice: above, and in the ground
+    side = np.concatenate([side[:1], side, side[-1:]])  # the outermost nodes twice: at the top and in the ground
     x, y = np.meshgrid(side, side, indexing="ij")
-    z = np.where(_inside(len(side)), _HEIGHT + _UNEVEN * rng.standard_normal(x.shape), -0.5)
+    z = np.where(_inside(len(side)), _HEIGHT + _UNEVENNESS * rng.standard_normal(x.shape), -0.5)
     vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     level = np.stack([x, y, np.where(z > 0.0, z, _HEIGHT)], axis=-1).reshape(-1, 3)
     faces = grid_faces(len(side), len(side))
     return Mesh(
         vertices=vertices,
-        normals=smooth_normals(level, faces),  # lit as one field: its beds have no edges of their own
+        normals=smooth_normals(level, faces),  # lit without the edges of the bed
         uv=np.stack([x + 0.7 * z, y + 0.7 * z], axis=-1).reshape(-1, 2) / 1.6,
         shade=np.where(z > 0.0, 0.95, 0.35).ravel(),
         faces=faces,

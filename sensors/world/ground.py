@@ -1,4 +1,4 @@
-"""The ground: its mesh, the map of the road on it, and the relief beyond the course."""
+"""The rendered ground: mesh, map of the road on it, and relief beyond the course."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from vehicle.polyline import dense
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
-_HORIZON = 900.0  # from there on hills go over into the haze [m]
-_FINE = 12.0  # cells may be finest this far from the centreline: cameras are nearer to it [m]
-_CELL = 2.5  # finest cell: a cone of 2.5 % is then met within h^2 c/8R = 2 mm at R = 10 m [m]
-_COARSEST = 20.0  # cell near the course, however flat: half a wavelength of what bends the texture [m]
-_WIDEST = 32  # cell anywhere [finest cells]
-_GRADING = 0.4  # of a cell's width over its distance from the centreline
-_SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # the ground's curve may leave its triangles by this [m], and so much more afar [rad]
-_BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of what bends the texture [m]
+_HORIZON = 900.0  # extent of the ground around the course; hills beyond fade into haze [m]
+_FINE = 12.0  # distance from the centreline with the finest cells; cameras are closer to it [m]
+_CELL = 2.5  # finest cell: the error on a cone of 2.5 % is then h^2 c/8R = 2 mm at R = 10 m [m]
+_COARSEST = 20.0  # largest cell near the course: half a wavelength of the texture's distortion [m]
+_WIDEST = 32  # largest cell anywhere [finest cells]
+_GRADING = 0.4  # width of a cell over its distance from the centreline
+_SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # allowed error of the triangles near the course [m], and its increase with distance
+_BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of the texture's distortion [m]
 _CORNERS = np.array([(0, 0), (1, 0), (0, 1), (1, 1)])
-_CELLS = 300  # fine cells along the longer side at most, so that long courses stay drawable
-_MAP_CELL = 0.25  # linear interpolation of the distance is then within h^2/8R = 1 mm at R = 6 m [m]
-_MAP_SIDE = 4096  # largest texture side that every OpenGL 4.1 driver must accept is 16384; memory asks for less [px]
-_MAP_REACH = 16.0  # distances from the road's edge are kept up to this [m]
-_SPACING = 0.05  # of the points that stand for the centreline: distance error below 0.1 mm at the road's edge [m]
+_CELLS = 300  # most fine cells along the longer side, which limits the mesh of long courses
+_MAP_CELL = 0.25  # the error of interpolated distances is then h^2/8R = 1 mm at R = 6 m [m]
+_MAP_SIDE = 4096  # OpenGL 4.1 drivers accept at least 16384; memory limits it to less [px]
+_MAP_REACH = 16.0  # greatest distance from the road's edge in the map [m]
+_SPACING = 0.05  # of the centreline's points: distance error below 0.1 mm at the road's edge [m]
 
 
 class Waves:
@@ -49,7 +49,7 @@ class Waves:
 
 
 class Terrain:
-    """Height of the drawn ground: the surface of the course, and beyond its margin level ground with hills."""
+    """Height of the rendered ground: the surface of the course, and hills beyond its margin."""
 
     def __init__(self, rng: np.random.Generator, surface: Surface, low: FloatArray, high: FloatArray) -> None:
         self._surface, self._low, self._high = surface, low - MARGIN, high + MARGIN
@@ -65,29 +65,29 @@ class Terrain:
         return height
 
     def slope(self, xy: FloatArray) -> FloatArray:
-        """Rise over both axes [-] at xy (..., 2) [m], over the width of a cell."""
+        """Slope along both axes [-] at xy (..., 2) [m], over the width of a cell."""
         steps = _CELL * np.eye(2)
         rise = [self.height(xy + step) - self.height(xy - step) for step in steps]
         return np.stack(rise, axis=-1) / (2.0 * _CELL)
 
 
 def ground_height(surface: Surface, xy: FloatArray) -> FloatArray:
-    """Height [m] of the drawn ground around the course at xy (..., 2) [m]."""
+    """Height [m] of the rendered ground around the course at xy (..., 2) [m]."""
     height: FloatArray = surface.height(xy[..., 0], xy[..., 1])
-    if surface.roughness is not None:  # potholes are narrower than a cell: they are drawn by their shade
+    if surface.roughness is not None:  # potholes are narrower than a cell: they are only shaded
         height = height + surface.roughness.waves(xy[..., 0], xy[..., 1])
     return height
 
 
 class Centreline:
-    """The road's centreline as points dense enough to measure distances to."""
+    """The road's centreline as dense points, for distances from it."""
 
     def __init__(self, polyline: FloatArray) -> None:
         self.points, self.spacing = dense(polyline, _SPACING)  # (n, 2), [m]
         self._tree = cKDTree(self.points)
 
     def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
-        """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to``."""
+        """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to`` [m]."""
         return np.asarray(self._tree.query(xy, distance_upper_bound=up_to)[0], dtype=np.float64)
 
     def offset(self, by: float) -> FloatArray:
@@ -99,20 +99,20 @@ class Centreline:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoadMap:
-    """What the ground is like around the road, on a lattice of nodes ``cell`` apart from ``origin`` on."""
+    """Appearance of the ground around the road, on a lattice of nodes ``cell`` apart that starts at ``origin``."""
 
-    origin: FloatArray  # (2,) W of node [0, 0] [m]
+    origin: FloatArray  # (2,) position of node [0, 0] in W [m]
     cell: float  # [m]
     edge_distance: NoiseArray  # (ny, nx) distance from the road's edge, negative on the road [m]
     light: NoiseArray  # (ny, nx) 1 in the sun, 0 in full shadow
-    gravel: NoiseArray  # (ny, nx) beside the road: how much gravel shows, 0..1; on it: how worn it is, 0..1
+    gravel: NoiseArray  # (ny, nx) off the road: share of gravel, 0 to 1; on it: wear, 0 to 1
     lushness: NoiseArray  # (ny, nx) of the grass, 0..1
 
 
 def road_map(
     rng: np.random.Generator, centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray
 ) -> RoadMap:
-    """The map of a road along a centreline, all in the sun, over the box from ``low`` to ``high`` [m] at least."""
+    """Map of a road along a centreline, without shadows, that covers the box from ``low`` to ``high`` [m]."""
     cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
     nx, ny = (scipy.fft.next_fast_len(int(side / cell) + 2, real=True) for side in high - low)
     nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
@@ -120,7 +120,7 @@ def road_map(
     edge_distance = np.minimum(centreline.distance(nodes, up_to=reach), reach) - road_half_width
     blotches = fractal_noise(rng, (ny, nx), 1.0, (cell / 12.0, 0.4))
     lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (cell / 60.0, cell / 1.5))
-    beside = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
+    off_road = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
     wheels = np.clip(1.0 - np.abs(np.abs(edge_distance + road_half_width) - 1.0) / 0.6, 0.0, 1.0)
     worn = 0.5 + 0.15 * blotches + 0.15 * wheels
     return RoadMap(
@@ -128,7 +128,7 @@ def road_map(
         cell=cell,
         edge_distance=edge_distance.astype(np.float32),
         light=np.ones((ny, nx), dtype=np.float32),
-        gravel=np.where(edge_distance < 0.0, worn, beside).astype(np.float32),
+        gravel=np.where(edge_distance < 0.0, worn, off_road).astype(np.float32),
         lushness=lushness,
     )
 
@@ -136,11 +136,11 @@ def road_map(
 def ground_mesh(
     rng: np.random.Generator, terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
 ) -> Mesh:
-    """Triangles between nodes that stand close where the ground bends near the course, and ever wider elsewhere.
+    """Triangle mesh of the ground: fine where it is curved near the course, coarser elsewhere.
 
-    A pixel that several triangles share is worked on for each of them: flat ground in small cells would cost half as
-    much again. ``uv`` is the position in metres, bent by a smooth field of some metres: a repeating texture laid on it
-    meets itself nowhere again at the same shift.
+    A pixel that several triangles share is shaded once for each: flat ground in small cells would cost 50 % more time.
+    ``uv`` is the position in metres, distorted by a smooth field of some metres, so that the repeats of a texture are
+    nowhere shifted by the same vector.
     """
     bends = [Waves(rng, wavelengths=_BENDS, count=7) for _ in range(2)]
     xy, faces = _triangulated(terrain, line, low, high)
@@ -157,10 +157,10 @@ def ground_mesh(
 def _triangulated(
     terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FaceArray]:
-    """Nodes (n, 2) [m] as far as the horizon, and the triangles between them."""
+    """Nodes (n, 2) [m] up to the horizon, and the triangles between them."""
     cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
     start = low - _HORIZON
-    side = _WIDEST  # of square cells, in the finest one's; all nodes are whole multiples of that
+    side = _WIDEST  # of square cells, in finest cells; all nodes are whole multiples of these
     nx, ny = np.ceil((high - low + 2 * _HORIZON) / (side * cell)).astype(int)
     cells = side * np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2)
     corners = []
@@ -178,7 +178,7 @@ def _triangulated(
 
 
 def _too_wide(terrain: Terrain, line: Centreline, cells: FloatArray, side: float, finest: float) -> NDArray[np.bool_]:
-    """Which square cells (n, 2), given by their lowest corners, have to be quartered."""
+    """Mask of the square cells (n, 2), given by their lowest corners, that have to be quartered."""
     distance = np.maximum(line.distance(cells + 0.5 * side) - 0.71 * side, 0.0)
     share = np.linspace(0.0, 1.0, 5)
     inside = np.stack(np.meshgrid(share, share, indexing="ij"), axis=-1)

@@ -27,7 +27,7 @@ def house(*, size: tuple[float, float], eaves: float, walls: str, wall_colour: C
 
 
 def _roof(half_x: float, half_y: float, eaves: float, ridge: float) -> Mesh:
-    """Two slopes with an overhang all round, seen from above and from below."""
+    """Two slopes with an overhang all round, visible from above and from below."""
     x, overhang = half_x + 0.35, 0.45
     slope = (ridge - eaves) / half_y
     low, top, y = eaves - overhang * slope + 0.06, ridge + 0.06, half_y + overhang
@@ -41,7 +41,7 @@ def _roof(half_x: float, half_y: float, eaves: float, ridge: float) -> Mesh:
 
 
 def _windows(half_x: float, half_y: float, rows: int) -> Mesh:
-    """Windows in rows on all four walls, a hand's breadth proud of them."""
+    """Windows in rows on all four walls, 3 cm in front of them."""
     panes = []
     for along, out, yaw in ((half_x, half_y, 0.0), (half_y, half_x, np.pi / 2)):
         count = max(1, int(2 * along / 2.6))

@@ -1,4 +1,4 @@
-"""Plants: trees, bushes, hedges and the edge of a wood, built from lumps of foliage with sprays of leaves on them."""
+"""Plants: trees, bushes, hedges and edges of woods, made of lumps of foliage with sprays of leaves."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from sensors.world.things import TWIGS_RANGE, Colour, Part, Thing
 from vehicle.frames import FloatArray
 
 HEDGE_LENGTH = 4.0  # [m]
-_LUMPS_RANGE = 45.0  # farther away lumps have fewer corners: a triangle costs the same however small it is seen [m]
+_LUMPS_RANGE = 45.0  # distance from which on lumps have fewer triangles [m]
 
-Lump = tuple[Mesh, Mesh]  # as seen from close by, and from afar
+Lump = tuple[Mesh, Mesh]  # near and far level of detail
 
 
 def _lump(
@@ -26,7 +26,7 @@ def _lump(
     roughness: float = 0.15,
     texture_size: float = 1.5,
 ) -> Lump:
-    """A lump of foliage; its texture stays where it is when one of the two meshes takes the other's place."""
+    """A lump of foliage in two levels of detail whose textures coincide."""
     near = blob(rng, centre, radii, rings=4, sides=sides, roughness=roughness, texture_size=texture_size)
     far = blob(
         np.random.default_rng(0), centre, radii, rings=3, sides=sides - 1, roughness=0.0, texture_size=texture_size
@@ -37,7 +37,7 @@ def _lump(
 def _leafy(
     rng: np.random.Generator, lumps: list[Lump], sprays: int, size: float, colour: Colour
 ) -> tuple[Part, Part, Part]:
-    """Lumps of foliage, those seen from afar, and sprays of leaves that stick out of them."""
+    """Lumps of foliage in both levels of detail, and sprays of leaves on them."""
     mass, afar = (massed(*meshes) for meshes in zip(*lumps, strict=True))
     places, outwards, shade = scattered_on(rng, mass, sprays)
     fringe = cards(rng, places, outwards, size, np.minimum(shade + 0.1, 1.0))
@@ -49,9 +49,9 @@ def _leafy(
 
 
 def broadleaf(rng: np.random.Generator, colour: Colour) -> Thing:
-    """A round-crowned tree of some 8 m: a crown of overlapping lumps on a stem."""
+    """A broad-leaved tree of about 8 m: a crown of overlapping lumps on a stem."""
     lumps = [_lump(rng, (0.0, 0.0, 5.4), (1.9, 1.9, 1.9), sides=7, roughness=0.10)]
-    for azimuth in np.arange(7) * 2.4 + rng.uniform(0.0, 6.0):  # the golden angle leaves no gap and no row
+    for azimuth in np.arange(7) * 2.4 + rng.uniform(0.0, 6.0):  # golden angle: no gaps, no rows
         r, z, size = rng.uniform(0.9, 1.7), rng.uniform(3.6, 6.9), rng.uniform(0.8, 1.3)
         centre = (r * np.cos(azimuth), r * np.sin(azimuth), z)
         lumps.append(_lump(rng, centre, (size, size, 0.85 * size), roughness=0.12))
@@ -60,7 +60,7 @@ def broadleaf(rng: np.random.Generator, colour: Colour) -> Thing:
 
 
 def conifer(rng: np.random.Generator) -> Thing:
-    """A spruce of some 9 m: ragged skirts of twigs one above the other."""
+    """A spruce of about 9 m: ragged tiers of twigs above each other."""
     tiers = []
     for z, radius in zip(np.linspace(1.0, 7.4, 6), np.linspace(2.0, 0.5, 6), strict=True):
         ragged = rng.uniform(0.72, 1.12, size=9)
@@ -89,7 +89,7 @@ def _skirt(ragged: FloatArray, z: float, radius: float) -> Mesh:
 
 
 def bush(rng: np.random.Generator) -> Thing:
-    """A bush of some 1.3 m."""
+    """A bush of about 1.3 m."""
     lumps = []
     for azimuth in np.arange(3) * 2.4:
         size = rng.uniform(0.45, 0.7)
@@ -99,7 +99,7 @@ def bush(rng: np.random.Generator) -> Thing:
 
 
 def hedge(rng: np.random.Generator) -> Thing:
-    """One length of a clipped hedge along x, 1.5 m high, uneven as hedges are."""
+    """One length of a clipped, uneven hedge along x, 1.5 m high."""
     lumps = []
     for x in np.linspace(-0.5, 0.5, 4) * (HEDGE_LENGTH - 1.0):
         lumps.append(_lump(rng, (float(x), 0.0, 0.6), (0.95, 0.65, 0.95), texture_size=1.1))
@@ -107,7 +107,7 @@ def hedge(rng: np.random.Generator) -> Thing:
 
 
 def wood(rng: np.random.Generator) -> Thing:
-    """The edge of a wood seen from afar: 18 m of crowns along x, 6 to 10 m high."""
+    """The edge of a distant wood: 18 m of crowns along x, 6 to 10 m high."""
     crowns = []
     for x in np.linspace(-8.0, 8.0, 5):
         height, width = rng.uniform(6.0, 10.0), rng.uniform(2.8, 4.2)

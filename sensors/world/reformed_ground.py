@@ -1,9 +1,9 @@
-"""Ground that a vehicle's wheels leave other than they found it: mud, slush, wet sand.
+"""Ground that wheels change as they roll over it: mud, slush, wet sand.
 
-A wheel that sinks in presses, smears and splashes, and what the rear camera sees is not what the front camera saw
-there. Modelled by the look alone: a strip along every wheel's track shows other ground of the same kind, which may
-flow along with the vehicle for as long as it is seen. Wheels come in groups, such as those of one unit of the vehicle;
-the ground that one group leaves is changed again by the next, but not by the same one. Relief is not modelled.
+A sinking wheel presses, smears and splashes, so the rear camera sees other ground than the front camera saw at the same
+place. Only the appearance is modelled: a strip along every wheel's track shows other ground of the same kind, which may
+flow along with the vehicle while it is in view. Wheels come in groups, such as those of one unit of the vehicle; each
+group changes the ground again. Relief is not modelled.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from sensors.messages import ColourImage
 from vehicle.frames import FloatArray, inverse, transform
 from vehicle.surface import Surface
 
-# W, to the ground that the first two groups show instead: farther than a camera's view reaches, and apart [m]
-_ELSEWHERE = np.array([[1.3, 1.1], [-1.1, 1.3]])
-_NEAR = 4.0  # tracks farther from a camera than this are out of its sight [m]
-_SUBPIXEL = 4  # binary digits of a pixel that OpenCV draws with
+# Offset in W to the ground that is shown after each group: beyond the cameras' view [m]
+_OFFSETS = np.array([[1.3, 1.1], [-1.1, 1.3]])
+_NEAR = 4.0  # distance from a camera beyond which tracks are out of view [m]
+_SUBPIXEL = 4  # fractional bits of pixel coordinates when drawing
 
 
 class ReformedGround:
-    """What downward cameras see where wheels re-form the ground: a ``PairSource`` around another one.
+    """Renderer of downward cameras above ground that wheels re-form: a ``PairSource`` around another one.
 
-    It remembers where the body was at every call, so the calls have to follow the drive.
+    It stores the body's pose at every call, so the calls have to be in the order of the drive.
     """
 
     def __init__(
         self, source: PairSource, surface: Surface, wheels: Sequence[FloatArray], *, width: float, flow: float = 0.0
     ) -> None:
-        """Around ``source``, for groups of wheels (n, 2) [m] in the body's frame, the foremost group first.
+        """Renderer around ``source``, for groups of wheels (n, 2) [m] in the body's frame, the foremost group first.
 
-        Each wheel re-forms a strip of ``width`` [m]; this moves at the share ``flow`` of the body's velocity.
+        Each wheel re-forms a strip of ``width`` [m], which moves at ``flow`` times the body's velocity.
 
         Raises:
             ValueError: if the width is not positive, the flow not within 0 and 1, or there are more than two groups.
@@ -46,15 +46,15 @@ class ReformedGround:
             raise ValueError(f"width of the re-formed strip = {width} m must be positive")
         if not 0.0 <= flow <= 1.0:
             raise ValueError(f"flow of the re-formed ground = {flow} must be between 0 and 1")
-        if len(wheels) > len(_ELSEWHERE):
-            raise ValueError(f"{len(wheels)} groups of wheels: at most {len(_ELSEWHERE)} can be told apart")
+        if len(wheels) > len(_OFFSETS):
+            raise ValueError(f"{len(wheels)} groups of wheels: at most {len(_OFFSETS)} can be distinguished")
         self._source, self._surface, self._width, self._flow = source, surface, width, flow
         self._groups = [np.column_stack([group, np.zeros(len(group)), np.ones(len(group))]) for group in wheels]
         self._bodies: list[FloatArray] = []  # X_WB (4, 4) of every call, oldest first
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of both cameras."""
+        """Calibration of both cameras."""
         return self._source.calibration
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
@@ -63,33 +63,33 @@ class ReformedGround:
         X_WCl = X_WB @ self.calibration.X_SC
         poses = (X_WCl, X_WCl @ self.calibration.X_ClCr)
         left, right = self._source.render(X_WB)
-        for group, elsewhere in zip(self._groups, _ELSEWHERE, strict=False):
-            after = self._source.render(self._moved(X_WB, elsewhere))
+        for group, offset in zip(self._groups, _OFFSETS, strict=False):
+            after = self._source.render(self._displaced(X_WB, offset))
             tracks = np.array([(group @ body.T)[:, :3] for body in self._bodies])  # (calls, n, 3)
             left, right = (
-                np.where(self._rolled(X_WC, tracks)[..., None], new, old)
+                np.where(self._rolled_pixels(X_WC, tracks)[..., None], new, old)
                 for X_WC, new, old in zip(poses, after, (left, right), strict=True)
             )
         return left, right
 
-    def _moved(self, X_WB: FloatArray, elsewhere: FloatArray) -> FloatArray:
-        """The body over the ground that is shown instead, at the same height above it."""
+    def _displaced(self, X_WB: FloatArray, offset: FloatArray) -> FloatArray:
+        """Pose of the body above the ground that is shown instead, at the same height above it."""
         here, start = X_WB[:2, 3], self._bodies[0][:2, 3]
-        there = here + elsewhere - self._flow * (here - start)  # ground that moves along is left behind slower
+        there = here + offset - self._flow * (here - start)  # ground that moves along falls behind more slowly
         rise = float(self._surface.height(*there) - self._surface.height(*here))
         return transform(np.eye(3), np.array([*(there - here), rise])) @ X_WB
 
-    def _rolled(self, X_WC: FloatArray, tracks: FloatArray) -> NDArray[np.bool_]:
-        """Which pixels (height, width) of a camera see ground that wheels have rolled on along ``tracks``."""
+    def _rolled_pixels(self, X_WC: FloatArray, tracks: FloatArray) -> NDArray[np.bool_]:
+        """Mask (height, width) of a camera's pixels that show ground along the wheels' ``tracks`` (calls, n, 3)."""
         c = self.calibration
         mask = np.zeros((c.height, c.width), dtype=np.uint8)
         near = np.hypot(*np.moveaxis(tracks[..., :2] - X_WC[:2, 3], -1, 0)) < _NEAR
         X_CW = inverse(X_WC)
         for wheel in range(tracks.shape[1]):
-            seen = tracks[near[:, wheel], wheel] @ X_CW[:3, :3].T + X_CW[:3, 3]
-            if len(seen) > 1:
-                pixels = c.focal_length * seen[:, :2] / seen[:, 2:] + (c.cx, c.cy)
-                thickness = max(1, round(self._width * c.focal_length / float(seen[:, 2].mean())))
+            points = tracks[near[:, wheel], wheel] @ X_CW[:3, :3].T + X_CW[:3, 3]
+            if len(points) > 1:
+                pixels = c.focal_length * points[:, :2] / points[:, 2:] + (c.cx, c.cy)
+                thickness = max(1, round(self._width * c.focal_length / float(points[:, 2].mean())))
                 line = np.rint(pixels * (1 << _SUBPIXEL)).astype(np.int32)
                 cv2.polylines(mask, [line], isClosed=False, color=1, thickness=thickness, shift=_SUBPIXEL)
         return mask > 0

@@ -1,7 +1,7 @@
-"""Other people's vehicles on the road: a lorry and a car, with the paint that covers them.
+"""Other road vehicles: a lorry and a car, with their textures.
 
-Origin of each: its middle on the ground, x forward. Sizes are those of real ones [m]. Not modelled: wheels that turn or
-steer, what can be seen through windows, reflections.
+Origin of each: its middle on the ground, x forward. Sizes are those of real vehicles [m]. Not modelled: wheels that
+turn or steer, the view through windows, reflections.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _COLOURS: tuple[Colour, ...] = (
 
 
 def lorry(rng: np.random.Generator) -> Thing:
-    """A rigid lorry of 10 m with a box body 3.9 m high, and a cab as high."""
+    """A rigid lorry, 10 m long, with a box body and a cab 3.9 m high."""
     cab = [(5.1, 0.45), (5.15, 1.5), (4.9, 3.0), (4.7, 3.6), (4.3, 3.85), (3.0, 3.88), (3.0, 0.45)]
     screen = np.array([[5.16, -1.05, 1.65], [5.16, 1.05, 1.65], [4.95, 1.05, 2.75], [4.95, -1.05, 2.75]])
     side = np.array([[4.85, 0.0, 1.7], [3.6, 0.0, 1.7], [3.6, 0.0, 2.6], [4.75, 0.0, 2.6]])
@@ -40,12 +40,12 @@ def lorry(rng: np.random.Generator) -> Thing:
     lights = [box((5.2, 5.25), (y - 0.16, y + 0.16), (0.5, 0.72), texture_size=1.0) for y in (-0.95, 0.95)]
     mirrors = [box((4.9, 5.05), (y - 0.1, y + 0.1), (1.8, 2.6), texture_size=1.0) for y in (-1.42, 1.42)]
     wheels = [_wheel(x, y, 0.5, 0.33) for x in LORRY_AXLES for y in (-1.05, 1.05)]
-    panes = [_outward(screen, np.zeros(3)), *(_beside(side, y) for y in (-1.262, 1.262))]
+    panes = [_outward(screen, np.zeros(3)), *(_side_pane(side, y) for y in (-1.262, 1.262))]
     return Thing(
         name="lorry",
         parts=(
-            Part(mesh=_extruded(cab, 1.25), texture=PAINT, colour=_drawn(rng)),
-            Part(mesh=body, texture=LIVERY, colour=_drawn(rng)),
+            Part(mesh=_extruded(cab, 1.25), texture=PAINT, colour=_random_colour(rng)),
+            Part(mesh=body, texture=LIVERY, colour=_random_colour(rng)),
             Part(mesh=joined(*panes), texture=PAINT, colour=_GLASS),
             Part(mesh=joined(frame, bumper, *grille, *mirrors, *wheels), texture=PAINT, colour=_RUBBER),
             Part(mesh=joined(*lights), texture=PAINT, colour=(1.2, 1.2, 1.1)),
@@ -55,7 +55,7 @@ def lorry(rng: np.random.Generator) -> Thing:
 
 
 def car(rng: np.random.Generator) -> Thing:
-    """A saloon of 4.4 m."""
+    """A saloon car, 4.4 m long."""
     lower = [(2.15, 0.28), (2.2, 0.62), (1.15, 0.92), (-2.05, 0.98), (-2.2, 0.75), (-2.15, 0.28)]
     upper = [(1.15, 0.9), (0.4, 1.4), (-0.9, 1.44), (-1.75, 0.96)]
     screen = np.array([[1.1, -0.62, 0.96], [1.1, 0.62, 0.96], [0.46, 0.58, 1.38], [0.46, -0.58, 1.38]])
@@ -65,8 +65,8 @@ def car(rng: np.random.Generator) -> Thing:
     plate = box((2.17, 2.22), (-0.26, 0.26), (0.36, 0.48), texture_size=1.0)
     wheels = [_wheel(x, y, 0.32, 0.2) for x in CAR_AXLES for y in (-0.78, 0.78)]
     inside = np.array([0.0, 0.0, 0.8])
-    panes = [_lifted(screen, inside), _lifted(rear, inside), *(_beside(side, y) for y in (-0.735, 0.735))]
-    colour = _drawn(rng)
+    panes = [_lifted(screen, inside), _lifted(rear, inside), *(_side_pane(side, y) for y in (-0.735, 0.735))]
+    colour = _random_colour(rng)
     return Thing(
         name="car",
         parts=(
@@ -80,16 +80,16 @@ def car(rng: np.random.Generator) -> Thing:
 
 
 def vehicle_textures(rng: np.random.Generator) -> dict[str, TextureArray]:
-    """What the parts name: paint with dirt and seams, and the large lettering of a box body."""
+    """Textures of the parts: paint with dirt and seams, and the lettering of a box body."""
     return {PAINT: _paint(rng), LIVERY: _livery(rng)}
 
 
-def _drawn(rng: np.random.Generator) -> Colour:
+def _random_colour(rng: np.random.Generator) -> Colour:
     return _COLOURS[int(rng.integers(len(_COLOURS)))]
 
 
 def _paint(rng: np.random.Generator, size: int = 256) -> TextureArray:
-    """Nearly even, with streaks of dirt and two seams a repeat."""
+    """Nearly uniform paint with streaks of dirt and two seams per repeat."""
     streaks = fractal_noise(rng, (size, size), 1.0, (0.0, 0.1))
     grain = fractal_noise(rng, (size, size), 0.3, (0.05, 0.4))
     level = np.asarray(0.88 + 0.05 * streaks + 0.02 * grain, dtype=np.float32)
@@ -99,7 +99,7 @@ def _paint(rng: np.random.Generator, size: int = 256) -> TextureArray:
 
 
 def _livery(rng: np.random.Generator, size: int = 512) -> TextureArray:
-    """A broad band with blocks on it as lettering has, on painted sheets with rivets' rows; one repeat is 3 m."""
+    """A broad band with letter-like blocks on painted sheets with rows of rivets; one repeat is 3 m."""
     level = np.full((size, size), 0.9, dtype=np.float32)
     level[size // 3 : 2 * size // 3] = 0.35
     u = 10
@@ -117,25 +117,25 @@ def _grey(level: NoiseArray) -> TextureArray:
 
 
 def _outward(corners: FloatArray, centre: FloatArray, *, texture_size: float = 1.5, shade: float = 1.0) -> Mesh:
-    """A flat polygon that is seen from the side away from the ``centre`` (3,)."""
+    """A flat polygon that faces away from the ``centre`` (3,)."""
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    seen = corners if normal @ (corners.mean(axis=0) - centre) > 0.0 else corners[::-1]
-    return polygon(seen, texture_size=texture_size, shade=shade)
+    ordered = corners if normal @ (corners.mean(axis=0) - centre) > 0.0 else corners[::-1]
+    return polygon(ordered, texture_size=texture_size, shade=shade)
 
 
 def _lifted(corners: FloatArray, centre: FloatArray) -> Mesh:
-    """The same, a finger's breadth away from the sheet it lies on."""
+    """A polygon as of ``_outward``, 3 cm above the sheet it lies on."""
     pane = _outward(corners, centre)
     return pane.moved(by=tuple((0.03 * pane.normals[0]).tolist()))
 
 
-def _beside(corners: FloatArray, y: float) -> Mesh:
-    """A pane (n, 3) of the x z plane on the vehicle's side at y."""
+def _side_pane(corners: FloatArray, y: float) -> Mesh:
+    """A pane (n, 3), given in the xz plane, on the vehicle's side at y."""
     return _outward(corners + np.array([0.0, y, 0.0]), corners.mean(axis=0))
 
 
 def _extruded(profile: list[tuple[float, float]], half_width: float) -> Mesh:
-    """A convex outline (x, z) drawn out across the vehicle; darker towards its underside."""
+    """A convex outline (x, z) extruded across the vehicle; darker towards its underside."""
     outline = np.array([(x, 0.0, z) for x, z in profile])
     centre, across = outline.mean(axis=0), np.array([0.0, half_width, 0.0])
     faces = []
@@ -154,7 +154,7 @@ def _wheel(x: float, y: float, radius: float, width: float) -> Mesh:
     tread = pole((radius, -0.5 * width), (radius, 0.5 * width), sides=14)
     turned = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # its axis from z to y
     middle = np.array([x, y, radius])
-    round_ = Mesh(
+    tyre = Mesh(
         vertices=tread.vertices @ turned.T + middle,
         normals=tread.normals @ turned.T,
         uv=tread.uv,
@@ -167,4 +167,4 @@ def _wheel(x: float, y: float, radius: float, width: float) -> Mesh:
     hubs = [
         _outward(middle + 0.5 * (rim - middle) + [0.0, side * (0.5 * width + 0.01), 0.0], middle) for side in (-1, 1)
     ]
-    return joined(round_, *sides, *hubs)
+    return joined(tyre, *sides, *hubs)

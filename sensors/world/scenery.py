@@ -1,4 +1,4 @@
-"""Where things stand: scattered and in rows, clear of the road, of one another and of the cameras' way."""
+"""Placement of things: scattered and in rows, clear of the road, of each other and of the cameras' path."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ _GAP = 0.5  # between neighbouring things [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stand:
-    """All individuals of one kind of thing."""
+class Instances:
+    """All instances of one kind of thing."""
 
     thing: Thing
     poses: FloatArray  # (n, 4, 4) pose in W, times a uniform scale
-    brightness: FloatArray  # (n,) each one's own, multiplies the colour
+    brightness: FloatArray  # (n,) multiplies the colour
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Habit:
-    """How a kind of thing is scattered."""
+class Density:
+    """Number, distances and sizes of randomly placed things."""
 
     per_hectare: float  # number on 10 000 m2 at reference density [-]
-    nearest: float  # beyond the clearance, to its own edge [m]
+    nearest: float  # distance of its edge beyond the clearance [m]
     farthest: float  # from the centreline [m]
     scale: tuple[float, float] = (1.0, 1.0)
-    at_most: int = 300  # keeps the number of triangles of a long course in bounds
+    at_most: int = 300  # limits the number of triangles of a long course
 
 
-class Plot:
-    """The land around the course, with what already stands on it."""
+class Site:
+    """The land around the course, with the space already taken."""
 
     def __init__(
         self, rng: np.random.Generator, centreline: Centreline, terrain: Terrain, clearance: float, density: float
@@ -46,26 +46,26 @@ class Plot:
         self.clearance, self.density = clearance, density
         self._taken = np.empty((0, 3))  # x, y, radius [m]
 
-    def scatter(self, thing: Thing, habit: Habit) -> Stand:
-        """Individuals of a thing at random places that are free."""
+    def scatter(self, thing: Thing, density: Density) -> Instances:
+        """Instances of a thing at random free places."""
         low, high = (f(self.centreline.points, axis=0) for f in (np.min, np.max))
-        low, high = low - habit.farthest, high + habit.farthest
-        wanted = self.density * habit.per_hectare * float(np.prod(high - low)) * 1e-4
-        places = self.rng.uniform(low, high, size=(min(round(wanted), habit.at_most), 2))
-        scales = self.rng.uniform(*habit.scale, size=len(places))
+        low, high = low - density.farthest, high + density.farthest
+        wanted = self.density * density.per_hectare * float(np.prod(high - low)) * 1e-4
+        places = self.rng.uniform(low, high, size=(min(round(wanted), density.at_most), 2))
+        scales = self.rng.uniform(*density.scale, size=len(places))
         yaws = self.rng.uniform(0.0, 2.0 * math.pi, size=len(places))
         distance = self.centreline.distance(places)
         kept = [
             i
             for i in range(len(places))
-            if distance[i] < habit.farthest
-            and distance[i] - thing.radius * scales[i] > self.clearance + habit.nearest
+            if distance[i] < density.farthest
+            and distance[i] - thing.radius * scales[i] > self.clearance + density.nearest
             and self.take(places[i], thing.radius * scales[i])
         ]
-        return self.stand(thing, places[kept], yaws[kept], scales[kept])
+        return self.instances(thing, places[kept], yaws[kept], scales[kept])
 
     def take(self, place: FloatArray, radius: float) -> bool:
-        """Take a round piece of land if it is free."""
+        """Reserve a circle if it is free; True on success."""
         apart = np.hypot(*(self._taken[:, :2] - place).T) - self._taken[:, 2] - radius
         if (apart < _GAP).any():
             return False
@@ -75,15 +75,15 @@ class Plot:
     def row(
         self, thing: Thing, length: float, *, start: FloatArray, yaw: float, pieces: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Places (n, 2) and headings (n,) of a straight row, without the pieces that would stand in the way."""
+        """Positions (n, 2) and headings (n,) of a straight row, without the pieces that would not be clear."""
         steps = np.arange(pieces)[:, None] * length
         places = start + steps * np.array([math.cos(yaw), math.sin(yaw)])
         free = self.centreline.distance(places) - thing.radius > self.clearance + 1.0
         kept = [i for i in np.flatnonzero(free) if self.take(places[i], 0.5 * length - 0.5 * _GAP - 0.01)]
         return places[kept], np.full(len(kept), yaw)
 
-    def rows(self, thing: Thing, length: float, *, per_hectare: float, pieces: tuple[int, int]) -> Stand:
-        """Several straight rows, as hedges and fences run along fields."""
+    def rows(self, thing: Thing, length: float, *, per_hectare: float, pieces: tuple[int, int]) -> Instances:
+        """Several straight rows, such as hedges and fences along fields."""
         low, high = self.centreline.points.min(axis=0) - 45.0, self.centreline.points.max(axis=0) + 45.0
         wanted = min(round(self.density * per_hectare * float(np.prod(high - low)) * 1e-4), 24)
         places, yaws = [np.empty((0, 2))], [np.empty(0)]
@@ -93,9 +93,9 @@ class Plot:
             places.append(place)
             yaws.append(heading)
         every = np.concatenate(places)
-        return self.stand(thing, every, np.concatenate(yaws), np.ones(len(every)))
+        return self.instances(thing, every, np.concatenate(yaws), np.ones(len(every)))
 
-    def along_road(self, thing: Thing, *, spacing: float, turned: float) -> Stand:
+    def along_road(self, thing: Thing, *, spacing: float, turned: float) -> Instances:
         """Things on both sides of the road at the edge of the clearance, facing along it, ``spacing`` apart."""
         step = max(1, round(spacing / self.centreline.spacing / max(self.density, 0.1)))
         places, yaws = [np.empty((0, 2))], [np.empty(0)]
@@ -109,69 +109,71 @@ class Plot:
             places.append(place[kept])
             yaws.append(yaw[kept])
         every = np.concatenate(places)
-        return self.stand(thing, every, np.concatenate(yaws), np.ones(len(every)))
+        return self.instances(thing, every, np.concatenate(yaws), np.ones(len(every)))
 
-    def stand(self, thing: Thing, places: FloatArray, yaws: FloatArray, scales: FloatArray) -> Stand:
-        """The things upright on the ground at the given places (n, 2) and headings (n,)."""
+    def instances(self, thing: Thing, places: FloatArray, yaws: FloatArray, scales: FloatArray) -> Instances:
+        """Things upright on the ground at positions (n, 2) [m] with headings (n,) [rad] and scales (n,)."""
         poses = np.tile(np.eye(4), (len(places), 1, 1))
         c, s = np.cos(yaws) * scales, np.sin(yaws) * scales
         poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1], poses[:, 2, 2] = c, -s, s, c, scales
         poses[:, :2, 3], poses[:, 2, 3] = places, self.terrain.height(places)
-        return Stand(thing=thing, poses=poses, brightness=1.0 + thing.variety * self.rng.uniform(-1, 1, len(places)))
+        return Instances(
+            thing=thing, poses=poses, brightness=1.0 + thing.variety * self.rng.uniform(-1, 1, len(places))
+        )
 
 
-def kerbs(plot: Plot, road_half_width: float) -> Stand:
-    """Kerb stones along the outline of the road: those within another arm of a road that meets itself are left out."""
+def kerbs(site: Site, road_half_width: float) -> Instances:
+    """Kerb stones along the outline of the road, without those inside another arm of the road."""
     stone = things.kerb_stone()
     places, yaws = [np.empty((0, 2))], [np.empty(0)]
     for side in (1.0, -1.0):
-        ends = _paced_out(plot.centreline.offset(side * road_half_width), things.KERB_LENGTH)
-        outside = plot.centreline.distance(ends) > road_half_width - 0.02
+        ends = _equidistant(site.centreline.offset(side * road_half_width), things.KERB_LENGTH)
+        outside = site.centreline.distance(ends) > road_half_width - 0.02
         on_outline = outside[1:] & outside[:-1]
         chord = np.diff(ends, axis=0)
         yaw = np.arctan2(chord[:, 1], chord[:, 0])
         places.append((0.5 * (ends[1:] + ends[:-1]))[on_outline])
         yaws.append(yaw[on_outline] + (0.0 if side > 0 else math.pi))
-    flat = plot.stand(stone, np.concatenate(places), np.concatenate(yaws), np.ones(sum(map(len, places))))
-    return Stand(thing=stone, poses=_tilted(flat.poses, plot.terrain), brightness=flat.brightness)
+    flat = site.instances(stone, np.concatenate(places), np.concatenate(yaws), np.ones(sum(map(len, places))))
+    return Instances(thing=stone, poses=_tilted(flat.poses, site.terrain), brightness=flat.brightness)
 
 
-def _paced_out(line: FloatArray, length: float) -> FloatArray:
-    """Points (n, 2) every ``length`` along a line (m, 2)."""
+def _equidistant(line: FloatArray, length: float) -> FloatArray:
+    """Points (n, 2) every ``length`` [m] along a line (m, 2)."""
     return resampled(line, np.arange(0.0, arc_length(line)[-1], length))
 
 
 def _tilted(poses: FloatArray, terrain: Terrain) -> FloatArray:
-    """Upright poses laid on the slope along their x axis, as long flat things lie."""
+    """Upright poses, tilted with the slope along their x axis, for long flat things."""
     tilted = poses.copy()
-    half = 0.4  # where the slope is felt for, to both sides [m]
+    half = 0.4  # half the base of the slope [m]
     ahead = terrain.height(poses[:, :2, 3] + half * poses[:, :2, 0])
     behind = terrain.height(poses[:, :2, 3] - half * poses[:, :2, 0])
     tilted[:, 2, 0] = (ahead - behind) / (2.0 * half)  # a shear: the stone's ends stay upright
     return tilted
 
 
-def planted(plot: Plot) -> list[Stand]:
-    """Everything that grows or is built beside the road; big things first, since they need the room."""
-    rng = plot.rng
+def planted(site: Site) -> list[Instances]:
+    """All plants, buildings and road furniture; large things first, as they need the most space."""
+    rng = site.rng
     green, yellow, dark = (0.85, 0.92, 0.75), (1.05, 1.0, 0.62), (0.66, 0.80, 0.66)
     cottage = houses.house(size=(11.0, 7.5), eaves=5.3, walls="brick", wall_colour=things.WHITE, rows=2)
     villa = houses.house(size=(9.0, 8.0), eaves=5.3, walls="stone", wall_colour=(1.1, 1.06, 0.95), rows=2)
     barn = houses.house(size=(19.0, 10.0), eaves=4.6, walls="planks", wall_colour=(0.9, 0.85, 0.8), rows=0)
-    built = Habit(per_hectare=0.9, nearest=8.0, farthest=75.0)
-    trees = Habit(per_hectare=7.0, nearest=2.0, farthest=85.0, scale=(0.7, 1.35))
-    low = Habit(per_hectare=18.0, nearest=0.3, farthest=40.0, scale=(0.5, 1.5))
-    stands = [plot.scatter(thing, built) for thing in (cottage, villa, barn)]
-    stands.append(plot.along_road(things.lamp(), spacing=34.0, turned=0.5 * math.pi))
-    stands.append(plot.along_road(things.bend_sign(), spacing=47.0, turned=0.0))
-    stands.append(plot.along_road(things.marker_post(), spacing=12.0, turned=0.0))
-    stands.append(plot.rows(plants.hedge(rng), plants.HEDGE_LENGTH, per_hectare=3.0, pieces=(4, 12)))
-    stands.append(plot.rows(things.fence(), things.FENCE_LENGTH, per_hectare=3.0, pieces=(6, 20)))
+    built = Density(per_hectare=0.9, nearest=8.0, farthest=75.0)
+    trees = Density(per_hectare=7.0, nearest=2.0, farthest=85.0, scale=(0.7, 1.35))
+    low = Density(per_hectare=18.0, nearest=0.3, farthest=40.0, scale=(0.5, 1.5))
+    scenery = [site.scatter(thing, built) for thing in (cottage, villa, barn)]
+    scenery.append(site.along_road(things.lamp(), spacing=34.0, turned=0.5 * math.pi))
+    scenery.append(site.along_road(things.bend_sign(), spacing=47.0, turned=0.0))
+    scenery.append(site.along_road(things.marker_post(), spacing=12.0, turned=0.0))
+    scenery.append(site.rows(plants.hedge(rng), plants.HEDGE_LENGTH, per_hectare=3.0, pieces=(4, 12)))
+    scenery.append(site.rows(things.fence(), things.FENCE_LENGTH, per_hectare=3.0, pieces=(6, 20)))
     for colour in (green, yellow, dark):
-        stands.append(plot.scatter(plants.broadleaf(rng, colour), trees))
-    stands.append(plot.scatter(plants.conifer(rng), trees))
+        scenery.append(site.scatter(plants.broadleaf(rng, colour), trees))
+    scenery.append(site.scatter(plants.conifer(rng), trees))
     for thing in (plants.bush(rng), plants.bush(rng), things.rock(rng)):
-        stands.append(plot.scatter(thing, low))
-    far = Habit(per_hectare=3.5, nearest=85.0, farthest=260.0, scale=(0.8, 1.3))
-    stands += [plot.scatter(plants.wood(rng), far) for _ in range(2)]
-    return stands
+        scenery.append(site.scatter(thing, low))
+    far = Density(per_hectare=3.5, nearest=85.0, farthest=260.0, scale=(0.8, 1.3))
+    scenery += [site.scatter(plants.wood(rng), far) for _ in range(2)]
+    return scenery

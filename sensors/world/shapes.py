@@ -1,6 +1,6 @@
-"""Triangle meshes of the things that stand beside a road, as plain arrays.
+"""Triangle meshes of roadside objects, as plain arrays.
 
-Every shape stands on z = 0 with its foot reaching below, so that it does not float on sloping ground.
+Every shape stands on z = 0 and reaches below it, so that it does not float on sloping ground.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ class Mesh:
     vertices: FloatArray  # (n, 3) [m]
     normals: FloatArray  # (n, 3) unit length
     uv: FloatArray  # (n, 2) texture coordinates, one repeat of the texture per unit
-    shade: FloatArray  # (n,) share of the sky that is seen, 0..1: dark where twigs or eaves hide it
+    shade: FloatArray  # (n,) visible share of the sky, 0 to 1: dark under twigs or eaves
     faces: FaceArray  # (m, 3)
 
     @property
     def radius(self) -> float:
-        """Radius [m] of the upright cylinder about the origin that holds the mesh."""
+        """Radius [m] of the smallest vertical cylinder about the origin around the mesh."""
         return float(np.hypot(self.vertices[:, 0], self.vertices[:, 1]).max())
 
     def moved(self, *, by: tuple[float, float, float], yaw: float = 0.0) -> Mesh:
@@ -44,7 +44,7 @@ class Mesh:
 
 
 def joined(*meshes: Mesh) -> Mesh:
-    """One mesh of several."""
+    """Several meshes as one."""
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
     return Mesh(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
@@ -56,7 +56,7 @@ def joined(*meshes: Mesh) -> Mesh:
 
 
 def massed(*lumps: Mesh) -> Mesh:
-    """One mesh of closed lumps that overlap, without the triangles that lie inside of others and are never seen."""
+    """Overlapping closed lumps as one mesh, without the invisible triangles inside of other lumps."""
     outside = []
     for lump in lumps:
         a, b, c = (lump.vertices[lump.faces[:, i]] for i in range(3))
@@ -81,16 +81,16 @@ def massed(*lumps: Mesh) -> Mesh:
 
 
 def inside(mesh: Mesh, points: FloatArray) -> NDArray[np.bool_]:
-    """Which points (n, 3) a closed mesh encloses: it fills the whole sphere around them.
+    """Mask of the points (n, 3) inside a closed mesh: its solid angle as seen from there is the whole sphere.
 
-    The solid angle of a triangle is that of Van Oosterom and Strackee (1983).
+    Solid angle of a triangle after Van Oosterom and Strackee (1983).
     """
     a, b, c = (mesh.vertices[mesh.faces[:, i]] - points[:, None] for i in range(3))  # (n, m, 3)
     la, lb, lc = (np.linalg.norm(side, axis=-1) for side in (a, b, c))
     volume = (a * np.cross(b, c)).sum(axis=-1)
     spread = la * lb * lc + (a * b).sum(axis=-1) * lc + (b * c).sum(axis=-1) * la + (c * a).sum(axis=-1) * lb
-    filled: NDArray[np.bool_] = 2.0 * np.arctan2(volume, spread).sum(axis=1) > 2.0 * np.pi
-    return filled
+    enclosed: NDArray[np.bool_] = 2.0 * np.arctan2(volume, spread).sum(axis=1) > 2.0 * np.pi
+    return enclosed
 
 
 def grid_faces(rows: int, columns: int) -> FaceArray:
@@ -169,7 +169,7 @@ def blob(
     roughness: float = 0.15,
     texture_size: float = 1.5,
 ) -> Mesh:
-    """A lumpy ball: the matter of crowns, bushes and rocks."""
+    """A lumpy ball, for crowns, bushes and rocks."""
     circle, half_circle = np.linspace(0.0, 2.0 * np.pi, sides + 1), np.linspace(np.pi, 0.0, rings + 1)
     polar, azimuth = np.meshgrid(half_circle, circle, indexing="ij")
     lumps = 1.0 + roughness * rng.standard_normal(polar.shape)
@@ -209,7 +209,7 @@ def cards(rng: np.random.Generator, places: FloatArray, outwards: FloatArray, si
 
 
 def scattered_on(rng: np.random.Generator, mesh: Mesh, count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Places (count, 3), outward normals (count, 3) and shades (count,) drawn evenly from a mesh's surface."""
+    """Random points (count, 3), outward normals (count, 3) and shades (count,), uniform on a mesh's surface."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     face = rng.choice(len(area), size=count, p=area / area.sum())

@@ -8,28 +8,28 @@ from sensors.world.sunlight import Sunlight
 from sensors.world.textures import NoiseArray, TextureArray, coloured, fractal_noise, sigmoid, to_bytes
 
 LOWEST = -0.10  # elevation of the panorama's lower edge [rad]
-HIGHEST = 0.80  # and of its upper edge; the sky above continues the upper row [rad]
-HAZE = (0.74, 0.80, 0.86)  # what everything far away fades into
-_OVERCAST = 0.85  # clouds without sun are that much darker [-]
-_SOFT = 0.0018  # over which a ridge's edge goes from hill to sky [rad]
+HIGHEST = 0.80  # elevation of its upper edge; the sky above continues the upper row [rad]
+HAZE = (0.74, 0.80, 0.86)  # colour of distant objects
+_OVERCAST = 0.85  # brightness of clouds without sun [-]
+_SOFT = 0.0018  # width of the transition from hill to sky at a ridge [rad]
 _SHAPE = (512, 4096)  # rows, columns [px]
 
 
 def panorama(rng: np.random.Generator, light: Sunlight) -> TextureArray:
-    """Colours (rows, columns, 3); the first row is the highest, columns run once round by W's azimuth."""
+    """Colours (rows, columns, 3); the first row is the highest, columns are uniform in W's azimuth."""
     elevation = np.linspace(HIGHEST, LOWEST, _SHAPE[0], dtype=np.float32)[:, None]
     height = np.clip(elevation / HIGHEST, 0.0, 1.0)
     clear = coloured(np.broadcast_to(np.sqrt(height), _SHAPE), HAZE, (0.30, 0.50, 0.80))
     cover = _clouds(rng) * np.clip(height * 9.0, 0.0, 1.0)
     shaded = coloured(0.5 + 0.16 * fractal_noise(rng, _SHAPE, 1.1, (0.002, 0.1)), (0.72, 0.75, 0.80), (1.0, 1.0, 0.99))
     sky = _OVERCAST * shaded if light.overcast else clear + cover[..., None] * (shaded - clear)
-    if light.seen:
+    if light.visible:
         sky = _with_sun(sky, elevation, light)
     return to_bytes(_with_ridges(rng, sky, elevation) * np.array(light.sky_tint, dtype=np.float32))
 
 
 def _with_sun(sky: NoiseArray, elevation: NoiseArray, light: Sunlight) -> NoiseArray:
-    """The sky with the sun in it: a disc that outshines its surroundings, and an aureole in the sun's colour."""
+    """The sky with the sun: a saturated disc and an aureole in the sun's colour."""
     azimuth = np.linspace(0.0, 2.0 * np.pi, _SHAPE[1], endpoint=False, dtype=np.float32)[None, :]
     sun = light.direction.astype(np.float32)
     level = np.cos(elevation) * (np.cos(azimuth) * sun[0] + np.sin(azimuth) * sun[1])
@@ -40,19 +40,19 @@ def _with_sun(sky: NoiseArray, elevation: NoiseArray, light: Sunlight) -> NoiseA
 
 
 def _clouds(rng: np.random.Generator) -> NoiseArray:
-    """Share of cloud 0..1: heaps, drawn out flat towards the horizon."""
+    """Cloud cover 0 to 1: cumulus clouds, flattened towards the horizon."""
     heaps = fractal_noise(rng, (_SHAPE[0] * 2, _SHAPE[1]), 1.75, (0.002, 0.2))
-    row = np.linspace(1.0, 0.0, _SHAPE[0]) ** 0.6  # equal heaps look flatter the lower they stand
+    row = np.linspace(1.0, 0.0, _SHAPE[0]) ** 0.6  # clouds look flatter near the horizon
     return sigmoid(3.0 * (heaps[(row * (len(heaps) - 1)).astype(int)] - 0.15))
 
 
 def _with_ridges(rng: np.random.Generator, sky: NoiseArray, elevation: NoiseArray) -> NoiseArray:
-    """The panorama with three ridges of wooded hills, the farther the paler."""
+    """The panorama with three ridges of wooded hills, paler with distance."""
     for base, spread, colour in ((0.040, 0.012, 0.75), (0.026, 0.009, 0.50), (0.012, 0.006, 0.25)):
         crest = base + spread * fractal_noise(rng, (1, _SHAPE[1]), 1.3, (0.0008, 0.03))
-        crest = crest + 0.0012 * fractal_noise(rng, (1, _SHAPE[1]), 0.3, (0.02, 0.4))  # the tops of trees
+        crest = crest + 0.0012 * fractal_noise(rng, (1, _SHAPE[1]), 0.3, (0.02, 0.4))  # tree tops
         grain = fractal_noise(rng, _SHAPE, 0.9, (0.01, 0.3))
-        low = int(np.argmax(elevation[:, 0] < crest.max() + _SOFT))  # the first row that the ridge reaches up to
+        low = int(np.argmax(elevation[:, 0] < crest.max() + _SOFT))  # first row of the ridge
         woods = np.array([0.20, 0.28, 0.20], dtype=np.float32) * (1.0 + 0.12 * grain[low:, :, None])
         hill = np.float32(colour) * np.array(HAZE, dtype=np.float32) + np.float32(1.0 - colour) * woods
         inside = np.clip((crest - elevation[low:]) / _SOFT + 0.5, 0.0, 1.0)[..., None]

@@ -1,4 +1,4 @@
-"""Procedural, periodic textures: fractal noise shaped into what roads, fields and houses look like."""
+"""Procedural, periodic textures of roads, fields, plants and houses, made of fractal noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def fractal_noise(
 ) -> NoiseArray:
     """Periodic noise of zero mean and unit deviation with amplitude ~ f^-slope inside ``band`` [cycles/px]."""
     spectrum = scipy.fft.rfft2(rng.standard_normal(shape, dtype=np.float32))
-    # Squares in single precision: a quarter of the work is saved that would be in the gain.
+    # Squared frequencies in single precision make this 25 % faster.
     down, along = (f(n).astype(np.float32) ** 2 for f, n in zip(_FREQUENCIES, shape, strict=True))
     square = down[:, None] + along[None, :]
     inside = (square >= np.float32(band[0]) ** 2) & (square <= np.float32(band[1]) ** 2) & (square > 0.0)
@@ -50,7 +50,7 @@ def coloured(levels: NoiseArray, dark: tuple[float, float, float], bright: tuple
 def ground_detail(rng: np.random.Generator, size: int) -> TextureArray:
     """Relative brightness of four materials, (size, size, 4): asphalt, grass, gravel, and a mask of patches.
 
-    0.5 is the mean of each. The spectra fall slowly, so that there are corners to be seen at any distance.
+    The mean of each is 0.5. The spectra fall slowly, so that there are corners at any distance.
     """
     return np.stack([to_bytes(layer) for layer in (_asphalt(rng, size), *_soft_ground(rng, size))], axis=-1)
 
@@ -68,7 +68,7 @@ def _asphalt(rng: np.random.Generator, size: int) -> NoiseArray:
 
 
 def _soft_ground(rng: np.random.Generator, size: int) -> tuple[NoiseArray, NoiseArray, NoiseArray]:
-    """Grass in tufts, gravel, and the mask of where one shows through the other."""
+    """Grass in tufts, gravel, and the mask that mixes both."""
     blades = fractal_noise(rng, (size, size), 0.3, (0.015, 0.40))
     tufts = fractal_noise(rng, (size, size), 0.7, (0.003, 0.10))
     pebbles = fractal_noise(rng, (size, size), 0.2, (0.02, 0.2))
@@ -88,9 +88,9 @@ def foliage(rng: np.random.Generator, size: int = 256) -> TextureArray:
 
 
 def twigs(rng: np.random.Generator, size: int = 128) -> TextureArray:
-    """A spray of leaves on nothing, (size, size, 4): the last channel is what is leaf and what is air."""
+    """A spray of leaves, (size, size, 4); the last channel is its opacity."""
     image = np.zeros((size, size, 4), dtype=np.float32)
-    image[..., :3] = (0.22, 0.30, 0.12)  # what the mipmaps mix in from between the leaves
+    image[..., :3] = (0.22, 0.30, 0.12)  # colour of the gaps, which mipmaps mix in
     for _ in range(150):
         radius = 0.42 * size * np.sqrt(rng.uniform())
         angle = rng.uniform(0.0, 2.0 * np.pi)
@@ -104,7 +104,7 @@ def twigs(rng: np.random.Generator, size: int = 128) -> TextureArray:
 
 
 def bark(rng: np.random.Generator, size: int = 128) -> TextureArray:
-    """Furrows along the stem."""
+    """Bark with furrows along the stem."""
     furrows = fractal_noise(rng, (size // 8, size), 0.4, (0.02, 0.4)).repeat(8, axis=0)
     grain = fractal_noise(rng, (size, size), 0.6, (0.02, 0.4))
     return to_bytes(coloured(0.45 + 0.16 * furrows + 0.12 * grain, (0.16, 0.12, 0.09), (0.55, 0.46, 0.37)))
@@ -120,9 +120,9 @@ def stone(rng: np.random.Generator, size: int = 256) -> TextureArray:
 def courses(
     rng: np.random.Generator, size: int, *, rows: int, columns: int, joint: float, overlap: float
 ) -> tuple[NoiseArray, NoiseArray]:
-    """Masonry in bond: brightness of each unit, and 1 inside a unit and 0 in the joints, both (size, size).
+    """Masonry in bond: brightness of the units, and mask that is 1 in units and 0 in joints, both (size, size).
 
-    ``joint`` is the joint's share of a course's height; ``overlap`` the shift between courses in units.
+    ``joint`` is the share of the joint in a course's height, ``overlap`` the shift between courses in units.
     """
     v = np.arange(size) * rows / size
     u = np.arange(size)[None, :] * columns / size + (np.floor(v)[:, None] % 2) * overlap
@@ -158,7 +158,7 @@ def planks(rng: np.random.Generator, size: int = 256) -> TextureArray:
 
 
 def window(rng: np.random.Generator, size: int = 64) -> TextureArray:
-    """A white frame with a cross bar around panes that mirror a little of the sky."""
+    """A white frame with a cross bar around panes that reflect some of the sky."""
     across = np.abs(np.linspace(-1.0, 1.0, size))
     frame = (across > 0.86) | (across < 0.06)
     streaks = fractal_noise(rng, (size, size), 1.0, (0.0, 0.2))
@@ -168,7 +168,7 @@ def window(rng: np.random.Generator, size: int = 64) -> TextureArray:
 
 
 def banded(rng: np.random.Generator, size: int = 128) -> TextureArray:
-    """A white marker post with its black band and reflector, over one repeat of 1.2 m; dirt from below."""
+    """A white marker post with its black band and reflector, over one repeat of 1.2 m; dirt at the foot."""
     height = np.linspace(1.2, 0.0, size)[:, None]
     paint = np.broadcast_to(0.86 - 0.25 * np.exp(-height / 0.25), (size, size)).astype(np.float32)
     image = np.stack([paint, paint, paint * 0.97], axis=-1)

@@ -1,6 +1,6 @@
-"""Things that stand beside a road, and the small ones among them: stones, fences, posts, lamps, signs, kerb stones.
+"""Roadside things: their data type, and the small ones: rocks, fences, posts, lamps, signs, kerb stones.
 
-Sizes are those of the real things [m]; a builder that is given a generator draws its irregularities from it.
+Sizes are those of real things [m]. The generator passed to a builder decides the irregularities.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ Colour = tuple[float, float, float]
 WHITE: Colour = (1.0, 1.0, 1.0)
 KERB_LENGTH = 0.914  # a British kerb stone, BS EN 1340 [m]
 FENCE_LENGTH = 2.5  # [m]
-TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel and only cost time [m]
-_JOINTS_RANGE = 30.0  # farther away nobody looks into the joints of kerb stones [m]
+TWIGS_RANGE = 50.0  # farther away twigs are smaller than a pixel [m]
+_JOINTS_RANGE = 30.0  # farther away the joints of kerb stones are invisible [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,12 +28,12 @@ class Part:
     mesh: Mesh
     texture: str  # a key of World.textures
     colour: Colour = WHITE  # multiplies the texture
-    distances: tuple[float, float] = (0.0, math.inf)  # from which on and up to which it is drawn [m]
+    distances: tuple[float, float] = (0.0, math.inf)  # nearest and farthest at which it is drawn [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Thing:
-    """A kind of object, of which many stand around."""
+    """A kind of object."""
 
     name: str
     parts: tuple[Part, ...]
@@ -41,17 +41,17 @@ class Thing:
 
     @property
     def nearest_parts(self) -> tuple[Part, ...]:
-        """Its parts as they are seen from close by."""
+        """Parts that are drawn at close range."""
         return tuple(part for part in self.parts if part.distances[0] == 0.0)
 
     @property
     def radius(self) -> float:
-        """Radius [m] of the upright cylinder that holds the thing."""
+        """Radius [m] of the smallest vertical cylinder around the thing."""
         return max(part.mesh.radius for part in self.parts)
 
 
 def rock(rng: np.random.Generator) -> Thing:
-    """A boulder of half a metre, sunk into the ground."""
+    """A boulder of half a metre, partly in the ground."""
     lump = blob(rng, (0.0, 0.0, 0.1), (0.55, 0.4, 0.36), sides=7, roughness=0.12, texture_size=1.2)
     return Thing(name="rock", parts=(Part(mesh=lump, texture="stone", colour=(0.8, 0.78, 0.74)),), variety=0.2)
 

@@ -1,4 +1,4 @@
-"""The world that the cameras see, as plain data: ground, things, sky and light, procedural from one generator."""
+"""The rendered world as plain data: ground, things, sky and light, generated from one random stream."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sensors.world import sky, textures
 from sensors.world.airfield import grain_fields, patched
 from sensors.world.condition import Condition, condition_of
 from sensors.world.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
-from sensors.world.scenery import Plot, Stand, kerbs, planted
+from sensors.world.scenery import Instances, Site, kerbs, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sunlight import Sunlight, daylight
 from sensors.world.textures import TextureArray
@@ -22,7 +22,7 @@ from vehicle.surface import Surface
 
 _DETAIL_SIZE = 2048  # [px]
 _DETAIL_PERIOD = 12.0  # one repeat of the ground's detail: 171 px/m [m]
-_MAP_MARGIN = 60.0  # shadows are seen, and the lie of the land does not repeat, this far around the course [m]
+_MAP_MARGIN = 60.0  # of the road map, with its shadows, around the course [m]
 _MAX_DENSITY = 2.0
 _TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
     "foliage": textures.foliage,
@@ -40,18 +40,18 @@ _TEXTURES: dict[str, Callable[[np.random.Generator], TextureArray]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class World:
-    """Everything a renderer needs; nothing in it depends on how it is drawn."""
+    """Input of a renderer; independent of the rendering method."""
 
     ground: Mesh
     detail: TextureArray  # (n, n, 4) relative brightness of asphalt, grass, gravel; mask of patches
     detail_period: float  # [m]
     road: RoadMap
     condition: Condition  # of the ground
-    stands: tuple[Stand, ...]
-    textures: dict[str, TextureArray]  # those the things name; of four channels the last says where nothing is
-    panorama: TextureArray  # see sensors.sky
+    scenery: tuple[Instances, ...]  # things that do not move
+    textures: dict[str, TextureArray]  # by the names that the things use; a fourth channel is the opacity
+    panorama: TextureArray  # see sensors.world.sky
     light: Sunlight
-    moving: tuple[Stand, ...] = ()  # things that a renderer puts elsewhere between images; they throw soft shadows
+    moving: tuple[Instances, ...] = ()  # things that a renderer moves between images; they throw soft shadows
 
 
 def build_world(
@@ -71,17 +71,17 @@ def build_world(
     """The world around a road.
 
     Args:
-        rng: decides everything that is left to chance.
+        rng: of everything random.
         centreline: polyline (n, 2) of the road's middle [m]; it may meet and cross itself.
         road_half_width: [m].
-        surface: what the ground follows up to 100 m beyond the centreline's bounding box.
+        surface: shape of the ground up to 100 m beyond the centreline's bounding box.
         scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
-        clearance: distance from the centreline within which nothing but kerb stones stands [m].
-        sun_azimuth: from north by east [rad]; None: left to chance.
+        clearance: distance from the centreline within which only kerb stones stand [m].
+        sun_azimuth: from north, + east [rad]; None: random.
         sun_elevation: above the horizon [rad]; None: 43 deg.
-        overcast: clouds hide the sun.
-        grain: fields of it lie beyond the road.
-        tarmac_patches: number of mended places on 100 m2 of the road.
+        overcast: True if clouds hide the sun.
+        grain: True for fields of grain beyond the road.
+        tarmac_patches: number of patches per 100 m2 of the road.
 
     Raises:
         ValueError: naming the argument that is out of its range.
@@ -92,12 +92,12 @@ def build_world(
     line = Centreline(centreline)
     chance = rng.uniform(0.0, 2.0 * np.pi)
     light = daylight(chance, azimuth=sun_azimuth, elevation=sun_elevation, overcast=overcast)
-    stands: list[Stand] = []
+    scenery: list[Instances] = []
     if scenery_density > 0.0:
-        plot = Plot(rng, line, terrain, clearance, scenery_density)
-        stands = [kerbs(plot, road_half_width), *planted(plot)]
+        site = Site(rng, line, terrain, clearance, scenery_density)
+        scenery = [kerbs(site, road_half_width), *planted(site)]
     if grain:
-        stands.append(grain_fields(rng, line, terrain, road_half_width))
+        scenery.append(grain_fields(rng, line, terrain, road_half_width))
     road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
     if tarmac_patches > 0.0:
         road = patched(rng, road, tarmac_patches)
@@ -105,9 +105,9 @@ def build_world(
         ground=ground_mesh(rng, terrain, line, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
-        road=replace(road, light=_shadows(road, stands, light.direction)),
+        road=replace(road, light=_shadows(road, scenery, light.direction)),
         condition=condition_of(surface, road),
-        stands=tuple(stand for stand in stands if len(stand.poses)),
+        scenery=tuple(instances for instances in scenery if len(instances.poses)),
         textures={name: make(rng) for name, make in _TEXTURES.items()},
         panorama=sky.panorama(rng, light),
         light=light,
@@ -125,15 +125,15 @@ def _check(centreline: FloatArray, road_half_width: float, scenery_density: floa
         raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {road_half_width} m")
 
 
-def _shadows(road: RoadMap, stands: list[Stand], sun: FloatArray) -> NDArray[np.float32]:
-    """Sunlight on the map's nodes: the outline of each part of a thing, thrown along the sun's rays, is dark."""
+def _shadows(road: RoadMap, scenery: list[Instances], sun: FloatArray) -> NDArray[np.float32]:
+    """Sunlight on the map's nodes: dark in the shadow of each part of a thing, projected along the sun's rays."""
     light = np.ones(road.light.shape, dtype=np.float32)
-    for stand in stands:
-        for part in stand.thing.nearest_parts:
-            for pose in stand.poses:
-                points = part.mesh.vertices @ pose[:3, :3].T  # from the foot
-                thrown = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]
-                outline = cv2.convexHull(((thrown + pose[:2, 3] - road.origin) / road.cell).astype(np.float32))
+    for instances in scenery:
+        for part in instances.thing.nearest_parts:
+            for pose in instances.poses:
+                points = part.mesh.vertices @ pose[:3, :3].T  # relative to the foot
+                shadow = points[:, :2] - np.maximum(points[:, 2:], 0.0) * sun[:2] / sun[2]
+                outline = cv2.convexHull(((shadow + pose[:2, 3] - road.origin) / road.cell).astype(np.float32))
                 cv2.fillConvexPoly(light, np.round(outline * 16.0).astype(np.int32), 0.0, shift=4)
     soft = cv2.GaussianBlur(light, (0, 0), 0.35 / road.cell)
     soft[[0, -1]], soft[:, [0, -1]] = 1.0, 1.0

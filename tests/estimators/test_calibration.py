@@ -12,7 +12,7 @@ from estimators.calibration.board_views import BoardView, board_view, in_same_or
 from estimators.calibration.single_camera import calibrated
 from estimators.calibration.stereo import calibrated_pair
 from estimators.rigid_motion import rotation_vector
-from sensors.camera.calibration_target import Checkerboard, held, photographed
+from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
 
@@ -55,7 +55,7 @@ def poses(seed: int, count: int, *, both: bool = True) -> list[FloatArray]:
     while len(found) < count:
         depth = rng.uniform(0.8, 2.0)
         place = np.array([0.25 / depth, 0.0]) * both + rng.uniform([-1.1, -0.6], [1.1, 0.6])
-        X = held(BOARD, rng, place=place, depth=depth, tilt=rng.uniform(0.15, 0.75))
+        X = random_board_pose(BOARD, rng, ray=place, depth=depth, tilt=rng.uniform(0.15, 0.75))
         if seen(LEFT, X) is not None and (not both or seen(RIGHT, inverse(X_CLCR) @ X) is not None):
             found.append(X)
     return found
@@ -155,8 +155,8 @@ def test_photographs_end_to_end() -> None:
     photographed_views = []
     for k in range(14):
         place = np.array([(-0.35, 0.0, 0.35)[k % 3], (-0.22, 0.22)[k % 2]])
-        X = held(board, rng, place=place, depth=rng.uniform(0.55, 0.75), tilt=rng.uniform(0.2, 0.7))
-        photographed_views.append(board_view(f"{k}", photographed(board, camera, X, noise_std=2.0, rng=rng), board))
+        X = random_board_pose(board, rng, ray=place, depth=rng.uniform(0.55, 0.75), tilt=rng.uniform(0.2, 0.7))
+        photographed_views.append(board_view(f"{k}", board_image(board, camera, X, noise_std=2.0, rng=rng), board))
     found = calibrated(photographed_views, board)
     assert found.camera.fx == pytest.approx(camera.fx, rel=1e-3)
     assert found.camera.cx == pytest.approx(camera.cx, abs=0.5)
@@ -171,8 +171,8 @@ def test_corners_of_a_photograph_are_where_the_lens_puts_them() -> None:
         width=640, height=480, fx=420.0, fy=420.0, cx=320.0, cy=240.0, distortion=(-0.15, 0.03, 0, 0, 0)
     )
     for tilt in (0.1, 0.4, 0.7):
-        X = held(BOARD, rng, place=np.array([0.1, -0.05]), depth=0.9, tilt=tilt)
-        found = board_view("", photographed(BOARD, camera, X, noise_std=2.0, rng=rng), BOARD).corners
+        X = random_board_pose(BOARD, rng, ray=np.array([0.1, -0.05]), depth=0.9, tilt=tilt)
+        found = board_view("", board_image(BOARD, camera, X, noise_std=2.0, rng=rng), BOARD).corners
         assert found is not None
         true = camera.project(BOARD.corners @ X[:3, :3].T + X[:3, 3])
         errors.append(in_same_order(true.astype(np.float32), found) - true)
@@ -203,7 +203,7 @@ def frontal() -> list[BoardView]:
     rng, found = np.random.default_rng(0), []
     for k in range(40):
         place = rng.uniform([-0.8, -0.4], [0.8, 0.4])
-        X = held(BOARD, rng, place=place, depth=rng.uniform(0.8, 1.6), tilt=0.02)
+        X = random_board_pose(BOARD, rng, ray=place, depth=rng.uniform(0.8, 1.6), tilt=0.02)
         if seen(LEFT, X) is not None:
             found.append(view(f"{k}", LEFT, X, rng))
     return found
@@ -212,7 +212,7 @@ def frontal() -> list[BoardView]:
 def in_the_middle() -> list[BoardView]:
     rng = np.random.default_rng(0)
     return [
-        view(f"{k}", LEFT, held(BOARD, rng, place=np.zeros(2), depth=2.2, tilt=rng.uniform(0.3, 0.7)), rng)
+        view(f"{k}", LEFT, random_board_pose(BOARD, rng, ray=np.zeros(2), depth=2.2, tilt=rng.uniform(0.3, 0.7)), rng)
         for k in range(15)
     ]
 

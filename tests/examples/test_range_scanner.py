@@ -12,7 +12,7 @@ from scan_matching import ScanMatching, aligned
 
 from estimators.estimates import Health, OffTracking
 from sensors.render import StereoRenderer
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.shapes import box
 from sensors.world.things import Part, Thing
 from sensors.world.world import World, build_world
@@ -99,8 +99,8 @@ def test_ranges_to_a_wall_are_those_of_its_geometry(bare_world: World) -> None:
     """A wall 15.4 m behind the scanner from 5 m on the left to 3 m on the right; around it there is nothing."""
     mesh = box((-30.0, -29.0), (-3.0, 5.0), (-1.0, 4.0), texture_size=1.0)
     wall = Thing(name="wall", parts=(Part(mesh=mesh, texture="stone"),), variety=0.0)
-    stand = Stand(thing=wall, poses=np.eye(4)[None], brightness=np.ones(1))
-    renderer = StereoRenderer(replace(bare_world, stands=(stand,)), row_camera(REAR))
+    stand = Instances(thing=wall, poses=np.eye(4)[None], brightness=np.ones(1))
+    renderer = StereoRenderer(replace(bare_world, scenery=(stand,)), row_camera(REAR))
     scan = scanner(renderer).sample(truth(0, Pose2(0.0, 0.0, 0.0)))
     renderer.close()
     y = 15.4 * np.tan(np.pi - scan.bearings)  # where the beams cross the wall's plane [m]

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from estimators.calibration.rectification import Rectifier
 from estimators.rigid_motion import rotation_vector
 from scenarios.cli import app
-from sensors.camera.calibration_target import Checkerboard, held, photographed
+from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel, load_raw_rig
 from vehicle.frames import inverse, so3_exp, transform
 
@@ -39,9 +39,9 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for k in range(16):
         depth = rng.uniform(0.6, 0.9)
         place = np.array([0.1 / depth + (-0.36, 0.0, 0.36)[k % 3], (-0.18, 0.0, 0.18)[k // 3 % 3]])
-        X = held(BOARD, rng, place=place, depth=depth, tilt=rng.uniform(0.2, 0.6))
+        X = random_board_pose(BOARD, rng, ray=place, depth=depth, tilt=rng.uniform(0.2, 0.6))
         for side, X_CB in (("left", X), ("right", inverse(X_CLCR) @ X)):
-            image = photographed(BOARD, CAMERA, X_CB, noise_std=2.0, rng=rng)
+            image = board_image(BOARD, CAMERA, X_CB, noise_std=2.0, rng=rng)
             assert cv2.imwrite(str(folder / side / f"{k:02d}.png"), image)
     return folder
 

@@ -69,7 +69,7 @@ def test_every_lens_that_is_accepted_can_be_inverted(k1: float, k2: float, k3: f
         ({"fx": 0.0}, "fx = 0.0 px must be positive"),
         ({"width": 0}, "image of 0x391 px"),
         ({"distortion": (-0.4, 0.0, 0.0, 0.0, 0.0)}, "folds over"),
-        ({"distortion": (math.nan, 0.0, 0.0, 0.0, 0.0)}, "five numbers"),
+        ({"distortion": (math.nan, 0.0, 0.0, 0.0, 0.0)}, "five finite numbers"),
     ],
 )
 def test_cameras_that_can_not_be_are_refused(wrong: dict[str, float], complaint: str) -> None:

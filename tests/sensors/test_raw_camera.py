@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sensors.camera.exposure import AutoExposure
 from sensors.camera.image_formation import LightNoise, grey
 from sensors.camera.lens import UNDISTORTED, mount_rotation
-from sensors.camera.lens_map import LensMap, covering
+from sensors.camera.lens_map import LensMap, covering_pinholes
 from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.camera.rig import StereoRig
 from sensors.camera.shutter import Twist, moved, twist_between
@@ -279,12 +279,12 @@ def test_frames_are_stamped_and_coloured_as_asked(wide: StereoRenderer, pose: Fl
 
 def test_covering_pinhole_is_the_camera_itself_if_there_is_no_lens() -> None:
     """Then nothing is resampled and nothing costs more; a lens that bends outwards needs a larger one."""
-    plain = covering(RIG.raw())
+    plain = covering_pinholes(RIG.raw())
     assert (plain.width, plain.height) == (RIG.width, RIG.height)
     assert LensMap.of(RIG.raw().left, plain).is_identity
-    bent = covering(RIG.raw(BARREL))
+    bent = covering_pinholes(RIG.raw(BARREL))
     assert bent.width > 1.3 * RIG.width
-    at = LensMap.of(RIG.raw(BARREL).left, bent).at
+    at = LensMap.of(RIG.raw(BARREL).left, bent).pixels
     assert at.min() >= 1.0  # a cubic reaches one pixel before and two behind
     assert (at.max(axis=(0, 1)) <= [bent.width - 3.0, bent.height - 3.0]).all()
 
@@ -292,4 +292,4 @@ def test_covering_pinhole_is_the_camera_itself_if_there_is_no_lens() -> None:
 def test_views_too_wide_to_be_drawn_are_refused() -> None:
     """The image of a pinhole grows with the tangent of the angle."""
     with pytest.raises(ValueError, match="at most 4096 px can be rendered"):
-        covering(replace(RIG, width=4096, hfov=math.radians(100.0)).raw(BARREL))
+        covering_pinholes(replace(RIG, width=4096, hfov=math.radians(100.0)).raw(BARREL))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sensors.camera.image_formation import grey
 from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.shapes import box
 from sensors.world.things import Part, Thing
 from sensors.world.world import World
@@ -65,8 +65,8 @@ def test_ground_is_rendered_where_the_surface_is(
 def wall_only(renderer: StereoRenderer, bare_world: World, calibration: StereoCalibration) -> Iterator[StereoRenderer]:
     """A renderer of bare ground with one wall 16 m behind the camera of a trailer at the origin."""
     thing = Thing(name="wall", parts=(WALL,), variety=0.0)
-    stand = Stand(thing=thing, poses=np.eye(4)[None], brightness=np.ones(1))
-    opened = StereoRenderer(replace(bare_world, stands=(stand,)), calibration)
+    stand = Instances(thing=thing, poses=np.eye(4)[None], brightness=np.ones(1))
+    opened = StereoRenderer(replace(bare_world, scenery=(stand,)), calibration)
     yield opened
     opened.close()
 

@@ -12,9 +12,9 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from sensors.render import StereoRenderer
 from sensors.world.road_vehicles import car, lorry, vehicle_textures
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.things import Thing
-from sensors.world.traffic import KINDS, MOST, InTraffic, Traffic, TrafficKind, Way, populated
+from sensors.world.traffic import KINDS, MAX_VEHICLES, DrivenPath, InTraffic, Traffic, TrafficKind, populated
 from sensors.world.world import World
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
@@ -72,8 +72,8 @@ def moments(until: float = 30.0) -> Iterator[float]:
     yield from np.arange(0.0, until, 0.1)
 
 
-def middle(stand: Stand) -> FloatArray:
-    place: FloatArray = stand.poses[0, :3, 3]
+def middle(vehicle: Instances) -> FloatArray:
+    place: FloatArray = vehicle.poses[0, :3, 3]
     return place
 
 
@@ -82,9 +82,9 @@ def test_a_follower_keeps_its_gap_behind_the_rear() -> None:
     behind = []
     following = traffic("following")
     for time in moments():
-        (stand,) = following.at(straight(time))
-        behind.append(SPEED * time - FOLLOW - middle(stand)[0] - 5.25)
-        assert abs(middle(stand)[1]) < 0.4
+        (vehicle,) = following.at(straight(time))
+        behind.append(SPEED * time - FOLLOW - middle(vehicle)[0] - 5.25)
+        assert abs(middle(vehicle)[1]) < 0.4
     assert np.min(behind) == pytest.approx(5.0 - 0.4, abs=0.1)
     assert np.max(behind) == pytest.approx(5.0 + 0.4, abs=0.1)
 
@@ -93,9 +93,9 @@ def test_a_follower_goes_where_the_rear_has_gone() -> None:
     """On a circle both its axles are at the circle's radius, up to its wandering by 0.2 m."""
     following = traffic("following")
     for time in moments():
-        (stand,) = following.at(turning(time))
+        (vehicle,) = following.at(turning(time))
     for axle in (3.7, -3.0):
-        place = stand.poses[0] @ np.array([axle, 0.0, 0.0, 1.0])
+        place = vehicle.poses[0] @ np.array([axle, 0.0, 0.0, 1.0])
         assert math.hypot(place[0], place[1] - 14.0) == pytest.approx(14.0, abs=0.3)
 
 
@@ -106,10 +106,10 @@ def test_who_overtakes_stays_clear_of_the_trailer(moved: Callable[[float], Truth
     overtaking, passed = traffic("overtaking", seed), 0
     for time in moments(40.0):
         now = moved(time)
-        (stand,) = overtaking.at(now)
-        if middle(stand)[2] < -100.0:
+        (vehicle,) = overtaking.at(now)
+        if middle(vehicle)[2] < -100.0:
             continue
-        in_trailer = np.linalg.inv(now.bodies[0]) @ stand.poses[0] @ np.array([[3.0, -3.0], [0, 0], [0, 0], [1, 1]])
+        in_trailer = np.linalg.inv(now.bodies[0]) @ vehicle.poses[0] @ np.array([[3.0, -3.0], [0, 0], [0, 0], [1, 1]])
         beside = (in_trailer[0] > -FOLLOW) & (in_trailer[0] < 0.0)
         assert (np.abs(in_trailer[1, beside]) > HALF_WIDTH + 1.0 + 1.25).all()
         passed += int(beside.any())
@@ -121,19 +121,19 @@ def test_who_overtakes_in_a_turn_does_so_on_the_outside() -> None:
     for seed in range(2):
         overtaking = traffic("overtaking", seed)
         for time in moments(40.0):
-            (stand,) = overtaking.at(turning(time))
-            if time > 20.0 and middle(stand)[2] > -100.0:
-                assert math.hypot(middle(stand)[0], middle(stand)[1] - 14.0) > 14.0
+            (vehicle,) = overtaking.at(turning(time))
+            if time > 20.0 and middle(vehicle)[2] > -100.0:
+                assert math.hypot(middle(vehicle)[0], middle(vehicle)[1] - 14.0) > 14.0
 
 
 def test_who_crosses_does_so_at_right_angles_behind() -> None:
     """Sideways at 6 m/s, never where the trailer is."""
     crossing, seen = traffic("crossing"), []
     for time in moments():
-        (stand,) = crossing.at(straight(time))
-        if middle(stand)[2] > -100.0:
-            seen.append((time, *middle(stand)[:2]))
-            assert middle(stand)[0] < SPEED * time - FOLLOW
+        (vehicle,) = crossing.at(straight(time))
+        if middle(vehicle)[2] > -100.0:
+            seen.append((time, *middle(vehicle)[:2]))
+            assert middle(vehicle)[0] < SPEED * time - FOLLOW
     t, x, y = np.array(seen).T
     step = np.diff(t) < 0.15
     assert np.abs(np.diff(y)[step]) == pytest.approx(0.6, abs=0.01)
@@ -146,13 +146,13 @@ def test_the_same_seed_gives_the_same_traffic(kind: TrafficKind) -> None:
     runs = []
     for seed in (7, 7, 8):
         one = traffic(kind, seed)
-        assert 1 <= len(one.parked) <= MOST
+        assert 1 <= len(one.hidden) <= MAX_VEHICLES
         poses = []
         for time in moments(12.0):
-            stands = one.at(turning(time))
+            vehicles = one.at(turning(time))
             again = one.at(turning(time))
-            assert all(np.array_equal(a.poses, b.poses) for a, b in zip(stands, again, strict=True))
-            poses.append([stand.poses[0] for stand in stands])
+            assert all(np.array_equal(a.poses, b.poses) for a, b in zip(vehicles, again, strict=True))
+            poses.append([vehicle.poses[0] for vehicle in vehicles])
         runs.append(np.array(poses))
     assert np.array_equal(runs[0], runs[1])
     assert not np.array_equal(runs[0], runs[2])
@@ -169,8 +169,8 @@ def test_vehicles_stand_on_sloping_ground() -> None:
         height=lambda xy: 0.05 * xy[:, 0],
     )
     for time in moments(5.0):
-        (stand,) = on_ramp.at(straight(time))
-    pose = stand.poses[0]
+        (vehicle,) = on_ramp.at(straight(time))
+    pose = vehicle.poses[0]
     assert pose[:3, :3] @ pose[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
     for axle in (3.7, -3.0):
         wheel = pose @ np.array([axle, 1.0, 0.0, 1.0])
@@ -179,13 +179,13 @@ def test_vehicles_stand_on_sloping_ground() -> None:
 
 def test_a_way_goes_on_straight_beyond_its_ends() -> None:
     """Before its first point along the heading there, after its last along its last metre."""
-    way = Way()
+    path = DrivenPath()
     for k in range(5):
-        way.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)
-    assert way.at(-10.0) == pytest.approx([0.0, -10.0])
-    assert way.at(2.5) == pytest.approx([0.0, 2.5])
-    assert way.at(way.end + 3.0) == pytest.approx([0.0, 7.0])
-    assert way.station(250.0) == pytest.approx(2.5)
+        path.extend(100 * k, np.array([0.0, float(k)]), 0.5 * math.pi)
+    assert path.at(-10.0) == pytest.approx([0.0, -10.0])
+    assert path.at(2.5) == pytest.approx([0.0, 2.5])
+    assert path.at(path.end + 3.0) == pytest.approx([0.0, 7.0])
+    assert path.station(250.0) == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("build", [lorry, car])
@@ -210,8 +210,8 @@ def test_a_lorry_hides_a_fifth_of_the_picture_and_shades_the_ground(
     shown = StereoRenderer(populated(bare_world, near_by), calibration)
     depths, pictures = [], []
     try:
-        for stands in (near_by.parked, near_by.at(now), farther.at(now)):
-            shown.place(stands)
+        for vehicles in (near_by.hidden, near_by.at(now), farther.at(now)):
+            shown.place(vehicles)
             pictures.append(shown.render(now.bodies[0]))
             depths.append(shown.render_depth(now.bodies[0]))
     finally:
@@ -230,8 +230,8 @@ class _Paper:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    def place(self, stands: tuple[Stand, ...]) -> None:
-        self.asked.append(f"place {len(stands)}")
+    def place(self, vehicles: tuple[Instances, ...]) -> None:
+        self.asked.append(f"place {len(vehicles)}")
 
     def sample(self, now: Truth) -> StereoFrame:
         self.asked.append("sample")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sensors.world.ground import Centreline
-from sensors.world.scenery import Stand
+from sensors.world.scenery import Instances
 from sensors.world.world import World, build_world
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -23,14 +23,14 @@ def _distance_from_way(points: FloatArray) -> FloatArray:
     return np.minimum(on_line, on_circle)
 
 
-def _vertices(stand: Stand) -> FloatArray:
+def _vertices(stand: Instances) -> FloatArray:
     """All vertices (n, 3) of all individuals in W."""
     own = np.concatenate([part.mesh.vertices for part in stand.thing.parts])
     return (np.einsum("nij,mj->nmi", stand.poses[:, :3, :3], own) + stand.poses[:, None, :3, 3]).reshape(-1, 3)
 
 
-def _solid(world: World) -> list[Stand]:
-    return [stand for stand in world.stands if stand.thing.name != "kerb_stone"]
+def _solid(world: World) -> list[Instances]:
+    return [stand for stand in world.scenery if stand.thing.name != "kerb_stone"]
 
 
 def test_nothing_but_kerb_stones_stands_within_the_clearance(world: World) -> None:
@@ -42,7 +42,7 @@ def test_nothing_but_kerb_stones_stands_within_the_clearance(world: World) -> No
 
 def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> None:
     """Where the road meets itself its arms merge: a kerb stone on the asphalt would be an obstacle."""
-    (kerb,) = (stand for stand in world.stands if stand.thing.name == "kerb_stone")
+    (kerb,) = (stand for stand in world.scenery if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
     assert distance.min() > HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
     assert distance.max() < HALF_WIDTH + 0.2  # 125 mm wide
@@ -51,7 +51,7 @@ def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> N
 
 def test_things_stand_on_the_ground(world: World) -> None:
     """Each foot is on the surface, within what the course's margin covers."""
-    for stand in world.stands:
+    for stand in world.scenery:
         foot = stand.poses[:, :3, 3]
         near = _distance_from_way(foot) < 90.0
         height = SURFACE.height(foot[near, 0], foot[near, 1])
@@ -92,7 +92,7 @@ def test_flat_ground_takes_few_triangles(world: World, small_world: World) -> No
 
 def test_things_have_one_shape_at_every_distance(world: World) -> None:
     """Where one mesh of a thing stops being drawn the next begins; both fill the same room."""
-    for stand in world.stands:
+    for stand in world.scenery:
         coarse = [part for part in stand.thing.parts if part.distances[0] > 0.0]
         for part in coarse:
             (fine,) = (
@@ -106,7 +106,7 @@ def test_things_have_one_shape_at_every_distance(world: World) -> None:
 
 def test_density_zero_is_bare_ground(bare_world: World) -> None:
     """No things at all, not even kerbs or their shadows, but ground and sky all the same."""
-    assert bare_world.stands == ()
+    assert bare_world.scenery == ()
     assert bare_world.road.light.min() > 0.9999  # of blurring ones
     assert bare_world.panorama.std() > 5.0  # grey levels; a sky of one colour has none
 
@@ -132,7 +132,7 @@ def test_a_crossing_centreline_is_near_to_both_arms() -> None:
 
 def test_shadows_fall_away_from_the_sun(world: World) -> None:
     """Around each tree the ground on the sun's side is lit and on the other side is dark."""
-    (tree, *_) = (stand for stand in world.stands if stand.thing.name == "broadleaf")
+    (tree, *_) = (stand for stand in world.scenery if stand.thing.name == "broadleaf")
     towards = world.light.direction[:2] / np.linalg.norm(world.light.direction[:2])
 
     def light_at(points: FloatArray) -> FloatArray:
@@ -165,7 +165,7 @@ def test_seed_decides_the_world(world: World, small_world: World) -> None:
     one, same, other = small_world, _small(2), world
     assert np.array_equal(one.detail, same.detail)
     assert np.array_equal(one.panorama, same.panorama)
-    assert all(np.array_equal(a.poses, b.poses) for a, b in zip(one.stands, same.stands, strict=True))
+    assert all(np.array_equal(a.poses, b.poses) for a, b in zip(one.scenery, same.scenery, strict=True))
     assert not np.array_equal(one.detail, other.detail)
 
 

@@ -1,5 +1,5 @@
 #version 330 core
-// Asphalt with worn lines, a kerb strip, gravel and grass, told apart by the distance from the road's edge.
+// Asphalt with worn lines, a kerb strip, gravel and grass, selected by the distance from the road's edge.
 in vec2 detail_uv;
 in vec2 map_uv;
 in vec3 sky_light;
@@ -13,11 +13,11 @@ uniform vec3 haze;
 
 out vec4 colour;
 
-// Three taps along the longer axis of the pixel's footprint: a level that suits the shorter axis would alias along the
-// longer one, and one that suits the longer axis would blur; the texture's bias lowers that one as far as the footprints
-// in view are long enough. Each tap is bilinear in the nearest level, which costs llvmpipe half as much as a trilinear
-// one; three of these track better than two trilinear ones (Lucas-Kanade over 0.28 m: median error 0.10 px against
-// 0.12 px nearer than 12 m, 0.14 px against 0.16 px up to 40 m). A level that is given instead costs a quarter more.
+// Three samples along the longer axis of the pixel's footprint. The mipmap level for the shorter axis would alias along
+// the longer one, and the level for the longer axis would blur; the texture's bias lowers the latter as far as the
+// footprints in view are long enough. Each sample is bilinear in the nearest level, which costs llvmpipe half as much as
+// a trilinear one. Three of these track better than two trilinear ones (Lucas-Kanade over 0.28 m: median error 0.10 px
+// against 0.12 px nearer than 12 m, 0.14 px against 0.16 px up to 40 m). An explicit level costs 25 % more.
 vec4 along_footprint(vec2 p)
 {
     vec2 dx = dFdx(p), dy = dFdy(p);
@@ -37,10 +37,10 @@ uniform vec3 sun;
 #endif
 
 #ifdef TRAFFIC
-const int VEHICLES = 3;  // as sensors.traffic has it
-uniform mat4 into_box[VEHICLES];  // from W into the box around each, whose sides are at +-1 there
+const int VEHICLES = 3;  // MAX_VEHICLES of sensors.world.traffic
+uniform mat4 into_box[VEHICLES];  // from W into the box around each; its sides are at +-1
 
-// Share of the sun's light (x) and of the sky's (y) that vehicles leave to a place.
+// Unshadowed share of the light of the sun (x) and of the sky (y) beside vehicles.
 vec2 past_vehicles()
 {
     vec2 left = vec2(1.0);
@@ -61,13 +61,13 @@ vec2 past_vehicles()
 #endif
 
 #ifdef HOLES
-uniform sampler2D holes;  // the pothole around: W of its middle, radius, depth [m]; on the road's map
+uniform sampler2D holes;  // the nearest pothole: x, y of its middle in W, radius, depth [m]; on the road map
 
-// Replaces albedo and light of what lies in a pothole or on its broken edge.
+// Replaces albedo and light in a pothole and on its broken edge.
 void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
 {
     vec4 hole = textureLod(holes, map_uv, 0.0);
-    float turn = 6.2832 * fract(7.31 * hole.x + 3.77 * hole.y);  // no two holes have the same outline
+    float turn = 6.2832 * fract(7.31 * hole.x + 3.77 * hole.y);  // outlines differ
     vec2 q = (place.xy - hole.xy) / hole.z;
     vec2 outwards = q / max(length(q), 0.1);
     q *= 1.0 + 0.3 * dot(outwards, vec2(cos(turn), sin(turn)));
@@ -91,16 +91,16 @@ void dig(inout vec3 albedo, inout vec3 light, vec4 grain, float lit)
 #endif
 
 #ifdef LOOKS
-uniform sampler2D looks;  // r wet, g muddy, b icy; on the road's map
+uniform sampler2D looks;  // r wet, g muddy, b icy; on the road map
 uniform vec3 camera;      // W [m]
 uniform vec3 sun_colour;
 
 const vec3 ZENITH = vec3(0.36, 0.52, 0.78);
 
-// Wet, muddy or icy ground as it is seen: its own colour, and what a film of water or the ice mirrors.
+// Colour of wet, muddy or icy ground, and the reflection of a film of water or of ice.
 vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
 {
-    vec3 look = texture(looks, clamp(map_uv, 0.0, 1.0)).rgb;  // there is none at the edges of the map
+    vec3 look = texture(looks, clamp(map_uv, 0.0, 1.0)).rgb;  // zero at the edges of the map
     float beside = clamp(2.0 * d, 0.0, 1.0);
     vec3 share = clamp(2.5 * (look - 0.5) + (look - look * look) * 6.0 * grain.a + 0.5, 0.0, 1.0);  // ragged edges
     share.gb *= 1.0 - 0.45 * beside;
@@ -134,7 +134,7 @@ void main()
     vec4 here = texture(road, map_uv);
     vec2 off = abs(map_uv - 0.5);
     if (max(off.x, off.y) > 0.5)
-        here.rg = vec2(1.0);  // beyond the map only the lie of the land goes on
+        here.rg = vec2(1.0);  // beyond the map: no shadows
     float d = strip.x + strip.y * here.r;
     float half_footprint = 0.5 * fwidth(d) + 0.002;
 

@@ -1,7 +1,7 @@
 #version 330 core
 layout(location = 0) in vec3 position;  // W [m]
 layout(location = 1) in vec3 normal;
-layout(location = 2) in vec2 texcoord;  // position bent by a smooth field [m]
+layout(location = 2) in vec2 texcoord;  // position distorted by a smooth field [m]
 
 uniform mat4 view_projection;
 uniform vec3 camera;  // W [m]
@@ -17,7 +17,7 @@ out vec2 detail_uv;
 out vec2 map_uv;
 out vec3 sky_light;
 out vec3 sun_light;
-out float clear;  // share of the light that the haze lets through
+out float clear;  // share of the light transmitted by the haze
 #ifdef MARKED
 out vec3 place;  // W [m]
 #endif

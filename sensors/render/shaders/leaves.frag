@@ -1,5 +1,5 @@
 #version 330 core
-// As thing.frag, but the texture has holes; kept apart since a shader that discards can not skip hidden pixels early.
+// As thing.frag, but the texture has holes. Separate, as a shader that discards fragments cannot use early depth tests.
 in vec2 uv;
 in vec4 light;
 

@@ -2,7 +2,7 @@
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec2 texcoord;
-layout(location = 3) in vec4 shade;     // r: share of the sky that is seen
+layout(location = 3) in vec4 shade;     // r: visible share of the sky
 layout(location = 4) in mat4 instance;  // pose in W times a uniform scale; the last row is the colour
 
 uniform mat4 view_projection;
@@ -13,7 +13,7 @@ uniform vec3 sky_colour;
 uniform float haze_range;
 
 out vec2 uv;
-out vec4 light;  // and as the last element the share of it that the haze lets through
+out vec4 light;  // last element: share of it transmitted by the haze
 
 void main()
 {
