@@ -14,10 +14,10 @@ from vehicle.frames import FloatArray
 
 
 class Health(Enum):
-    """How far an estimate can be trusted."""
+    """Reliability of an estimate."""
 
     OK = "ok"
-    DEGRADED = "degraded"  # usable, with the larger uncertainty it states
+    DEGRADED = "degraded"  # usable, with a larger stated uncertainty
     LOST = "lost"  # no information: the value must not be used
 
 

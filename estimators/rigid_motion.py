@@ -38,7 +38,7 @@ def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion
     return UncertainMotion(chained(first.X, second.X), covariance)
 
 
-def seen_from(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
+def change_frame(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
     """Motion of S from the motion of C, both fixed to the same rigid body with C at X_SC."""
     X = X_SC @ motion.X @ inverse(X_SC)
     R_SC, p_SC = X_SC[:3, :3], X_SC[:3, 3]

@@ -1,4 +1,4 @@
-"""Photographs of a checkerboard, and where its corners are in them."""
+"""Corner detection in photographs of a checkerboard."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from sensors.messages import GreyImage
 
 Corners = NDArray[np.float32]  # (n, 2) [px]
 
-_SUB_PIXEL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)  # rounds, and the shift that ends them [px]
+_SUB_PIXEL = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)  # iterations, and the last shift [px]
 _WINDOW = (2, 9)  # least and greatest half width of the window a corner is refined in [px]
-_WINDOW_SHARE = 0.35  # of the distance to the next corner: the window must hold one corner only
+_WINDOW_SHARE = 0.35  # of the distance to the next corner: the window contains one corner only
 
 
 class BoardView(NamedTuple):
@@ -23,15 +23,15 @@ class BoardView(NamedTuple):
 
     name: str
     size: tuple[int, int]  # width and height [px]
-    corners: Corners | None  # (n, 2) in the order of the board's; None: the board was not found
+    corners: Corners | None  # (n, 2) in the board's order; None: no board found
 
 
 def board_view(name: str, image: GreyImage, board: Checkerboard) -> BoardView:
-    """The board's corners in an image, to a few hundredths of a pixel."""
+    """Detect the board's corners in an image, to a few hundredths of a pixel."""
     size = (image.shape[1], image.shape[0])
     pattern = (board.columns, board.rows)
     found, corners = cv2.findChessboardCorners(image, pattern, flags=_plain_flags())
-    if not found:  # slower, and finds boards in poor light
+    if not found:  # slower, for poor light
         found, corners = cv2.findChessboardCornersSB(image, pattern, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
         return BoardView(name, size, None)
@@ -42,9 +42,9 @@ def board_view(name: str, image: GreyImage, board: Checkerboard) -> BoardView:
 
 
 def in_same_order(reference: Corners, corners: Corners) -> Corners:
-    """The corners (n, 2) counted from the same end of the board as those of the reference.
+    """Corners (n, 2), counted from the same end of the board as those of the reference.
 
-    Seen from cameras side by side a board keeps its direction; turned by half a turn it can look the same.
+    A board turned by 180 deg can look the same, but its direction is the same in two cameras side by side.
     """
     along = reference[-1] - reference[0]
     return corners if float(along @ (corners[-1] - corners[0])) > 0.0 else corners[::-1]

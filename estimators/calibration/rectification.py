@@ -1,8 +1,8 @@
-"""Rectification: a raw stereo pair made into one whose rows are epipolar lines, as every odometry here expects it.
+"""Rectification of raw stereo pairs: the rows of the result are epipolar lines, as every odometry expects.
 
 Fusiello 2000: A. Fusiello, E. Trucco, A. Verri, "A compact algorithm for rectification of stereo pairs", Machine
-Vision and Applications, 2000: both cameras are turned about their optical centres until they look the same way, with
-their x along the baseline. Lens distortion is taken out in the same step, so that images are sampled once.
+Vision and Applications, 2000: both cameras are rotated about their optical centres to parallel axes, with x along the
+baseline. Lens distortion is removed in the same step, so that images are sampled once.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, transform
 
-_EDGE_STEP = 4  # of the pixels along an image's edge that are asked what the lens shows there [px]
-_LARGEST_CROP = 2.0  # focal length over that of the cameras, beyond which hardly anything both see would be left
-_SAME = 1e-9  # maps that move no pixel farther are none [px]
+_EDGE_STEP = 4  # between the sampled pixels along an image's edge [px]
+_LARGEST_CROP = 2.0  # largest ratio of the focal length to that of the cameras; beyond it the common view is too small
+_SAME = 1e-9  # maps with smaller shifts are left out [px]
 
 
 class _Map(NamedTuple):
-    """Where the pixels of a rectified image are in the raw one: (height, width) each."""
+    """Raw-image coordinates (height, width) of the pixels of a rectified image."""
 
     u: NDArray[np.float32]  # [px]
     v: NDArray[np.float32]  # [px]
 
 
 class Rectifier:
-    """Rectified pairs of one raw rig.
+    """Rectifier of the image pairs of one raw rig.
 
-    The rectified image has the size of the left raw one and shows nothing that either camera does not: its focal
-    length is that of the cameras, or longer where a lens or an angle between the cameras leaves corners empty.
+    The rectified image has the size of the left raw one and no empty corners: its focal length is that of the cameras,
+    or longer if a lens or an angle between the cameras requires it.
     """
 
     def __init__(self, raw: RawStereoRig) -> None:
-        """For this rig, as calibrated.
+        """For a calibrated rig.
 
         Raises:
             ValueError: if the two cameras see too little in common.
@@ -53,14 +53,14 @@ class Rectifier:
 
     @property
     def calibration(self) -> StereoCalibration:
-        """Of the rectified pair."""
+        """Calibration of the rectified pair."""
         return self._calibration
 
     def step(self, frame: StereoFrame) -> StereoFrame:
-        """The rectified pair of a raw one.
+        """Rectified pair of a raw one.
 
         Raises:
-            ValueError: if an image has not the size that was calibrated.
+            ValueError: if an image does not have the calibrated size.
         """
         left, right = (
             _rectified(image, camera, remap, side)
@@ -88,7 +88,7 @@ def _common_axes(raw: RawStereoRig) -> FloatArray:
 def _calibration(
     raw: RawStereoRig, R_ClC: FloatArray, cameras: tuple[tuple[CameraModel, FloatArray], ...]
 ) -> StereoCalibration:
-    """Principal point in the middle of what both cameras show, focal length just long enough to see nothing else."""
+    """Calibration with the principal point in the centre of the common view and the shortest possible focal length."""
     width, height = raw.left.width, raw.left.height
     low, high = _common_view(cameras)
     own = 0.25 * (raw.left.fx + raw.left.fy + raw.right.fx + raw.right.fy)
@@ -113,7 +113,7 @@ def _calibration(
 
 
 def _common_view(cameras: tuple[tuple[CameraModel, FloatArray], ...]) -> tuple[FloatArray, FloatArray]:
-    """Least and greatest x and y of the largest upright rectangle of rays that both cameras show about their axis."""
+    """Least and greatest x and y of the largest axis-aligned rectangle of rays that both cameras see."""
     low, high = np.full(2, -np.inf), np.full(2, np.inf)
     for camera, R in cameras:
         left, right, top, bottom = (_turned(camera.rays(edge), R.T) for edge in _edges(camera))
@@ -133,14 +133,14 @@ def _edges(camera: CameraModel) -> Iterator[FloatArray]:
 
 
 def _turned(rays: FloatArray, R: FloatArray) -> FloatArray:
-    """Rays (..., 2) of depth 1 in axes turned by R (3, 3)."""
+    """Rays (..., 2) of depth 1 in axes rotated by R (3, 3)."""
     turned = rays @ R[:, :2].T + R[:, 2]
     flat: FloatArray = turned[..., :2] / turned[..., 2:]
     return flat
 
 
 def _map(calibration: StereoCalibration, camera: CameraModel, R: FloatArray) -> _Map | None:
-    """The map for one camera, R being that of the rectified camera in it; None where it would change nothing."""
+    """Map for one camera, with R of the rectified camera in it; None for the identity."""
     u, v = np.meshgrid(np.arange(calibration.width), np.arange(calibration.height))
     rectified = np.stack([u, v], axis=-1).astype(np.float64)
     rays = (rectified - [calibration.cx, calibration.cy]) / calibration.focal_length
@@ -158,7 +158,7 @@ def _rectified(image: GreyImage, camera: CameraModel, remap: _Map | None, side: 
         )
     if remap is None:
         return image
-    # linear: OpenCV's cubic kernel shifts what lies between pixels by up to 0.04 px, and takes four times as long
+    # linear: OpenCV's cubic kernel shifts features by up to 0.04 px, and takes four times as long
     rectified = cv2.remap(image, *remap, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(rectified, dtype=np.uint8)
 

@@ -1,8 +1,8 @@
-"""The rotation of the right camera away from its calibration, and what it does to the images.
+"""Rotation of the right camera away from its calibration, and its effect on the images.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 4.4: the camera turns about its optical centre, so its image moves by a homography, whatever
-the scene.
+Dynamics, 2018, section 4.4: the camera turns about its optical centre, so its image changes by a homography, for any
+scene.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class RightRotation(NamedTuple):
 
 
 def homography(calibration: StereoCalibration, rotation: RightRotation) -> FloatArray:
-    """From homogeneous pixels (3, 3) of the turned camera's image to those as calibrated: de Saxe 2018, eq. 8."""
+    """Homography (3, 3) from the image of the rotated camera to the calibrated one: de Saxe 2018, eq. 8."""
     f, cx, cy = calibration.focal_length, calibration.cx, calibration.cy
     K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
     K_inverse = np.array([[1.0 / f, 0.0, -cx / f], [0.0, 1.0 / f, -cy / f], [0.0, 0.0, 1.0]])
@@ -41,25 +41,25 @@ def homography(calibration: StereoCalibration, rotation: RightRotation) -> Float
 
 
 def straightened(calibration: StereoCalibration, image: GreyImage, rotation: RightRotation) -> GreyImage:
-    """The right image as a camera that is not turned would see it; at the edges its last pixels are repeated."""
+    """Right image warped to the calibrated attitude; edge pixels are repeated."""
     size = (calibration.width, calibration.height)
     H = homography(calibration, rotation)
-    # linear: OpenCV's cubic kernel shifts what lies between pixels by up to 0.04 px, and takes four times as long
+    # linear: OpenCV's cubic kernel shifts features by up to 0.04 px, and takes four times as long
     warped = cv2.warpPerspective(image, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(warped, dtype=np.uint8)
 
 
 def moved(H: FloatArray, points: FloatArray | NDArray[np.float32]) -> FloatArray:
-    """Points (n, 2) [px] under a homography (3, 3) of pixels."""
+    """Map points (n, 2) [px] by a homography (3, 3)."""
     homogeneous = points @ H[:, :2].T + H[:, 2]
     flat: FloatArray = homogeneous[:, :2] / homogeneous[:, 2:]
     return flat
 
 
 def sensitivity(calibration: StereoCalibration, points: FloatArray) -> FloatArray:
-    """Shift (n, 2, 3) [px/rad] of straightened right points (n, 2) with roll, yaw and pitch of the camera.
+    """Derivative (n, 2, 3) [px/rad] of corrected right points (n, 2) with respect to roll, yaw and pitch.
 
-    A ray r goes over into r + w x r, and its image (x, y) moves by the x and y parts less x and y times the z part.
+    A ray r becomes r + w x r, so its image (x, y) shifts by the x and y parts minus x and y times the z part.
     """
     x = (points[:, 0] - calibration.cx) / calibration.focal_length
     y = (points[:, 1] - calibration.cy) / calibration.focal_length

@@ -1,7 +1,7 @@
 """Calibration of a camera from photographs of a checkerboard, through OpenCV.
 
 Zhang 2000: Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI, 2000, with the lens of
-``sensors.camera.lens``. Sets of photographs that can not give a good calibration are refused, with the reason.
+``sensors.camera.lens``. Sets of photographs that cannot give a good calibration are refused with the reason.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, so3_exp
 
 FEWEST = 8  # photographs: with fewer the distortion follows the noise
-_OUTLIER, _OUTLIER_LEAST = 2.5, 0.3  # an image is dropped beyond so many median errors, and beyond so many px
-ROUNDS = 3  # of dropping
-HIGHEST_ERROR = 1.0  # RMS reprojection error; a flat board and a still camera give a tenth of it [px]
-_CELLS = (8, 4)  # columns and rows of the grid that coverage is counted on
+_OUTLIER, _OUTLIER_LEAST = 2.5, 0.3  # an image is dropped if its error exceeds both: [median errors], [px]
+ROUNDS = 3  # in which images are dropped
+HIGHEST_ERROR = 1.0  # RMS reprojection error; a flat board and a still camera give about 0.1 px [px]
+_CELLS = (8, 4)  # columns and rows of the grid for the coverage
 _LEAST_COVERAGE = 0.5
-_TILTED, _LEAST_TILTED = math.radians(15.0), 3  # boards held so far from frontal, of which some are needed
+_TILTED, _LEAST_TILTED = math.radians(15.0), 3  # angle from frontal, and the number of boards tilted at least so
 _WORST_FOCAL_LENGTH = 0.01  # relative standard deviation of fx and fy
 
 
 class CameraCalibration(NamedTuple):
-    """A camera, how well it is known, and the photographs it rests on."""
+    """Calibrated camera, its uncertainty, and the photographs used."""
 
     camera: CameraModel
     std: FloatArray  # (9,) of fx, fy, cx, cy [px], k1, k2, p1, p2, k3
-    errors: dict[str, float]  # RMS reprojection error of each image that was used [px]
-    dropped: dict[str, str]  # the other images, with the reason
+    errors: dict[str, float]  # RMS reprojection error of each image used [px]
+    dropped: dict[str, str]  # reason by name of each image not used
     corners: FloatArray  # (n, 2) all corners used [px]
     coverage: float  # share of the picture's cells with a corner in them
 
@@ -46,10 +46,10 @@ class CameraCalibration(NamedTuple):
 
 
 def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibration:
-    """The camera that took the photographs.
+    """Calibrate the camera that took the photographs.
 
     Raises:
-        ValueError: one line with what is wrong with the set, and what would help.
+        ValueError: one line with the fault of the set and the remedy.
     """
     size = _common_size(views)
     missing = f"no board of {board.columns}x{board.rows} corners found"
@@ -62,7 +62,7 @@ def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibra
         bad = [(view.name, error) for view, error in zip(used, fit.errors, strict=True) if error > limit]
         if not bad:
             break
-        dropped |= {name: f"error of {error:.2f} px, where others have {usual:.2f} px" for name, error in bad}
+        dropped |= {name: f"error of {error:.2f} px; the median is {usual:.2f} px" for name, error in bad}
         used = [view for view in used if view.name not in dropped]
         _check_count(len(used), len(views), board)
         fit = _fitted(used, size, board)
@@ -80,12 +80,12 @@ def calibrated(views: Sequence[BoardView], board: Checkerboard) -> CameraCalibra
 
 
 def error_limit(errors: FloatArray) -> float:
-    """The error beyond which an image is no use [px]."""
+    """Largest error of an image that is used [px]."""
     return max(_OUTLIER * float(np.median(errors)), _OUTLIER_LEAST)
 
 
 class _Fit(NamedTuple):
-    """What OpenCV makes of the photographs."""
+    """Result of OpenCV's calibration."""
 
     matrix: FloatArray  # (3, 3)
     distortion: FloatArray  # (5,)
@@ -114,17 +114,17 @@ def _fitted(used: Sequence[BoardView], size: tuple[int, int], board: Checkerboar
 
 
 def camera_model(size: tuple[int, int], K: FloatArray, distortion: FloatArray) -> CameraModel:
-    """The camera of OpenCV's K (3, 3) and distortion coefficients."""
+    """Camera model from OpenCV's K (3, 3) and distortion coefficients."""
     k1, k2, p1, p2, k3 = distortion.ravel()[:5].tolist()
     fx, fy, cx, cy = (float(K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return CameraModel(width=size[0], height=size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
 
 
 def corners_of(view: BoardView) -> Corners:
-    """The corners (n, 2) of a photograph that shows the board.
+    """Corners (n, 2) of a photograph.
 
     Raises:
-        ValueError: if it does not.
+        ValueError: if no board was found in it.
     """
     if view.corners is None:
         raise ValueError(f"{view.name}: no board found")
@@ -163,11 +163,11 @@ def _coverage(corners: FloatArray, size: tuple[int, int]) -> float:
 
 
 def _check_quality(fit: _Fit, coverage: float) -> None:
-    """Refuses a set that fits well and still says too little, or does not fit."""
+    """Refuse a set that fits badly, or that determines the camera badly."""
     rms = float(np.sqrt(np.mean(fit.errors**2)))
     if np.count_nonzero(fit.tilts > _TILTED) < _LEAST_TILTED:
         raise ValueError(
-            "the board is held frontally in all images (within 15 deg), from which no focal length can be told; "
+            "the board is held frontally in all images (within 15 deg), which does not determine the focal length; "
             "tilt it by 30 to 45 deg in different directions"
         )
     if rms > HIGHEST_ERROR:

@@ -1,4 +1,4 @@
-"""Calibration of a stereo pair from photographs of a checkerboard that both cameras took at the same moments."""
+"""Calibration of a stereo pair from simultaneous photographs of a checkerboard."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, inverse, orthonormalised, so3_exp, transform
 
-_OF_CENTRES = 0.5  # share of the principal points' errors that turns the pose between the cameras: measured
+_OF_CENTRES = 0.5  # share of the principal points' errors in the rotation between the cameras: measured
 
 
 class StereoFit(NamedTuple):
-    """A stereo pair, and how well it is known."""
+    """Calibrated stereo pair and its uncertainty."""
 
     left: CameraModel
     right: CameraModel
     X_ClCr: FloatArray  # (4, 4)
-    rotation_std: float  # of each angle of X_ClCr, the worst [rad]
+    rotation_std: float  # of the worst angle of X_ClCr [rad]
     position_std: float  # of each coordinate [m]
-    errors: dict[str, float]  # RMS reprojection error of each pair that was used [px]
-    dropped: dict[str, str]  # the other pairs, with the reason
+    errors: dict[str, float]  # RMS reprojection error of each pair used [px]
+    dropped: dict[str, str]  # reason by name of each pair not used
 
     @property
     def rms(self) -> float:
@@ -51,12 +51,12 @@ def calibrated_pair(
     cameras: tuple[CameraCalibration, CameraCalibration],
     board: Checkerboard,
 ) -> StereoFit:
-    """The stereo pair that took the photographs, left and right at the same time and in the same order.
+    """Calibrate the stereo pair that took the photographs, given as pairs in the same order.
 
-    The cameras, each calibrated for itself, are adjusted together with the pose between them: that halves its error.
+    The separately calibrated cameras are refined together with the pose between them, which halves its error.
 
     Raises:
-        ValueError: one line with what is wrong with the set.
+        ValueError: one line with the fault of the set.
     """
     if len(left) != len(right):
         raise ValueError(f"{len(left)} left and {len(right)} right images: they must be pairs, in the same order")
@@ -69,7 +69,7 @@ def calibrated_pair(
             pairs.append(_Pair(a.name, corners_of(a), in_same_order(corners_of(a), corners_of(b))))
     _check_pairs(pairs)
     for _ in range(ROUNDS):
-        fit = _pair_fitted(pairs, cameras, board, cv2.CALIB_FIX_INTRINSIC)  # wrong pairs can not spoil the cameras
+        fit = _pair_fitted(pairs, cameras, board, cv2.CALIB_FIX_INTRINSIC)  # so wrong pairs cannot distort the cameras
         limit = error_limit(fit.errors)
         if (fit.errors <= limit).all():
             break
@@ -93,7 +93,7 @@ def calibrated_pair(
 
 
 class _Pair(NamedTuple):
-    """Corners in two photographs taken at the same time."""
+    """Corners in two simultaneous photographs."""
 
     name: str
     left: Corners
@@ -101,7 +101,7 @@ class _Pair(NamedTuple):
 
 
 class _PairFit(NamedTuple):
-    """What OpenCV makes of the pairs."""
+    """Result of OpenCV's stereo calibration."""
 
     left: CameraModel
     right: CameraModel

@@ -1,4 +1,4 @@
-"""The off-tracking buffer: the hitch's past path in the frame of the trailer, compared with the follow point.
+"""Off-tracking buffer: the past path of the hitch in the trailer frame, compared with the follow point.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018. The paper's trailer frame has x to the right, y forward and psi clockwise; here, with S as in
@@ -6,17 +6,16 @@ Dynamics, 2018. The paper's trailer frame has x to the right, y forward and psi 
 
     x = y_paper,  y = -x_paper,  psi = -psi_paper,  value = -e_tr,  follow_distance = a + b.
 
-Eqs (1) and (2), camera to hitch, are a rigid change of frame, done before
-(``estimators.off_tracking.viso_ot``). Eqs (3) to (5),
-rotations and positions of the past hitch in the current frame, are here one chain of 3-D poses X_OS (O: wherever the
-buffer began), brought into the current S at the end: body roll and pitch then tilt nothing but the plane that the
-path is finally projected on. An increment belongs to the frame it starts from, and the sum of eq. (5) runs over the
-increments between the past frame and now; as printed its summand does not depend on its index.
+Eqs (1) and (2), camera to hitch, are a rigid change of frame, applied before (``estimators.off_tracking.viso_ot``).
+Eqs (3) to (5), rotations and positions of the past hitch in the current frame, are replaced by one chain of 3-D poses
+X_OS (O: frame in which the buffer starts), transformed into the current S at the end. Body roll and pitch then affect
+only the plane of the final projection. An increment belongs to the frame it starts from. The sum of eq. (5) runs over
+the increments between the past frame and now; as printed its summand does not depend on its index.
 
-The path is the track of the hitch while it travels forwards. A hitch that goes back takes it up: what lies ahead of
-the hitch is dropped, and the off-tracking stays the place of the rest of the path beside the follow point. Some way of
-it is kept behind the follow point for that. Forwards again, the path goes on from the hitch. How the hitch is known to
-stand is in ``estimators.off_tracking.standstill``.
+The path is the track of the hitch during forward travel. In reverse the part ahead of the hitch is removed, and the
+off-tracking remains the offset of the rest of the path at the follow point. For that, some path is kept behind the
+follow point. In forward travel the path continues from the hitch. Standstill is detected in
+``estimators.off_tracking.standstill``.
 """
 
 from __future__ import annotations
@@ -47,19 +46,19 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, so3_exp
 from vehicle.polyline import arc_length
 
-REVERSING = 20.0  # for which the path is kept: into a yard, or back for another attempt [m]
-_BEYOND = 1.0  # path kept behind the follow point, for the fit of its tangent [m]
-_FIT = 1.5  # path behind the hitch whose fit gives the hitch's direction [m]
-_LONGEST = 3.0  # path kept, in follow distances; half a circle that just reaches the follow point has pi / 2
+REVERSING = 20.0  # longest reversing manoeuvre that keeps its path: into a yard, or another attempt [m]
+_BEYOND = 1.0  # path kept behind the follow point, for the tangent there [m]
+_FIT = 1.5  # path behind the hitch that its direction is fitted to [m]
+_LONGEST = 3.0  # path kept [follow distances]; half a circle that just reaches the follow point has pi / 2
 _UNKNOWN_ACCELERATION = 2.0  # of a truck while the odometry is lost, 1 sigma: firm braking [m/s2]
-_UNKNOWN_YAW_ACCELERATION = 0.3  # of its trailer: 15 deg/s within 0.9 s [rad/s2]
-_LONGEST_GAP = 1000  # lost for longer, the speed itself is unknown, and the buffer starts again [ticks]
-_LONGEST_REST = 5000  # the same for a trailer that stood before, and stands when it is seen again [ticks]
-# One that stands before and after T seconds may have moved by 0.2 m/s2 T^2 (0.5 m/s2 of pulling away, then braking); of
-# halts of a minute a share T / 60 s ends in that time.
+_UNKNOWN_YAW_ACCELERATION = 0.3  # of its trailer, 1 sigma: 15 deg/s within 0.9 s [rad/s2]
+_LONGEST_GAP = 1000  # after a longer loss the speed is unknown, and the buffer restarts [ticks]
+_LONGEST_REST = 5000  # the same for a trailer at standstill before and after the loss [ticks]
+# A trailer at standstill before and after T seconds may have moved by 0.2 m/s2 T^2 (pulling away at 0.5 m/s2, then
+# braking). Of halts of a minute a share T / 60 s ends in that time.
 _SHIFTED, _HALT = 0.2, 60.0  # [m/s2], [s]
-_SHARPEST = 10.0  # radius on which it may have turned [m]
-_ROLLING = 0.3  # slower, the last motion does not tell in which direction the hitch travels [m/s]
+_SHARPEST = 10.0  # least radius of such a move [m]
+_ROLLING = 0.3  # below it the last motion does not give the direction of travel [m/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,28 +70,28 @@ class BodyMotion:
     X_PC: FloatArray  # (4, 4) pose of the current body in the previous one
     covariance: FloatArray  # (6, 6) of (rotation vector [rad], translation [m]) of X_PC, along the axes of P
     health: Health
-    anchor: Anchor | None = None  # as ``estimates.Motion`` has it, for the body
+    anchor: Anchor | None = None  # as in ``estimates.Motion``, for the body
 
 
 class BufferMemory(NamedTuple):
-    """What the next motion meets."""
+    """Samples of the path and the state of standstill detection and smoother."""
 
     samples: tuple[Sample, ...] = ()  # of the body, newest first
     last: BodyMotion | None = None  # newest that was not lost
-    withheld: Withheld = ()  # at standstill
-    moments: Moments = ()  # of the smoother; none: it begins with the next motion
+    withheld: Withheld = ()  # motions at standstill
+    moments: Moments = ()  # of the smoother; empty: it starts with the next motion
 
 
 class OffTrackingBuffer:
-    """Off-tracking of a trailer from the motion of its body since the hitch passed the follow point."""
+    """Off-tracking of a trailer from the motions of its body."""
 
     def __init__(
         self, follow_distance: float, *, reversing_distance: float = REVERSING, smoothing: bool = False
     ) -> None:
         """A buffer for a follow point ``follow_distance`` [m] behind the hitch, on the trailer's axis.
 
-        The path is kept for a trailer that goes back by ``reversing_distance`` [m]. With ``smoothing`` the motions go
-        through a Kalman filter (``estimators.off_tracking.motion_smoother``).
+        The path is kept for reversing over ``reversing_distance`` [m]. ``smoothing`` turns on a Kalman filter of the
+        motions (``estimators.off_tracking.motion_smoother``).
 
         Raises:
             ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` negative.
@@ -111,9 +110,8 @@ class OffTrackingBuffer:
     def step(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:
         """Buffer with the motion in it, and the off-tracking at its end.
 
-        A lost motion is bridged at the last known velocity. If a later motion starts again at the same
-        ``previous_tick``, it takes the place of the bridge. A motion from a tick that is not in the buffer begins
-        a new path.
+        A lost motion is bridged at the last known velocity. A later motion that starts at the same ``previous_tick``
+        replaces the bridge. A motion from a tick that is not in the buffer starts a new path.
         """
         if motion.health is not Health.LOST:
             memory = _with_motion(memory, motion)
@@ -124,52 +122,52 @@ class OffTrackingBuffer:
             memory = memory._replace(samples=_bridged(memory.samples, motion))
         else:
             memory = BufferMemory((first_sample(motion.tick),))
-        line = self._line(memory.samples)
-        estimate = _estimate(memory.samples, line, motion)
-        return memory._replace(samples=memory.samples[: line.kept]), estimate
+        hitch_path = self._hitch_path(memory.samples)
+        estimate = _estimate(memory.samples, hitch_path, motion)
+        return memory._replace(samples=memory.samples[: hitch_path.kept]), estimate
 
-    def _line(self, samples: tuple[Sample, ...]) -> _Line:
-        """The hitch path as far back as the follow point and the fit of the tangent there can still need it."""
+    def _hitch_path(self, samples: tuple[Sample, ...]) -> _HitchPath:
+        """Hitch path as far back as the follow point and the tangent there need it."""
         all_positions = positions_now(samples)
-        places = np.flatnonzero([sample.on_path for sample in samples])
-        positions = all_positions[places]
+        indices = np.flatnonzero([sample.on_path for sample in samples])
+        positions = all_positions[indices]
         s = arc_length(positions[:, :2])
         passed = crossing(positions[:, :2], s, -self._follow_distance)
         reach = _LONGEST * self._follow_distance if passed is None else passed.s + _BEYOND
-        needed = 2 + int(np.searchsorted(s, reach))  # one more beyond for the cubic
+        needed = 2 + int(np.searchsorted(s, reach))  # one more point for the cubic
         kept = 2 + int(np.searchsorted(s, reach if passed is None else reach + self._reversing_distance))
-        return _Line(
+        return _HitchPath(
             positions=all_positions,
-            places=places[:needed],
+            indices=indices[:needed],
             s=s[:needed],
             passed=passed,
-            kept=int(places[kept]) if kept < len(places) else len(samples),
+            kept=int(indices[kept]) if kept < len(indices) else len(samples),
         )
 
 
-class _Line(NamedTuple):
-    """The hitch path in the newest S."""
+class _HitchPath(NamedTuple):
+    """Hitch path in the newest S."""
 
     positions: FloatArray  # (m, 3) of all samples, newest first [m]
-    places: NDArray[np.intp]  # (n,) which of them the path leads through
+    indices: NDArray[np.intp]  # (n,) indices of the samples on the path
     s: FloatArray  # (n,) length of the chords from the newest point back [m]
-    passed: Crossing | None  # where it passes the follow point
-    kept: int  # how many samples can still be needed
+    passed: Crossing | None  # crossing of the follow point's x
+    kept: int  # number of samples that can still be needed
 
 
-def _estimate(samples: tuple[Sample, ...], line: _Line, motion: BodyMotion) -> OffTracking:
-    path, passed = line.positions[line.places, :2], line.passed
+def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyMotion) -> OffTracking:
+    path, passed = hitch_path.positions[hitch_path.indices, :2], hitch_path.passed
     value, std, health, path_tangent = 0.0, math.inf, Health.LOST, 0.0
     if passed is not None:
-        path_tangent = tangent(path, line.s, passed.s, 0.5 * _FIT).direction
+        path_tangent = tangent(path, hitch_path.s, passed.s, 0.5 * _FIT).direction
         if motion.health is not Health.LOST:
-            crossed = passed._replace(beyond=int(line.places[passed.beyond]))
+            crossed = passed._replace(beyond=int(hitch_path.indices[passed.beyond]))
             links = links_between(samples, crossed.beyond)
-            value, std = passed.y, lateral_std(samples, links, line.positions, crossed, path_tangent)
+            value, std = passed.y, lateral_std(samples, links, hitch_path.positions, crossed, path_tangent)
             doubtful = any(samples[link.end].doubtful for link in links)
             health = Health.DEGRADED if doubtful else Health.OK
     v_x, v_y, yaw_rate = _velocity(motion)
-    at_hitch = _hitch_tangent(path, line.s, [samples[place].joined for place in line.places], v_x, v_y)
+    at_hitch = _hitch_tangent(path, hitch_path.s, [samples[index].joined for index in hitch_path.indices], v_x, v_y)
     return OffTracking(
         tick=motion.tick,
         value=value,
@@ -186,7 +184,7 @@ def _estimate(samples: tuple[Sample, ...], line: _Line, motion: BodyMotion) -> O
 
 
 def _hitch_tangent(path: FloatArray, s: FloatArray, joined: list[bool], v_x: float, v_y: float) -> Tangent:
-    """Where the hitch travels, and how this turns: by the path, which only tells as far back as it was last cut."""
+    """Direction of travel of the hitch and its curvature, from the path since it was last cut."""
     fresh = joined.index(True) + 1 if True in joined else len(joined)
     if s[fresh - 1] >= _FIT or math.hypot(v_x, v_y) < _ROLLING:
         fresh = len(joined)
@@ -197,7 +195,7 @@ def _hitch_tangent(path: FloatArray, s: FloatArray, joined: list[bool], v_x: flo
 
 
 def _with_motion(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
-    """The samples up to the motion's start, and its end."""
+    """Memory with the samples up to the motion's start, and its end."""
     keyframe = None if motion.anchor is None else motion.anchor.tick
     doubtful = motion.health is not Health.OK
     seamless = memory.last is not None and memory.last.tick == motion.previous_tick
@@ -215,7 +213,7 @@ def _with_motion(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
 
 
 def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
-    """Memory with samples and the newest motion as the smoother has them; at standstill it has nothing to say."""
+    """Memory with smoothed samples and newest motion; unchanged at standstill."""
     if memory.withheld:
         return memory
     span = (motion.tick - motion.previous_tick) * TICK
@@ -232,7 +230,7 @@ def _smoothed(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
 
 
 def _after_rest(samples: tuple[Sample, ...], since: int, until: int, stands: bool) -> tuple[Sample, ...]:
-    """The samples of a trailer that stood at the tick ``since`` and was lost from then until it is seen again."""
+    """Samples of a trailer that stood at the tick ``since`` and was lost from then to the tick ``until``."""
     if not stands:
         return up_to(samples, until) if until - since <= _LONGEST_GAP else (first_sample(until),)
     blind = (until - since) * TICK
@@ -242,18 +240,18 @@ def _after_rest(samples: tuple[Sample, ...], since: int, until: int, stands: boo
 
 
 def _longest_gap(memory: BufferMemory) -> int:
-    """For how long the path is kept without a motion [ticks]."""
+    """Longest loss that keeps the path [ticks]."""
     return _LONGEST_REST if memory.withheld else _LONGEST_GAP
 
 
 def _bridged(samples: tuple[Sample, ...], bridge: BodyMotion) -> tuple[Sample, ...]:
-    """The samples with the end of a bridge; its start is kept, as it may be needed again."""
+    """Samples with the end of a bridge; its start is kept for a motion that replaces the bridge."""
     increment = UncertainMotion(bridge.X_PC, bridge.covariance)
     return extended(up_to(samples, bridge.previous_tick), bridge.tick, increment, doubtful=True, keep_start=True)
 
 
 def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
-    """What the lost motion was if the velocity has not changed since the last one, as uncertain as that is."""
+    """Motion at the velocity of the last one in place of a lost motion, with the uncertainty of that guess."""
     span = (lost.tick - lost.previous_tick) * TICK
     since = (lost.tick - last.tick) * TICK
     ratio = (lost.tick - lost.previous_tick) / (last.tick - last.previous_tick)
@@ -271,5 +269,5 @@ def _velocity(motion: BodyMotion) -> tuple[float, float, float]:
     """v_x, v_y [m/s] along the axes of S and yaw rate [rad/s], constant over the motion."""
     span = (motion.tick - motion.previous_tick) * TICK
     turn = rotation_vector(motion.X_PC[:3, :3])
-    v = so3_exp(-0.5 * turn) @ motion.X_PC[:3, 3] / span  # the chord lies half-way between the axes of P and C
+    v = so3_exp(-0.5 * turn) @ motion.X_PC[:3, 3] / span  # the chord is halfway between the axes of P and C
     return float(v[0]), float(v[1]), float(turn[2] / span)

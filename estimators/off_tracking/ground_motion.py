@@ -1,9 +1,9 @@
-"""The planar motion of a trailer from the ground that its cameras saw twice, whatever their common small tilt is.
+"""Planar motion of a trailer from ground features in two frames, with the common small tilt of its cameras.
 
-A camera tilted against the ground sees it with converging lines: a place at r from the middle of the view appears at
-r + r (k . r), k being the tilt over the height. Between two views at a distance d that looks like the shear d k^T,
-half of which the best rotation would take for a turn: 0.07 deg of roll at 1 m of height make 1 deg over 14 m. So k
-[1/m] is estimated with every motion.
+A camera tilted against the ground distorts it by perspective: a point at r from the centre of the view appears at
+r + r (k . r), with k the tilt over the height. Between two views at a distance d this acts as the shear d k^T. A fit
+without k takes half of it for a rotation: 0.07 deg of roll at 1 m of height cause 1 deg over 14 m. So k [1/m] is
+estimated with every motion.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from estimators.off_tracking.planar_fit import FINEST, UPRIGHT, Pairs, planar_mo
 from estimators.rigid_motion import UncertainMotion
 from vehicle.frames import FloatArray, so3_exp
 
-_ITERATIONS = 2  # from the rigid fit, which is off by a thousandth
-_TILT = 0.03  # k of a trailer whose body rolls by 2 deg with cameras 1 m up, 1 sigma [1/m]
-_NOISE = 1e-3  # of a place on the ground, half a pixel; weighs that prior [m]
-_CORRELATION = 2.0  # errors of neighbours are not independent; with it the normalised error of motions is about 1
-_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # by a right angle to the left
+_ITERATIONS = 2  # from the rigid fit, which has an error of 0.1 %
+_TILT = 0.03  # k at a roll of 2 deg with cameras 1 m above the ground, 1 sigma [1/m]
+_NOISE = 1e-3  # error of a point on the ground, half a pixel; weight of that prior [m]
+_CORRELATION = 2.0  # factor for correlated errors of neighbours: the normalised error of motions is then about 1
+_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # rotation by +90 deg
 
 
 class GroundMotion(NamedTuple):
-    """A motion X_PC of the body, and how far the cameras disagree about it."""
+    """Motion X_PC of the body, and the disagreement of the cameras about it."""
 
     motion: UncertainMotion
     disagreement: float  # between the mean residuals of the cameras; 0 with one camera [m]
 
 
 def ground_motion(seen: Sequence[tuple[Pairs, FloatArray]]) -> GroundMotion:
-    """The motion that fits what each camera saw before and now, given with the middle (2,) of its view in S [m]."""
+    """Least-squares motion for the pairs of each camera, given with the centre (2,) of its view in S [m]."""
     together = pooled(*(pairs for pairs, _ in seen))
     middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in seen])
     p, q = together.first, together.second
@@ -42,7 +42,7 @@ def ground_motion(seen: Sequence[tuple[Pairs, FloatArray]]) -> GroundMotion:
     for _ in range(_ITERATIONS):
         turned = q @ R.T
         from_middle, then = p - middles, (q - middles) @ R.T
-        slant = _outer(from_middle, from_middle) - _outer(then, q - middles)  # times k: the shift by the tilt
+        slant = _outer(from_middle, from_middle) - _outer(then, q - middles)  # times k: shift by the tilt
         residual = p - turned - t - slant @ k
         J = np.concatenate([(turned @ _TURN.T)[:, :, None], np.broadcast_to(np.eye(2), slant.shape), slant], axis=2)
         A = J.reshape(-1, 5)
@@ -62,13 +62,13 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _stretches(seen: Sequence[tuple[Pairs, FloatArray]]) -> list[tuple[int, int]]:
-    """First row of each camera's pairs and the one behind its last."""
+    """First row of each camera's pairs and the row after its last."""
     ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in seen)]).tolist()
     return list(pairwise(ends))
 
 
 def _covariance(residual: FloatArray, normal: FloatArray, disagreement: float) -> FloatArray:
-    """Covariance (6, 6): that of the fit, and what cameras disagree about may be wrong with either of them."""
+    """Covariance (6, 6) of the fit, plus the disagreement of the cameras."""
     variance = _CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / (2 * len(residual) - 5))
     covariance = UPRIGHT * np.eye(6)
     covariance[2:5, 2:5] = variance * np.linalg.inv(normal)[:3, :3]

@@ -1,13 +1,13 @@
-"""Ground-watching off-tracking: where the front camera saw the ground that the rear camera now sees.
+"""Ground-watching off-tracking: the rear camera recognises ground that the front camera saw before.
 
 Miao's system as de Saxe 2018, section 1.2, describes it (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking
-using visual odometry", Vehicle System Dynamics, 2018). Two downward cameras under the trailer, one near the fifth
-wheel and one near the follow point: the motion between frames is that of the ground in both images, and fills the
-buffer; once the rear camera comes over ground that the front camera has seen, matching the two images gives the pose
-of the trailer then in the trailer now, and with it the hitch's path beside the follow point, free of the motion's
-drift. With one camera, or where the rear camera sees other ground, the motion alone has to do.
+using visual odometry", Vehicle System Dynamics, 2018). Two downward cameras sit under the trailer, one near the fifth
+wheel and one near the follow point. The motion of the ground in both images between frames fills the buffer. When the
+rear camera passes over ground that the front camera has seen, matching the two images gives the past pose of the
+trailer in the current one, and with it the hitch's path at the follow point without drift. With one camera, or where
+the rear camera sees other ground, the motion alone is used.
 
-Assumed, as in the original: a plane, rigid ground, and cameras that keep their height and attitude over it.
+Assumed, as in the original: plane, rigid ground, and cameras at constant height and attitude.
 """
 
 from __future__ import annotations
@@ -27,53 +27,53 @@ from estimators.off_tracking.hitch_path import crossing, tangent
 from estimators.off_tracking.path_closure import closed
 from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, positions_now
-from estimators.rigid_motion import UncertainMotion, rotation_vector, seen_from
+from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse
 from vehicle.option import Option
 from vehicle.polyline import arc_length
 
-_STILL = 5e-4  # a motion of less is a standstill: views are kept, so that their noise does not add up [m]
-_LONGEST_SPAN = 500  # between two frames; a truck has then gone on beyond what it saw [ticks]
-_OVERLAP = 0.75  # of an image's length; places farther apart leave too little in common
-_MISTAKEN = (0.5, math.radians(10.0))  # a closure this far from where the motion leads is one [m, rad]
-_TILT = 0.003  # 1 sigma of where a camera 1 m up looks, as the body rolls by 0.2 deg from one view to the other [m]
-_DISAGREEING = 0.015  # rigid cameras over level ground agree to a fraction of a millimetre, over a bad road to 8 mm [m]
-_SUBSIDES = 0.9  # share of the unrest that is left from one frame to the next: a body sways for about a second
-_LONGER = 2.0  # views seconds apart differ more in attitude than those of two frames: on a road of class C about so
-_LASTS = 2.0  # way on which a closure keeps the path good enough [m]
+_STILL = 5e-4  # below it the trailer stands: views are kept, so that noise does not accumulate [m]
+_LONGEST_SPAN = 500  # longest loss; after it the views no longer overlap [ticks]
+_OVERLAP = 0.75  # largest offset of two views, as a share of the image's length
+_MISTAKEN = (0.5, math.radians(10.0))  # a closure this far from the prediction is a mistake [m, rad]
+_TILT = 0.003  # error on the ground by 0.2 deg of roll between two views, camera 1 m above it, 1 sigma [m]
+_DISAGREEING = 0.015  # of the cameras, for degraded health; level ground: below 1 mm, bad road: up to 8 mm [m]
+_SUBSIDES = 0.9  # decay of the unrest per frame: a body sways for about a second
+_LONGER = 2.0  # attitude change of views seconds apart over that of two frames, on a road of class C
+_LASTS = 2.0  # distance for which a closure keeps the path accurate enough [m]
 
 
 class Views(NamedTuple):
-    """What both cameras saw at one time; the rear one is not used with a single camera."""
+    """Views of both cameras at one time; without the rear one for a single camera."""
 
     front: GroundView
     rear: GroundView | None
 
 
 class Closure(NamedTuple):
-    """The pose of a past trailer in the present one, from its front and the present rear view."""
+    """Pose of the past trailer in the current one, from its front view and the current rear view."""
 
-    sample: int  # index of the past trailer's
+    sample: int  # index of the past pose
     motion: UncertainMotion  # X_CK
 
 
 class GroundMemory(NamedTuple):
-    """What the next frame is compared with."""
+    """Buffer, reference views and state of the closure."""
 
     buffer: BufferMemory
     tick: int = 0  # of the newest frame that was not lost
-    views: Views | None = None  # of that frame, or of the one in which the trailer came to a standstill
+    views: Views | None = None  # of that frame, or of the last one before a standstill
     passed: tuple[tuple[int, GroundView], ...] = ()  # front views along the path, newest first
-    heading: float = 0.0  # how far the trailer has turned since the first frame [rad]
-    yaw: float = 0.0  # of that in the last motion, the guess for the next one [rad]
-    since: float = math.inf  # way since the last closure [m]
-    unrest: float = 0.0  # how far the cameras disagree as the body moves on its springs, of late [m]
+    heading: float = 0.0  # yaw of the trailer since the first frame [rad]
+    yaw: float = 0.0  # yaw of the last motion, the guess for the next one [rad]
+    since: float = math.inf  # distance since the last closure [m]
+    unrest: float = 0.0  # recent disagreement of the cameras, as the body moves on its suspension [m]
 
 
 class GroundWatching:
-    """Off-tracking from two cameras that watch the ground under the trailer."""
+    """Off-tracking from two downward cameras under the trailer."""
 
     sensor: ClassVar[str] = "ground_cameras"
     options: ClassVar[tuple[Option, ...]] = ()
@@ -102,17 +102,17 @@ class GroundWatching:
         return GroundMemory(self._buffer.init())
 
     def step(self, memory: GroundMemory, frame: StereoFrame) -> tuple[GroundMemory, CameraOffTracking | None]:
-        """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
+        """Memory with the frame in it, and the off-tracking at its capture; None for the first frame."""
         views = self._viewed(frame, memory.heading + memory.yaw)
         if memory.views is None:
             return memory._replace(tick=frame.tick, views=views, passed=((frame.tick, views.front),)), None
-        seen = [paired(before, now) for before, now in zip(memory.views, views, strict=True) if before and now]
-        usable = [(pairs, middle) for pairs, middle in zip(seen, self._middles, strict=False) if pairs.enough]
+        matched = [paired(before, now) for before, now in zip(memory.views, views, strict=True) if before and now]
+        usable = [(pairs, middle) for pairs, middle in zip(matched, self._middles, strict=False) if pairs.enough]
         if not usable:
-            return self._lost(memory, frame.tick, views, seen)
+            return self._lost(memory, frame.tick, views, matched)
         moved = ground_motion(usable)
         still = float(np.linalg.norm(moved.motion.X[:2, 3])) < _STILL
-        agreed = len(usable) == len(seen) and moved.disagreement < _DISAGREEING
+        agreed = len(usable) == len(matched) and moved.disagreement < _DISAGREEING
         body = BodyMotion(
             tick=frame.tick,
             previous_tick=memory.tick,
@@ -122,18 +122,18 @@ class GroundWatching:
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, body)
         unrest = max(moved.disagreement, _SUBSIDES * memory.unrest)
-        memory = _moved_on(memory, frame.tick, views, body.X_PC)._replace(buffer=buffer, unrest=unrest)
+        memory = _advanced(memory, frame.tick, views, body.X_PC)._replace(buffer=buffer, unrest=unrest)
         memory, off_tracking = self._closed(memory, views, off_tracking)
-        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, seen))
+        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(body, matched))
 
     def _viewed(self, frame: StereoFrame, heading: float) -> Views:
         front, rear = self._cameras
         return Views(viewed(front, frame.left, heading), None if self._single else viewed(rear, frame.right, heading))
 
     def _lost(
-        self, memory: GroundMemory, tick: int, views: Views, seen: list[Pairs]
+        self, memory: GroundMemory, tick: int, views: Views, matched: list[Pairs]
     ) -> tuple[GroundMemory, CameraOffTracking]:
-        """The frame shows nothing of the one before; it is passed over, or if that is too long ago begins anew."""
+        """Lost frame: it is skipped, or restarts the views after a long loss."""
         lost = BodyMotion(
             tick=tick,
             previous_tick=memory.tick,
@@ -145,12 +145,12 @@ class GroundWatching:
         memory = memory._replace(buffer=buffer)
         if tick - memory.tick >= _LONGEST_SPAN:
             memory = memory._replace(tick=tick, views=views, yaw=0.0, since=math.inf)
-        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(lost, seen))
+        return memory, CameraOffTracking(off_tracking=off_tracking, motion=self._message(lost, matched))
 
     def _closed(
         self, memory: GroundMemory, views: Views, off_tracking: OffTracking
     ) -> tuple[GroundMemory, OffTracking]:
-        """The buffer and the off-tracking put right by what front and rear camera both saw, if they did."""
+        """Buffer and off-tracking after a closure, if there is one."""
         samples = memory.buffer.samples
         closure = self._closure(samples, memory.passed, views.rear) if views.rear else None
         if closure is None:
@@ -164,7 +164,7 @@ class GroundWatching:
     def _closure(
         self, samples: tuple[Sample, ...], passed: tuple[tuple[int, GroundView], ...], rear: GroundView
     ) -> Closure | None:
-        """The match of the rear view with the front view that was taken nearest to it; None if there is none."""
+        """Match of the rear view with the front view taken nearest to it; None without one."""
         index_of = {sample.tick: index for index, sample in enumerate(samples)}
         X_CW = inverse(samples[0].X_OS)
         front, rear_camera = (camera.X_SC[:3, 3] for camera in self._cameras)
@@ -187,33 +187,33 @@ class GroundWatching:
         shift = float(np.linalg.norm(measured.X[:2, 3] - X_CK[:2, 3]))
         return None if shift > _MISTAKEN[0] or turn > _MISTAKEN[1] else Closure(index, measured)
 
-    def _message(self, body: BodyMotion, seen: list[Pairs]) -> Motion:
-        """The body's motion as that of the front camera, for the log."""
+    def _message(self, body: BodyMotion, matched: list[Pairs]) -> Motion:
+        """Motion of the front camera, for the log."""
         motion = UncertainMotion(body.X_PC, body.covariance)
         if body.health is not Health.LOST:
-            motion = seen_from(inverse(self._X_SC), motion)
+            motion = change_frame(inverse(self._X_SC), motion)
         return Motion(
             tick=body.tick,
             previous_tick=body.previous_tick,
             X_PC=motion.X,
             covariance=motion.covariance,
-            matches=sum(pairs.matches for pairs in seen),
-            inliers=sum(len(pairs.first) for pairs in seen),
+            matches=sum(pairs.matches for pairs in matched),
+            inliers=sum(len(pairs.first) for pairs in matched),
             health=body.health,
-            tracks=np.column_stack([self._cameras[0].in_image(places) for places in seen[0][:2]]).astype(np.float32),
+            tracks=np.column_stack([self._cameras[0].in_image(p_S) for p_S in matched[0][:2]]).astype(np.float32),
         )
 
 
 class SingleGroundWatching(GroundWatching):
-    """The variant with the front camera alone, for off-tracking that two cameras can not span."""
+    """Ground-watching with the front camera alone, by its motion without closure."""
 
     _single = True
 
 
-def _moved_on(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -> GroundMemory:
-    """The memory at the new frame; views of a standstill are kept as they are."""
-    way = float(np.linalg.norm(X_PC[:2, 3]))
-    if way == 0.0:
+def _advanced(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -> GroundMemory:
+    """Memory advanced to the new frame; at standstill the views are kept."""
+    distance = float(np.linalg.norm(X_PC[:2, 3]))
+    if distance == 0.0:
         return memory._replace(tick=tick, yaw=0.0)
     yaw = math.atan2(X_PC[1, 0], X_PC[0, 0])
     oldest = memory.buffer.samples[-1].tick if memory.buffer.samples else tick
@@ -224,14 +224,14 @@ def _moved_on(memory: GroundMemory, tick: int, views: Views, X_PC: FloatArray) -
         passed=((tick, views.front), *passed),
         heading=memory.heading + yaw,
         yaw=yaw,
-        since=memory.since + way,
+        since=memory.since + distance,
     )
 
 
 def _remeasured(
     samples: tuple[Sample, ...], closure: Closure, follow_distance: float, off_tracking: OffTracking, unrest: float
 ) -> OffTracking:
-    """The off-tracking on the corrected path, with the uncertainty of the closure and of where the cameras looked."""
+    """Off-tracking on the corrected path, with the uncertainty of the closure and of the cameras' attitude."""
     path = positions_now(samples)[:, :2]
     s = arc_length(path)
     passed = crossing(path, s, -follow_distance)

@@ -1,4 +1,4 @@
-"""Geometry of a sampled path in the trailer frame S: where it passes a distance, and which way it runs there.
+"""Geometry of a sampled path in the trailer frame S: crossings of a given x, tangents and curvature.
 
 Paths are (n, 2) [m], newest point first; s is the length of the chords from the newest point back [m].
 """
@@ -11,17 +11,17 @@ import numpy as np
 
 from vehicle.frames import FloatArray
 
-_LEAST_POINTS = 5  # two more than a parabola has coefficients, so that noise of single points averages out
+_LEAST_POINTS = 5  # two more than the coefficients of a parabola, to average the noise
 _BISECTIONS = 40  # a metre to 1e-12 m
-_LEAST_SPAN = 0.1  # shorter pieces carry the direction of the noise, not of the path [m]
+_LEAST_SPAN = 0.1  # shorter pieces show the direction of the noise, not of the path [m]
 
 
 class Crossing(NamedTuple):
-    """Where the path passes a given x."""
+    """Crossing of the path with a given x."""
 
     s: float  # [m]
     y: float  # [m]
-    beyond: int  # index of the first point behind it
+    beyond: int  # index of the first point beyond it
 
 
 class Tangent(NamedTuple):
@@ -32,13 +32,13 @@ class Tangent(NamedTuple):
 
 
 def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
-    """The most recent crossing of x from ahead, on the cubic through the four points around it; None if none.
+    """Most recent crossing of x from ahead, on the cubic through the four points around it; None without one.
 
     The chord between the two points, as printed in de Saxe 2018, eq. 7, would cost 2 mm RMS at R = 12 m.
     """
     beyond = path[:, 0] <= x  # de Saxe 2018, eq. 6
     index = int(np.argmax(beyond))
-    if index == 0:  # nothing beyond x, or the hitch itself is
+    if index == 0:  # no point beyond x, or the hitch itself is beyond
         return None
     around = slice(max(index - 2, 0), index + 2)
     origin = s[index - 1]
@@ -48,7 +48,7 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
 
 
 def _falls_to(coefficients: FloatArray, value: float, end: float) -> float:
-    """Where in (0, ``end``) the polynomial falls to the value, by bisection: rounding at the ends cannot upset it."""
+    """Argument in (0, ``end``) at which the polynomial falls to the value, by bisection: safe against rounding."""
     low, high, powers = 0.0, end, coefficients.tolist()
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -62,8 +62,8 @@ def _falls_to(coefficients: FloatArray, value: float, end: float) -> float:
 def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent:
     """Tangent at s = ``at`` of the least-squares parabola through the points within ``reach`` of it.
 
-    A parabola has no bias on a circle, and a metre or two of path averages out the noise of single points. A path
-    too short to tell has direction and curvature 0.
+    A parabola is unbiased on a circle, and one or two metres of path average the noise of single points. For a path
+    that is too short, direction and curvature are 0.
     """
     distance = np.abs(s - at)
     near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[:_LEAST_POINTS][-1])))

@@ -1,10 +1,10 @@
-"""Off-tracking as it would be if the tractor's rear axle did not slip: no camera, only signals of the combination.
+"""Off-tracking by kinematics without slip at the tractor's rear axle: no camera, only signals of the combination.
 
 The conventional estimate of a path-following trailer (Q. Cheng and colleagues, as de Saxe 2018 reports it: tractor
-speed and steer angle, articulation and trailer yaw rate); their equations are not published there, these are derived.
-The tractor's rear axle goes where the tractor points, and its steer angle says how the tractor turns; that is the
-velocity of its hitch. Seen along a unit behind, at the measured articulation, it leads this unit, whose gyro says how
-it turns. Wherever the tyres do slip, on a cross-fall or ice, the path is seen askew by the slip angle.
+speed and steer angle, articulation and trailer yaw rate). Their equations are not published there; these are derived.
+The tractor's rear axle travels along the tractor's axis, and the steer angle gives the yaw rate; together they give the
+velocity of its hitch. The measured articulation transforms it into the axes of the next unit, whose gyro measures its
+yaw rate. Where tyres slip, on a cross-fall or ice, the path is rotated by the slip angle.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018.
@@ -26,18 +26,18 @@ from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 from vehicle.option import Option
 
-_PUBLISHED = 100  # as often as a camera would [ticks]
-_LONGEST_GAP = 500  # without signals for longer, the way between them is not known [ticks]
-_SLOWEST = 0.5  # slower, the errors that last are still those of this speed [m/s]
+_PUBLISHED = 100  # output period, as of a camera [ticks]
+_LONGEST_GAP = 500  # longest gap between signals; after it the path restarts [ticks]
+_SLOWEST = 0.5  # least speed in the error model [m/s]
 
-# Standard deviations of what stays the same along the whole path, slip left out: it is taken not to be.
+# Standard deviations of constant errors along the whole path; slip is neglected.
 _YAW_RATE = math.radians(0.1)  # assumed: a vehicle gyro's bias [rad/s]
 _DIRECTION = math.radians(0.15)  # assumed: articulation and steer sensors' bias [rad]
 _SPEED_SCALE = 0.005  # assumed: of wheel speeds [-]
 
 
-class _Led(NamedTuple):
-    """How the hitch of a unit moves along the unit's axes, and how the unit turns."""
+class _HitchMotion(NamedTuple):
+    """Velocity of a unit's hitch along the unit's axes, and the unit's yaw rate."""
 
     v_x: float  # [m/s]
     v_y: float  # [m/s]
@@ -45,16 +45,16 @@ class _Led(NamedTuple):
 
 
 class KinematicMemory(NamedTuple):
-    """The last signals, the way since the last estimate, and the buffer."""
+    """Last signals, motion since the last estimate, and the buffer."""
 
     last: CombinationSignals | None
     since: int  # tick of the last estimate
-    moved: Pose2  # the trailer in its frame then
+    moved: Pose2  # pose of the trailer in its frame at that tick
     buffer: BufferMemory
 
 
 class KinematicOffTracking:
-    """The off-tracking of one trailer under the assumption that the tractor's rear axle does not slip."""
+    """Off-tracking of one trailer, assuming no slip at the tractor's rear axle."""
 
     sensor: ClassVar[str] = "combination_signals"
     options: ClassVar[tuple[Option, ...]] = ()
@@ -82,7 +82,7 @@ class KinematicOffTracking:
         return KinematicMemory(None, 0, Pose2(0.0, 0.0, 0.0), self._buffer.init())
 
     def step(self, memory: KinematicMemory, signals: CombinationSignals) -> tuple[KinematicMemory, OffTracking | None]:
-        """Memory with the signals in it, and the off-tracking at their tick when it is time for a new one."""
+        """Memory with the signals in it, and the off-tracking at their tick if a new one is due."""
         if memory.last is None or signals.tick - memory.last.tick > _LONGEST_GAP:
             return KinematicMemory(signals, signals.tick, Pose2(0.0, 0.0, 0.0), self._buffer.init()), None
         moved = memory.moved @ self._step(memory.last, signals)
@@ -93,35 +93,36 @@ class KinematicOffTracking:
         return KinematicMemory(signals, signals.tick, Pose2(0.0, 0.0, 0.0), buffer), off_tracking
 
     def _step(self, before: CombinationSignals, now: CombinationSignals) -> Pose2:
-        """The unit now in its frame before: at the mean velocities, along the axes half-way."""
+        """Pose of the unit in its previous frame, from mean velocities along the axes halfway."""
         dt = (now.tick - before.tick) * TICK
-        v_x, v_y, yaw_rate = (0.5 * (a + b) for a, b in zip(self._led(before), self._led(now), strict=True))
+        ends = self._hitch_motion(before), self._hitch_motion(now)
+        v_x, v_y, yaw_rate = (0.5 * (a + b) for a, b in zip(*ends, strict=True))
         turned = yaw_rate * dt
         c, s = math.cos(0.5 * turned), math.sin(0.5 * turned)
         return Pose2(dt * (c * v_x - s * v_y), dt * (s * v_x + c * v_y), turned)
 
-    def _led(self, signals: CombinationSignals) -> _Led:
-        """The motion of the unit's hitch without slip at the tractor's rear axle."""
+    def _hitch_motion(self, signals: CombinationSignals) -> _HitchMotion:
+        """Motion of the unit's hitch without slip at the tractor's rear axle."""
         turning = [signals.speed * math.tan(signals.steer) / self._wheelbase, *signals.yaw_rates[1:].tolist()]
         v_x, v_y = signals.speed, 0.0
         for hitch_x, yaw_rate, gamma in zip(self._hitches, turning, signals.articulation.tolist(), strict=False):
             v_y += yaw_rate * hitch_x
             c, s = math.cos(gamma), math.sin(gamma)
             v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-        return _Led(v_x, v_y, turning[self._unit])
+        return _HitchMotion(v_x, v_y, turning[self._unit])
 
     def _motion(self, since: int, tick: int, moved: Pose2) -> BodyMotion:
-        """The motion for the buffer, whose errors it takes to be independent.
+        """Motion for the buffer, which assumes independent errors.
 
-        An error b that lasts has grown to b L after the way L to the follow point. Steps of ds get the variance
-        b^2 L ds each, so that independent ones add up to as much. The buffer takes a share of them in common, which
-        makes half as much again of it, on the safe side.
+        A constant error b grows to b L over the distance L to the follow point. Steps of ds get the variance b^2 L ds
+        each, so that independent errors have the same sum. The buffer's common share of the errors makes the result
+        1.5 times as large, on the safe side.
         """
-        way, length = math.hypot(moved.x, moved.y), self._follow_distance
+        distance, length = math.hypot(moved.x, moved.y), self._follow_distance
         dt = (tick - since) * TICK
-        per_metre = _YAW_RATE / max(way / dt, _SLOWEST)  # of yaw [rad/m]
-        yaw = per_metre**2 * length * way
-        along, across = _SPEED_SCALE**2 * length * way, _DIRECTION**2 * length * way
+        per_metre = _YAW_RATE / max(distance / dt, _SLOWEST)  # of yaw [rad/m]
+        yaw = per_metre**2 * length * distance
+        along, across = _SPEED_SCALE**2 * length * distance, _DIRECTION**2 * length * distance
         return BodyMotion(
             tick=tick,
             previous_tick=since,

@@ -1,4 +1,4 @@
-"""The standard deviation of the off-tracking, from the errors of the measurements along the path."""
+"""Standard deviation of the off-tracking from the errors of the measurements along the path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from estimators.off_tracking.hitch_path import Crossing
 from estimators.off_tracking.pose_chain import Link, Sample
 from vehicle.frames import FloatArray
 
-# Share of the variance that all measurements have in common. With it the normalised error of the off-tracking on
+# Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
 # rendered frames has an RMS of 0.5 to 1.0 with scenery and 1.0 to 1.7 on bare ground; without it 1.1 to 1.9 and 1.8 to
 # 2.1 (circular matching).
 _COMMON = 0.04
@@ -26,10 +26,10 @@ def lateral_std(
 ) -> float:
     """Standard deviation [m] of the path's y at the crossing, from the errors of the measurements that lead there.
 
-    With an error (d_theta, d_p) in the measurement that ends at p_i, the older path moves by -(d_theta x r + d_p),
-    r being its position from p_i: along the normal n of the path, -(d_theta . (r x n) + d_p . n). The one in which
-    the crossing falls counts in full. Errors are independent but for a share of their variance that is common to all
-    of them, constant along the axes of the body: the odometry's slowly changing bias.
+    An error (d_theta, d_p) in the measurement that ends at p_i moves the older path by -(d_theta x r + d_p), with r its
+    position from p_i; along the normal n of the path this is -(d_theta . (r x n) + d_p . n). The measurement that
+    contains the crossing counts in full. Errors are independent except for a common share of their variance, constant
+    in the axes of the body: the odometry's slowly varying bias.
     """
     ends = [link.end for link in links]
     R_CO = samples[0].X_OS[:3, :3].T

@@ -1,18 +1,18 @@
-"""A Kalman filter of a trailer's planar motion, with a lag for the path behind the trailer and none for the trailer.
+"""Fixed-lag Kalman smoother of a trailer's planar motion: the past path is smoothed, the newest pose is filtered.
 
 de Saxe 2018 (C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics,
 2018) asks for a Kalman filter that smooths the off-tracking. Successive values of it share all but two of their
-motions: their errors are a random walk over the way, forgotten after the trailer's length, and no filter that takes
-them for white noise can be right. The errors of the motions are white, so it is those that are filtered: velocities
-(yaw, x, y) at constant acceleration but for white jerk, in the axes of the trailer. What the past velocities were is
-estimated again with every motion that follows (Rauch, Tung and Striebel's smoother), so the path beside the follow
-point is smoothed from both sides; the newest pose is filtered, which at constant acceleration does not lag.
+motions. Their errors are a random walk over the distance, forgotten after the trailer's length, so a filter that
+assumes white noise on them is wrong. The errors of the motions are white, so the motions are filtered: velocities (yaw,
+x, y) in the axes of the trailer, at constant acceleration with white jerk. Past velocities are re-estimated with every
+later motion (Rauch-Tung-Striebel smoother), so the path at the follow point is smoothed from both sides. The newest
+pose is filtered, which has no lag at constant acceleration.
 
-State: offset of the pose from the measured one, velocity, acceleration; three of each. Measured from frame to frame,
-the measured pose walks away from the true one: a motion's error is process noise of the offset. Measured from a
-keyframe, the pose errs anew with every frame: the offset is then what is measured.
+State: offset of the pose from the measured one, velocity, acceleration; three components each. With measurements from
+frame to frame the measured pose drifts: a motion's error is process noise of the offset. With measurements from a
+keyframe each pose has its own error: the offset is then the measurement.
 
-A motion far from what the velocities let expect counts for next to nothing, unless the one after it is so as well.
+A motion far from its prediction gets almost no weight, unless the next one is far off as well.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ import numpy as np
 from estimators.rigid_motion import UncertainMotion, chained, rotation_vector
 from vehicle.frames import FloatArray, so3_exp, transform
 
-_LAG = 8  # motions that are estimated again; at 10 Hz what follows later says nothing more of them
+_LAG = 8  # motions that are re-estimated; at 10 Hz later ones add no information
 # White jerk as a density, along yaw [rad/s3/sqrt(Hz)], x and y [m/s3/sqrt(Hz)].
 _JERK = np.array([0.05, 1.5, 0.4])
-_START = np.array([0.3, 3.0, 1.0])  # standard deviation of the acceleration at first [rad/s2], [m/s2]
+_START = np.array([0.3, 3.0, 1.0])  # initial standard deviation of the acceleration [rad/s2], [m/s2]
 _GATE = 16.27  # squared normalised innovation of three components: 99.9 %
-_DISBELIEVED = 1e4  # times the covariance of an outlier
-_LEAST = np.diag([1e-7, 1e-6, 1e-6]) ** 2  # exact motions have no covariance: rounding [rad, m]
+_DISBELIEVED = 1e4  # factor on the covariance of an outlier
+_LEAST = np.diag([1e-7, 1e-6, 1e-6]) ** 2  # of motions with zero covariance: rounding [rad, m]
 _PLANAR = np.ix_([2, 3, 4], [2, 3, 4])  # of rotation vector and translation
 
 
 class Moment(NamedTuple):
-    """One motion, the state at its end before and after it was measured, and the pose there."""
+    """One motion, the predicted and the corrected state at its end, and the pose there."""
 
     tick: int
-    X_OS: FloatArray  # (4, 4) as it is known by now
+    X_OS: FloatArray  # (4, 4) newest estimate
     X_PC: FloatArray  # (4, 4) as measured
     span: float  # [s]
     error: FloatArray  # (3, 3) covariance of its yaw, x and y
@@ -53,11 +53,11 @@ class Moment(NamedTuple):
     score: float  # squared normalised innovation
 
 
-Moments = tuple[Moment, ...]  # newest last; of the first one the pose does not change any more
+Moments = tuple[Moment, ...]  # newest last; the pose of the first one is final
 
 
 def started(tick: int, X_OS: FloatArray, motion: UncertainMotion, span: float) -> Moments:
-    """The filter after its first motion, which took ``span`` [s] and ended at the pose X_OS (4, 4)."""
+    """Filter after its first motion, which took ``span`` [s] and ended at the pose X_OS (4, 4)."""
     error = motion.covariance[_PLANAR] + _LEAST
     state = np.concatenate([np.zeros(3), _moved(motion.X) / span, np.zeros(3)])
     covariance = np.zeros((9, 9))
@@ -67,14 +67,14 @@ def started(tick: int, X_OS: FloatArray, motion: UncertainMotion, span: float) -
 
 
 def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *, anchored: bool) -> Moments:
-    """The filter after one more motion of ``span`` [s] that ended at ``tick``, and the poses as they are known by now.
+    """Filter after one more motion of ``span`` [s] that ended at ``tick``, with re-estimated poses.
 
     ``anchored`` motions are measured from a keyframe.
     """
     error = motion.covariance[_PLANAR] + _LEAST
     moment = _measured(moments[-1], tick, motion.X, span, error, anchored=anchored)
     last = moments[-1]
-    if moment.score > _GATE and last.outlier:  # two in a row are a manoeuvre: both are believed
+    if moment.score > _GATE and last.outlier:  # two in a row are a manoeuvre: both are accepted
         before = moments[-2]
         last = _measured(before, last.tick, last.X_PC, last.span, last.error, anchored=last.anchored)
         moments = (*moments[:-1], last)
@@ -86,10 +86,10 @@ def updated(moments: Moments, tick: int, motion: UncertainMotion, span: float, *
 
 
 def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: FloatArray, *, anchored: bool) -> Moment:
-    """The moment after a motion with this covariance (3, 3) of yaw, x and y."""
+    """Moment after a motion with this covariance (3, 3) of yaw, x and y."""
     F = _transition(span)
     Q = np.kron(_jerk(span), np.diag(_JERK**2))
-    own = 0.5 * error if anchored else _LEAST  # of the two poses that a motion lies between each has its half
+    own = 0.5 * error if anchored else _LEAST  # half for each of the two poses of a motion
     if not anchored:
         Q[:3, :3] += error
     predicted = F @ last.state
@@ -115,13 +115,13 @@ def _measured(last: Moment, tick: int, X_PC: FloatArray, span: float, error: Flo
 
 
 def _smoothed(moments: Moments) -> Moments:
-    """The moments with the poses of all but the first as the motions since then let them be."""
+    """Moments with smoothed poses, except the first one."""
     state, motions = moments[-1].state, []
     for before, moment in zip(moments[-2::-1], moments[:0:-1], strict=True):
         t = moment.span
         gain = np.linalg.solve(moment.predicted_covariance, _transition(t) @ before.covariance).T
         older = before.state + gain @ (state - moment.predicted)
-        # of the cubic with these velocities and accelerations at its ends
+        # from the cubic with these velocities and accelerations at its ends
         moved = 0.5 * t * (older[3:6] + state[3:6]) + t**2 / 12.0 * (older[6:] - state[6:])
         motions.append(_replaced(moment.X_PC, moved))
         state = older
@@ -130,12 +130,12 @@ def _smoothed(moments: Moments) -> Moments:
 
 
 def _transition(t: float) -> FloatArray:
-    """The state (9,) at constant acceleration after ``t`` [s], by the state before."""
+    """State transition (9, 9) over ``t`` [s] at constant acceleration."""
     return np.kron(np.array([[1.0, t, 0.5 * t**2], [0.0, 1.0, t], [0.0, 0.0, 1.0]]), np.eye(3))
 
 
 def _jerk(t: float) -> FloatArray:
-    """Covariance (3, 3) of way, velocity and acceleration that white jerk of density 1 has made in ``t`` [s]."""
+    """Covariance (3, 3) of distance, velocity and acceleration from white jerk of density 1 over ``t`` [s]."""
     return np.array(
         [
             [t**5 / 20.0, t**4 / 8.0, t**3 / 6.0],
@@ -146,7 +146,7 @@ def _jerk(t: float) -> FloatArray:
 
 
 def _moved(X_PC: FloatArray) -> FloatArray:
-    """Yaw [rad], x and y [m] (3,) of a motion along the axes half-way between P and C."""
+    """Yaw [rad], x and y [m] (3,) of a motion, along the axes halfway between P and C."""
     yaw = float(rotation_vector(X_PC[:3, :3])[2])
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     x, y = X_PC[0, 3], X_PC[1, 3]
@@ -154,7 +154,7 @@ def _moved(X_PC: FloatArray) -> FloatArray:
 
 
 def _replaced(X_PC: FloatArray, moved: FloatArray) -> FloatArray:
-    """The motion with this yaw, x and y in place of its own."""
+    """Motion with its yaw, x and y replaced."""
     yaw, x, y = moved.tolist()
     own = float(rotation_vector(X_PC[:3, :3])[2])
     c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)

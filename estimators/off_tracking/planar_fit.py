@@ -1,4 +1,4 @@
-"""The planar motion between two views of the same ground: matches, RANSAC homography, rotation and translation by SVD.
+"""Planar motion between two views of the same ground: matches, RANSAC homography, rotation and translation by SVD.
 
 The steps of Miao's ground-watching system as de Saxe 2018, section 1.2, lists them: C. de Saxe, D. Cebon, "Estimation
 of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
@@ -15,32 +15,32 @@ from estimators.off_tracking.ground_view import GroundView
 from estimators.rigid_motion import UncertainMotion
 from vehicle.frames import FloatArray
 
-_RATIO = 0.8  # a match must be so much better than the second best (Lowe 2004)
-# Exact; for 400 features a tree saves nothing, and it draws random numbers that can not be seeded.
+_RATIO = 0.8  # largest distance of a match relative to the second best (Lowe 2004)
+# Exact search: for 400 features a tree is no faster, and its random numbers cannot be seeded.
 _FLANN_LINEAR: dict[str, bool | int | float | str] = {"algorithm": 0}
-_GATE = 0.008  # a match farther off the homography is none: three pixels of a camera 1 m up [m]
-_FEWEST = 20  # inliers of a homography that is no accident
-_SHARE = 0.25  # of the matches at least agree when both views show the same ground
-_CORRELATION = 2.0  # errors of neighbours, and the tilt the motion leaves out, are not independent: measured
-FINEST = 1e-4  # no match is better [m]
-UPRIGHT = 1e-12  # variance of what a planar motion does not move [rad2, m2]
+_GATE = 0.008  # largest error of an inlier of the homography: three pixels of a camera 1 m above the ground [m]
+_FEWEST = 20  # inliers of a valid homography; fewer may agree by chance
+_SHARE = 0.25  # least share of inliers if both views show the same ground
+_CORRELATION = 2.0  # factor for correlated errors of neighbours and the neglected tilt: measured
+FINEST = 1e-4  # least error of a match [m]
+UPRIGHT = 1e-12  # variance of roll, pitch and height, which a planar motion keeps [rad2, m2]
 
 
 class Pairs(NamedTuple):
-    """Places (n, 2) of the same features in two trailer frames [m]."""
+    """Positions (n, 2) of the same features in two trailer frames [m]."""
 
     first: FloatArray
     second: FloatArray
-    matches: int  # of which these are the inliers
+    matches: int  # number of matches before RANSAC
 
     @property
     def enough(self) -> bool:
-        """Whether they can be trusted to be of the same ground."""
+        """True if there are enough inliers for two views of the same ground."""
         return len(self.first) >= max(_FEWEST, _SHARE * self.matches)
 
 
 def paired(first: GroundView, second: GroundView) -> Pairs:
-    """The features that both views show and one homography of the ground maps onto each other."""
+    """Matched features of two views that agree with one homography."""
     p, q = _matched(first, second)
     if len(p) < _FEWEST:
         return Pairs(p[:0], q[:0], len(p))
@@ -52,23 +52,23 @@ def paired(first: GroundView, second: GroundView) -> Pairs:
 
 
 def _matched(first: GroundView, second: GroundView) -> tuple[FloatArray, FloatArray]:
-    if min(len(first.places), len(second.places)) < 2:
+    if min(len(first.positions), len(second.positions)) < 2:
         return np.empty((0, 2)), np.empty((0, 2))
     neighbours = cv2.FlannBasedMatcher(_FLANN_LINEAR, {}).knnMatch(first.descriptors, second.descriptors, k=2)
     good = [best for best, next_best in neighbours if best.distance < _RATIO * next_best.distance]
     from_first = np.array([match.queryIdx for match in good], dtype=np.intp)
     from_second = np.array([match.trainIdx for match in good], dtype=np.intp)
-    return first.places[from_first], second.places[from_second]
+    return first.positions[from_first], second.positions[from_second]
 
 
 def pooled(*pairs: Pairs) -> Pairs:
-    """The pairs of several cameras of one body as one set."""
+    """Pairs of several cameras on one body as one set."""
     first, second = (np.concatenate([part[i] for part in pairs]) for i in range(2))
     return Pairs(first, second, sum(part.matches for part in pairs))
 
 
 def planar_motion(pairs: Pairs) -> UncertainMotion:
-    """X_FS (4, 4) of the second trailer frame in the first: the rotation and translation that fit best, by SVD."""
+    """X_FS (4, 4) of the second trailer frame in the first: least-squares rotation and translation by SVD."""
     p, q = pairs.first, pairs.second
     p_mean, q_mean = p.mean(axis=0), q.mean(axis=0)
     U, _, Vt = np.linalg.svd((p - p_mean).T @ (q - q_mean))
@@ -80,7 +80,7 @@ def planar_motion(pairs: Pairs) -> UncertainMotion:
 
 
 def _covariance(residual: FloatArray, spread: FloatArray, centre: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of the fit: the mean place is off by a translation, the rotation is about it."""
+    """Covariance (6, 6) of the fit: translation of the mean position, and rotation about it."""
     n = len(residual)
     variance = _CORRELATION**2 * (FINEST**2 + float(np.square(residual).sum()) / max(1, 2 * n - 3))
     rotation = variance / float(np.square(spread).sum())

@@ -1,4 +1,4 @@
-"""Off-tracking from the poses of a reference unit, exact or not: the same buffer, without any odometry before it."""
+"""Off-tracking from the poses of a reference unit, by the same path buffer."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ReferenceMemory(NamedTuple):
 
 
 class ReferenceOffTracking:
-    """The off-tracking that the poses of a reference unit show; its own errors are not modelled in ``std``."""
+    """Off-tracking from the poses of a reference unit; the unit's own errors are not included in ``std``."""
 
     sensor: ClassVar[str] = "reference_pose"
     options: ClassVar[tuple[Option, ...]] = ()
@@ -60,14 +60,14 @@ class ReferenceOffTracking:
 
 
 class ReferenceUnitOffTracking:
-    """The off-tracking as the field tests of de Saxe 2018, section 4.1, had it: from a GNSS-aided inertial unit.
+    """Off-tracking from a GNSS-aided inertial unit, as in the field tests of de Saxe 2018, section 4.1.
 
     de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
     Dynamics, 2018.
     """
 
     def __init__(self, p_SU: FloatArray, follow_distance: float) -> None:
-        """For a unit at p_SU (3,) [m] in the trailer, aligned with it, and a follow point behind the hitch [m].
+        """For a unit at p_SU (3,) [m] in the trailer, aligned with it, and a follow point at ``follow_distance`` [m].
 
         Raises:
             ValueError: if ``follow_distance`` is not positive.

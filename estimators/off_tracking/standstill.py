@@ -1,9 +1,8 @@
-"""Whether the trailer stands: what its motions come to against their own uncertainty.
+"""Standstill detection: a significance test of the motions against their own uncertainty.
 
-A standing vehicle's odometry goes on measuring, and where it measures from frame to frame its noise would walk the
-trailer off its path. Motions that are as good as none are withheld therefore, singly and in sum. As soon as some of
-them together are more than noise the trailer has been moving for so long, and they are given back: a slow start loses
-nothing, and a standstill adds nothing, neither motion nor uncertainty.
+At standstill the noise of an odometry from frame to frame would move the trailer off its path. Motions that are not
+significant, singly and in sum, are withheld. As soon as some of them together are significant, the trailer has moved,
+and they are released as one motion. So a slow start loses nothing, and a standstill adds no motion and no uncertainty.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ import numpy as np
 from estimators.rigid_motion import UncertainMotion, composed, rotation_vector
 from vehicle.frames import FloatArray
 
-_WINDOW = 15  # motions in a row that are looked at together, by when a creep of a third of a sigma shows
-_GATE = 25.0  # squared normalised motion (yaw, x, y) of a standstill at most: noise exceeds it once in 60 000 times
-_PLANAR = [2, 3, 4]  # of rotation vector and translation: roll, pitch and heave are no travel
-_LEAST = np.diag([1e-6, 1e-5, 1e-5]) ** 2  # exact motions have no covariance: rounding [rad, m]
-_MOST = np.array([0.003, 0.02, 0.02])  # of a motion that can be noise: a tenth of a second at walking pace [rad, m]
+_WINDOW = 15  # consecutive motions that are tested together; detects a creep of a third of a sigma
+_GATE = 25.0  # largest squared normalised motion (yaw, x, y) at standstill: noise exceeds it once in 60 000 times
+_PLANAR = [2, 3, 4]  # yaw, x and y; roll, pitch and heave are not travel
+_LEAST = np.diag([1e-6, 1e-5, 1e-5]) ** 2  # of motions with zero covariance: rounding [rad, m]
+_MOST = np.array([0.003, 0.02, 0.02])  # largest motion that can be noise: a tenth of a second at walking pace [rad, m]
 
 
 class Step(NamedTuple):
-    """A motion, and the tick of the keyframe it was measured from, if any."""
+    """Motion, and the tick of the keyframe it was measured from, if any."""
 
     motion: UncertainMotion
     keyframe: int | None
@@ -36,7 +35,7 @@ Withheld = tuple[Step, ...]  # oldest first
 
 
 def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion | None]:
-    """What is withheld after one more motion, and the motion that has come about; None: the trailer stands."""
+    """Withheld motions after one more, and the released motion; None: the trailer stands."""
     noise_alone = _can_be_noise(step.motion)
     if not (noise_alone or withheld):
         return (), step.motion
@@ -49,13 +48,13 @@ def released(withheld: Withheld, step: Step) -> tuple[Withheld, UncertainMotion 
 
 
 def _can_be_noise(motion: UncertainMotion) -> bool:
-    """Whether the motion is small, and known well enough to say so."""
+    """True if the motion and its standard deviation are both small."""
     std = np.sqrt(np.diag(motion.covariance)[_PLANAR])
     return bool(np.all(np.abs(_planar(motion.X)) < _MOST) and np.all(std < _MOST))
 
 
 def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
-    """Of the total (6, 6): against one keyframe the errors of motions do not add up."""
+    """Covariance (6, 6) of the total; errors of motions from one keyframe do not accumulate."""
     one_keyframe = steps[0].keyframe is not None and all(step.keyframe == steps[0].keyframe for step in steps)
     if not one_keyframe:
         return total.covariance
@@ -64,7 +63,7 @@ def _covariance(steps: Sequence[Step], total: UncertainMotion) -> FloatArray:
 
 
 def _score(total: UncertainMotion, covariance: FloatArray) -> float:
-    """The planar motion squared, in units of its covariance."""
+    """Squared normalised planar motion."""
     moved = _planar(total.X)
     return float(moved @ np.linalg.solve(covariance[np.ix_(_PLANAR, _PLANAR)] + _LEAST, moved))
 

@@ -13,7 +13,7 @@ from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
 from estimators.odometry.protocol import Odometry
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.protocol import Memory
-from estimators.rigid_motion import UncertainMotion, seen_from
+from estimators.rigid_motion import UncertainMotion, change_frame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
@@ -21,14 +21,14 @@ from vehicle.option import Option, option_values
 
 
 class VisoOtMemory(NamedTuple, Generic[Memory]):
-    """Memories of the odometry and of the buffer."""
+    """Memories of odometry and buffer."""
 
     odometry: Memory
     buffer: BufferMemory
 
 
 class VisoOt(Generic[Memory]):
-    """Off-tracking from stereo frames: odometry, change to the trailer's frame, buffer."""
+    """VISO-OT: off-tracking from stereo frames by odometry, change to the trailer frame, and a path buffer."""
 
     sensor: ClassVar[str] = "stereo_camera"
     options: ClassVar[tuple[Option, ...]] = (
@@ -52,9 +52,9 @@ class VisoOt(Generic[Memory]):
         reversing_distance: float = REVERSING,
         smoothing: bool = False,
     ) -> None:
-        """For the rig behind ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
+        """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
-        Path and smoothing are as `OffTrackingBuffer` has them.
+        The other options are those of `OffTrackingBuffer`.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` [m] negative.
@@ -82,7 +82,7 @@ class VisoOt(Generic[Memory]):
     def step(
         self, memory: VisoOtMemory[Memory], frame: StereoFrame
     ) -> tuple[VisoOtMemory[Memory], CameraOffTracking | None]:
-        """Memory with the frame in it, and the off-tracking when it was taken; None for the first frame."""
+        """Memory with the frame in it, and the off-tracking at its capture; None for the first frame."""
         odometry, motion = self._odometry.step(memory.odometry, frame)
         if motion is None:
             return VisoOtMemory(odometry, memory.buffer), None
@@ -93,19 +93,19 @@ class VisoOt(Generic[Memory]):
 def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:
     """Motion of the trailer body S from that of the camera at ``X_SC``: de Saxe 2018, eqs 1 and 2, in three dimensions.
 
-    A lost motion stays one, with its infinite covariance.
+    A lost motion stays lost, with its infinite covariance.
     """
-    seen, anchor = UncertainMotion(motion.X_PC, motion.covariance), None
+    body, anchor = UncertainMotion(motion.X_PC, motion.covariance), None
     if motion.health is not Health.LOST:
-        seen = seen_from(X_SC, seen)
+        body = change_frame(X_SC, body)
     if motion.anchor is not None:
-        measured = seen_from(X_SC, UncertainMotion(motion.anchor.X_AC, motion.anchor.covariance))
+        measured = change_frame(X_SC, UncertainMotion(motion.anchor.X_AC, motion.anchor.covariance))
         anchor = Anchor(tick=motion.anchor.tick, X_AC=measured.X, covariance=measured.covariance)
     return BodyMotion(
         tick=motion.tick,
         previous_tick=motion.previous_tick,
-        X_PC=seen.X,
-        covariance=seen.covariance,
+        X_PC=body.X,
+        covariance=body.covariance,
         health=motion.health,
         anchor=anchor,
     )

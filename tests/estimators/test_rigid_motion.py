@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from estimators.rigid_motion import UncertainMotion, composed, rotation_vector, seen_from, stretched
+from estimators.rigid_motion import UncertainMotion, change_frame, composed, rotation_vector, stretched
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 
 SMALL = 1e-6  # step of the numerical derivatives
@@ -54,7 +54,7 @@ def test_covariance_seen_from_the_hitch_is_that_of_the_differences() -> None:
     covariance = some_covariance(3)
     J = derivative(lambda error: CAMERA @ disturbed(B_TO_C, error) @ inverse(CAMERA))
     assert np.abs(J[3:, :3]).max() > 5.0  # [m] the lever is in the case
-    result = seen_from(CAMERA, UncertainMotion(B_TO_C, covariance))
+    result = change_frame(CAMERA, UncertainMotion(B_TO_C, covariance))
     assert np.allclose(result.X, CAMERA @ B_TO_C @ inverse(CAMERA), rtol=0.0, atol=1e-12)
     assert result.covariance == pytest.approx(J @ covariance @ J.T, abs=2e-3)  # O(step), numbers of order 100
 
