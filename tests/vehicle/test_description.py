@@ -152,7 +152,7 @@ def test_an_axle_at_least_stays_on_the_ground(tmp_path: Path) -> None:
     """A trailer on no axle stands nowhere."""
     mine = tmp_path / "mine.toml"
     mine.write_text(trailer_like(FILE.read_text(), *[("steered = false\n", "steered = false \nlifted = true\n")] * 3))
-    with pytest.raises(ValueError, match=r"units\.1: an axle at least must stay on the ground"):
+    with pytest.raises(ValueError, match=r"units\.1: at least one axle must stay on the ground"):
         load_vehicle(str(mine))
 
 

@@ -80,7 +80,7 @@ def test_a_speed_that_can_not_be_held_is_refused(tractor_semitrailer: Vehicle) -
     weak = tractor_semitrailer.model_copy(
         update={"drive": tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})}
     )
-    with pytest.raises(ValueError, match=r"speed = 20.0 m/s can not be held by eu_tractor_semitrailer"):
+    with pytest.raises(ValueError, match=r"speed = 20.0 m/s cannot be held by eu_tractor_semitrailer"):
         straight_running(weak, SPEED, 0.8)
 
 
@@ -94,5 +94,5 @@ def test_more_drag_than_grip_is_refused(tractor_semitrailer: Vehicle) -> None:
         )
         units.append(unit.model_copy(update={"axles": axles}))
     stuck = tractor_semitrailer.model_copy(update={"units": tuple(units)})
-    with pytest.raises(ValueError, match=r"can not be held .* on a friction of 0.05"):
+    with pytest.raises(ValueError, match=r"cannot be held .* on a friction of 0.05"):
         straight_running(stuck, 5.0, 0.05)

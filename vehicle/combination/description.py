@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, NamedTuple
 
-from pydantic import Field, SerializeAsAny, model_validator
+from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
@@ -53,6 +53,16 @@ class Axle(Frozen):
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
     load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
     tyre: SerializeAsAny[Tyre]
+
+    @field_validator("tyre", mode="before")
+    @classmethod
+    def _of_its_law(cls, tyre: object) -> object:
+        """Build the tyre from a table by the law that it names."""
+        if not isinstance(tyre, dict):
+            return tyre
+        if tyre.get("model") not in TYRES:
+            raise ValueError(f"model = {tyre.get('model')!r} must be one of {', '.join(TYRES)}")
+        return TYRES[tyre["model"]].model_validate(tyre)
 
 
 class Steering(Frozen):
