@@ -35,7 +35,7 @@ def looked_at(c: StereoCalibration, X_WC: FloatArray) -> FloatArray:
     v, u = np.mgrid[0 : c.height, 0 : c.width]
     rays = np.stack([(u - c.cx) / c.focal_length, (v - c.cy) / c.focal_length, np.ones(u.shape)], axis=-1)
     along = rays @ X_WC[:3, :3].T
-    return X_WC[:2, 3] - X_WC[2, 3] / along[..., 2:] * along[..., :2]
+    return np.asarray(X_WC[:2, 3] - X_WC[2, 3] / along[..., 2:] * along[..., :2])
 
 
 def painted(c: StereoCalibration, X_WC: FloatArray) -> ColourImage:

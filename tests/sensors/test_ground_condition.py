@@ -1,4 +1,4 @@
-"""What the cameras see of the ground's friction and of its potholes: at the place, and nowhere else."""
+"""Friction and potholes change the image of the ground where they are, and nowhere else."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ MIDDLE = (-37.0, 0.5)  # of what is there to be seen, 11 m from the cameras, whi
 
 @pytest.fixture(scope="module")
 def plain(bare_world: World, calibration: StereoCalibration) -> ColourImage:
-    """What the left camera sees without any of it."""
+    """Left image of the dry, even ground."""
     return seen(bare_world, calibration)
 
 
@@ -156,7 +156,7 @@ def test_every_pothole_is_found_from_all_around_it() -> None:
 
 
 def test_the_drawn_ground_rises_and_falls_with_a_rough_road() -> None:
-    """Where the vehicle is lifted, so is what its cameras see; but for potholes, which are narrower than a triangle."""
+    """Rendered and driven heights agree, except for potholes, which are narrower than a triangle."""
     profile = RoughProfile(np.random.default_rng(0), "D")
     holes = Potholes(*(np.array([value]) for value in (0.0, 0.0, 0.8, 0.08)))
     surface = Surface(friction=0.8, grade=0.03, roughness=Roughness(profile=profile, potholes=holes))

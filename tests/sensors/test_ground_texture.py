@@ -1,4 +1,4 @@
-"""Whether the rendered ground is good to navigate by: aperiodic, full of corners, and steady from frame to frame."""
+"""The rendered ground is good for odometry: aperiodic, full of corners, and stable from frame to frame."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_texture_does_not_repeat(bare_world: World, on_road: bool) -> None:
 
 
 def frame(renderer: StereoRenderer, X_WB: FloatArray, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """What the left camera sends, with noise of 2 grey levels."""
+    """Left image with noise of 2 grey levels."""
     image = grey(renderer.render(X_WB)[0])
     return NoiseBank.draw(rng, 2.0, image.size).added_to(image, rng)
 
@@ -87,7 +87,8 @@ def test_tracked_points_land_where_the_ground_went(renderer: StereoRenderer, cal
     ground = (depth < 40.0).astype(np.uint8)
     ground[:225] = 0  # things stand out above the ground's horizon
     corners = cv2.goodFeaturesToTrack(before, 600, 0.01, 8, mask=ground)[:, 0]
-    tracked, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, None, winSize=(13, 13), maxLevel=3)
+    start = np.empty_like(corners)
+    tracked, found, _ = cv2.calcOpticalFlowPyrLK(before, after, corners, start, winSize=(13, 13), maxLevel=3)
     v, u = np.round(corners.T[::-1]).astype(int)
     Z = depth[v, u]
     rays = np.column_stack([(corners - (calibration.cx, calibration.cy)) / calibration.focal_length, np.ones(len(u))])

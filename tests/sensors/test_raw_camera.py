@@ -1,4 +1,4 @@
-"""Real cameras drawn from pinholes: where things are seen, when, and how bright."""
+"""Cameras with imperfections: position, time and brightness of what their images show."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from cv2.typing import MatLike
 from numpy.typing import NDArray
 
 from sensors.camera.exposure import AutoExposure
 from sensors.camera.image_formation import LightNoise, grey
-from sensors.camera.lens import UNDISTORTED, mount_rotation
+from sensors.camera.lens import UNDISTORTED, RawStereoRig, mount_rotation
 from sensors.camera.lens_map import LensMap, covering_pinholes
 from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.camera.rig import StereoRig
@@ -35,7 +36,7 @@ PERIOD = 0.1  # [s]
 
 @pytest.fixture(scope="module")
 def wide(world: World) -> Iterator[StereoRenderer]:
-    """A pinhole that sees all that any of these cameras does."""
+    """A pinhole whose view covers those of all these cameras."""
     opened = StereoRenderer(world, pinholes_for(RIG.raw(BARREL), BLURRED))
     yield opened
     opened.close()
@@ -47,10 +48,25 @@ def pose() -> FloatArray:
     return SURFACE.pose_on(9.0, 8.0, 1.9, (0.0, -8.0))
 
 
-def on(renderer: StereoRenderer, how: Imperfections, **others: object) -> RawStereoCamera:
-    """A camera with some imperfections, and for the rest of this file's plain rig."""
-    given = {"rig": RIG.raw(), "sun": None, "rng": np.random.default_rng(5), "keep_colour": False, **others}
-    return RawStereoCamera(renderer=renderer, imperfections=how, unit=0, **given)
+def on(
+    renderer: StereoRenderer,
+    imperfections: Imperfections,
+    *,
+    rig: RawStereoRig | None = None,
+    sun: FloatArray | None = None,
+    keep_colour: bool = False,
+    seed: int = 5,
+) -> RawStereoCamera:
+    """A camera with some imperfections, by default on this file's plain rig."""
+    return RawStereoCamera(
+        renderer=renderer,
+        imperfections=imperfections,
+        unit=0,
+        rig=rig or RIG.raw(),
+        sun=sun,
+        keep_colour=keep_colour,
+        rng=np.random.default_rng(seed),
+    )
 
 
 def difference(a: NDArray[np.generic], b: NDArray[np.generic]) -> float:
@@ -58,12 +74,11 @@ def difference(a: NDArray[np.generic], b: NDArray[np.generic]) -> float:
     return float(np.abs(a.astype(float) - b.astype(float))[8:-8, 8:-8].mean())
 
 
-def displacement(
-    image: NDArray[np.uint8], other: NDArray[np.uint8], rows: tuple[float, float] = (15, 224)
-) -> FloatArray:
-    """How far corners within some rows have to be moved from the one image to be found in the other (n, 2) [px]."""
+def displacement(image: MatLike, other: MatLike, rows: tuple[float, float] = (15, 224)) -> FloatArray:
+    """Displacement (n, 2) [px] of corners within some rows from one image to the other."""
     corners = cv2.goodFeaturesToTrack(image, 1500, 0.004, 4)
-    found, status, _ = cv2.calcOpticalFlowPyrLK(image, other, corners, None, winSize=(15, 15), maxLevel=2)
+    start = np.empty_like(corners)
+    found, status, _ = cv2.calcOpticalFlowPyrLK(image, other, corners, start, winSize=(15, 15), maxLevel=2)
     u, v = corners[:, 0].T
     inside = (u > 14) & (u < image.shape[1] - 15) & (v >= rows[0]) & (v <= rows[1]) & (status.ravel() == 1)
     return np.asarray((found - corners)[inside, 0], dtype=float)
@@ -143,9 +158,11 @@ def test_twist_and_pose_are_each_others_inverse(pose: FloatArray) -> None:
     assert not twist_between(pose, driven(pose, PERIOD), 1.0).v.any()  # too long ago to know
 
 
-def seen_moving(truth_of: TruthOf, renderer: StereoRenderer, pose: FloatArray, **how: float) -> NDArray[np.uint8]:
-    """What the left camera sees at ``pose`` while it moves."""
-    camera = on(renderer, Imperfections(**how))
+def seen_moving(
+    truth_of: TruthOf, renderer: StereoRenderer, pose: FloatArray, imperfections: Imperfections
+) -> NDArray[np.uint8]:
+    """Left image at ``pose`` while the camera moves."""
+    camera = on(renderer, imperfections)
     camera.sample(truth_of(0, driven(pose, -PERIOD)))
     return camera.sample(truth_of(100, pose)).left
 
@@ -161,7 +178,7 @@ def test_an_exposure_is_the_mean_of_its_moments(wide: StereoRenderer, pose: Floa
         seen_still(truth_of, wide, driven(pose, seconds * ((k + 0.5) / 16 - 0.5))).astype(float) for k in range(16)
     ]
     expected = np.mean(moments, axis=0)
-    blurred = seen_moving(truth_of, wide, pose, exposure_time=seconds)
+    blurred = seen_moving(truth_of, wide, pose, Imperfections(exposure_time=seconds))
     sharp = difference(seen_still(truth_of, wide, pose), expected)
     assert difference(blurred, expected) < 0.3 * sharp  # what is left: interpolation, and what things uncover
 
@@ -171,7 +188,10 @@ def test_each_row_of_a_rolling_shutter_sees_its_own_moment(
 ) -> None:
     """Against renderings from where the camera was when they were read; the middle one is read at the stamp."""
     seconds = 0.02
-    rolled, still = seen_moving(truth_of, wide, pose, rolling_shutter=seconds), seen_still(truth_of, wide, pose)
+    rolled, still = (
+        seen_moving(truth_of, wide, pose, Imperfections(rolling_shutter=seconds)),
+        seen_still(truth_of, wide, pose),
+    )
     for row in (25, 180, 215):
         then = seen_still(truth_of, wide, driven(pose, seconds * (row / (RIG.height - 1) - 0.5)))
         own, stamp = (displacement(rolled, other, (row - 4, row + 4)) for other in (then, still))
@@ -228,7 +248,7 @@ def test_noise_grows_with_the_light_and_with_the_gain(level: float, gain: float)
 def test_dirt_hides_its_share_of_each_lens_and_rests_there(
     wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf
 ) -> None:
-    """What is dark stays where it is while the world moves; left and right lens are dirty in different places."""
+    """Dirt stays in its place while the world moves; the lenses are dirty in different places."""
     clear = on(wide, Imperfections()).sample(truth_of(0, pose))
     camera = on(wide, Imperfections(dirt=0.3))
     first, second = camera.sample(truth_of(0, pose)), camera.sample(truth_of(100, pose))
@@ -246,7 +266,7 @@ def test_drops_show_the_scene_upside_down(wide: StereoRenderer, pose: FloatArray
     changed = [np.abs(a.astype(int) - b) > 2 for a, b in ((wet.left, clear.left), (wet.right, clear.right))]
     for mask in changed:
         assert 0.05 < mask.mean() < 0.16  # soft edges count as covered in part
-    assert not np.array_equal(*changed)
+    assert not np.array_equal(changed[0], changed[1])
 
 
 def test_glare_is_brightest_where_the_sun_is(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
@@ -267,7 +287,7 @@ def test_glare_is_brightest_where_the_sun_is(wide: StereoRenderer, pose: FloatAr
 
 
 def test_frames_are_stamped_and_coloured_as_asked(wide: StereoRenderer, pose: FloatArray, truth_of: TruthOf) -> None:
-    """What people see has the grey image's brightness, and changes nothing of what is sent."""
+    """The colour picture is as bright as the grey image, and does not change it."""
     sent = on(wide, Imperfections(vignetting=0.3, read_noise=2.0)).sample(truth_of(30, pose))
     shown = on(wide, Imperfections(vignetting=0.3, read_noise=2.0), keep_colour=True).sample(truth_of(30, pose))
     assert sent.tick == shown.tick == 30

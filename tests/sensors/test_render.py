@@ -1,4 +1,4 @@
-"""What is rendered is where geometry says: the renderer as a source of truth."""
+"""Rendered points lie where geometry says: the renderer as a source of truth."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ WITHOUT_DEVICE = WITHOUT_EGL.replace('if name and "EGL" in str(name)', "if False
 
 
 def python(program: str, **environment: str) -> str:
-    """What a fresh interpreter prints when it runs the program."""
+    """Output of the program in a new interpreter."""
     result = subprocess.run(
         [sys.executable, "-c", program],
         env={**os.environ, **environment},
@@ -215,7 +215,7 @@ def python(program: str, **environment: str) -> str:
     ],
 )
 def test_missing_opengl_is_one_clear_line(program: str, environment: dict[str, str], cause: str) -> None:
-    """What failed, what to install, and how to do without; here without EGL, and with an OpenGL that is too old."""
+    """Cause, remedy and alternative in one line; here without EGL, and with an OpenGL that is too old."""
     (line,) = python(program, **environment).splitlines()
     assert cause in line
     assert "apt-get install libegl1 libgl1 libgl1-mesa-dri" in line

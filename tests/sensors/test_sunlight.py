@@ -1,4 +1,4 @@
-"""Where the sun stands, what light it gives, and that the world is drawn in it."""
+"""Position and light of the sun, and their effect on the rendered world."""
 
 from __future__ import annotations
 

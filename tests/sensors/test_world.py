@@ -23,10 +23,11 @@ def _distance_from_way(points: FloatArray) -> FloatArray:
     return np.minimum(on_line, on_circle)
 
 
-def _vertices(stand: Instances) -> FloatArray:
-    """All vertices (n, 3) of all individuals in W."""
-    own = np.concatenate([part.mesh.vertices for part in stand.thing.parts])
-    return (np.einsum("nij,mj->nmi", stand.poses[:, :3, :3], own) + stand.poses[:, None, :3, 3]).reshape(-1, 3)
+def _vertices(instances: Instances) -> FloatArray:
+    """All vertices (n, 3) of all instances in W."""
+    own = np.concatenate([part.mesh.vertices for part in instances.thing.parts])
+    turned = np.einsum("nij,mj->nmi", instances.poses[:, :3, :3], own)
+    return np.asarray(turned + instances.poses[:, None, :3, 3]).reshape(-1, 3)
 
 
 def _solid(world: World) -> list[Instances]:
@@ -41,7 +42,7 @@ def test_nothing_but_kerb_stones_stands_within_the_clearance(world: World) -> No
 
 
 def test_kerbs_follow_the_outline_and_leave_the_crossing_free(world: World) -> None:
-    """Where the road meets itself its arms merge: a kerb stone on the asphalt would be an obstacle."""
+    """The arms of a road that meets itself merge: a kerb stone on the asphalt would be an obstacle."""
     (kerb,) = (stand for stand in world.scenery if stand.thing.name == "kerb_stone")
     distance = _distance_from_way(_vertices(kerb)[:, :2])
     assert distance.min() > HALF_WIDTH - 0.05  # 10 mm of batter, 17 mm of sagitta, 20 mm let in
@@ -91,7 +92,7 @@ def test_flat_ground_takes_few_triangles(world: World, small_world: World) -> No
 
 
 def test_things_have_one_shape_at_every_distance(world: World) -> None:
-    """Where one mesh of a thing stops being drawn the next begins; both fill the same room."""
+    """Levels of detail follow each other without a gap in distance, and fill the same volume."""
     for stand in world.scenery:
         coarse = [part for part in stand.thing.parts if part.distances[0] > 0.0]
         for part in coarse:
@@ -138,7 +139,7 @@ def test_shadows_fall_away_from_the_sun(world: World) -> None:
     def light_at(points: FloatArray) -> FloatArray:
         index = np.round((points - world.road.origin) / world.road.cell).astype(int)
         inside = ((index >= 0) & (index < world.road.light.shape[::-1])).all(axis=1)
-        return world.road.light[index[inside, 1], index[inside, 0]]
+        return np.asarray(world.road.light[index[inside, 1], index[inside, 0]], dtype=np.float64)
 
     foot = tree.poses[:, :2, 3]
     assert light_at(foot - 6.0 * towards).mean() < 0.4  # crowns 5.4 m up throw their shadow some 6 m away
