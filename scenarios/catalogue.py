@@ -8,9 +8,12 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 from vehicle.parameter_file import nearest
+
+ContextT = TypeVar("ContextT", contravariant=True)
+PartT = TypeVar("PartT", covariant=True)
 
 TRAILER_STEERING: Final = {
     "none": "controllers.trailer_steering.unsteered:Unsteered",
@@ -41,6 +44,27 @@ SLIP_ESTIMATOR: Final = {
     "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
     "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
 }
+SENSOR: Final = {
+    "stereo_camera": "scenarios.assembly.stereo_cameras:StereoCameras",
+    "ground_cameras": "scenarios.assembly.ground_cameras:GroundCameras",
+    "reference_pose": "scenarios.assembly.mount:ReferencePose",
+    "combination_signals": "scenarios.assembly.mount:SignalsOfCombination",
+}
+ROVER_SENSOR: Final = {
+    "trace_camera": "scenarios.assembly.rover_sensors:TraceCameraSensor",
+    "slip_reading": "scenarios.assembly.rover_sensors:SlipInstrument",
+}
+DRIVER: Final = {
+    "preview": "scenarios.assembly.drivers:OnCourse",
+    "recorded": "scenarios.assembly.drivers:AsRecorded",
+}
+ROVER_DRIVER: Final = {
+    "path": "scenarios.assembly.rover:OnPath",
+}
+PLANT: Final = {
+    "multibody": "scenarios.assembly.plants:Multibody",
+    "constant_slip": "scenarios.assembly.plants:ConstantSlip",
+}
 
 
 def resolve(key: str, name: str, catalogue: dict[str, str]) -> Any:
@@ -63,3 +87,21 @@ def resolve(key: str, name: str, catalogue: dict[str, str]) -> Any:
         raise ValueError(f"{key} = {name}: no module {error.name}; run from its folder or set PYTHONPATH") from error
     except AttributeError as error:
         raise ValueError(f"{key} = {name}: module {module_name} has no '{attribute}'") from error
+
+
+class Part(Protocol[ContextT, PartT]):
+    """A class of the catalogue: it is constructed from its context alone."""
+
+    def of(self, context: ContextT, /) -> PartT:
+        """Part for one run."""
+
+
+def constructed(key: str, name: str, part: Part[ContextT, PartT], context: ContextT) -> PartT:
+    """Construct a part from its context.
+
+    Raises:
+        ValueError: one line, if its class has no ``of(context)``, or what that says.
+    """
+    if not callable(getattr(part, "of", None)):
+        raise ValueError(f"{key} = {name}: the class needs a class method of(context)")
+    return part.of(context)

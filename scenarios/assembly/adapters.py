@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -145,7 +146,7 @@ def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
 
 
 def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
-    """The bodies of a combination, tractor first."""
+    """Outlines of a combination's bodies, tractor first."""
     return tuple(
         UnitOutline(
             name=unit.name,
@@ -154,9 +155,23 @@ def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
             width=unit.width,
             axles=tuple(axle.x for axle in unit.axles),
             tracks=tuple(axle.track for axle in unit.axles),
+            steer_signals=tuple(_steer_signals(unit, is_tractor=unit is vehicle.units[0])),
         )
         for unit in vehicle.units
     )
+
+
+def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
+    """Signal of each axle's steer angle; None for axles that are not steered."""
+    k = 0
+    for axle in unit.axles:
+        k += axle.steered
+        if not axle.steered:
+            yield None
+        elif is_tractor:
+            yield "steer_tractor" if k == 1 else f"steer_tractor_{k}"
+        else:
+            yield f"steer_trailer_{k}_{unit.name}"
 
 
 def outer_wall(tractor: Unit) -> float:

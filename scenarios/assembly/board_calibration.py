@@ -7,7 +7,7 @@ error of the principal points turns the view by. The mount is straight meanwhile
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import cv2
@@ -17,11 +17,10 @@ from estimators.calibration.board_views import BoardView, board_view, in_same_or
 from estimators.calibration.single_camera import calibrated
 from estimators.calibration.stereo import calibrated_pair
 from estimators.rigid_motion import rotation_vector
+from scenarios.progress import Progress, no_progress
 from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
 from sensors.camera.lens import CameraModel, RawStereoRig
 from vehicle.frames import FloatArray, inverse, so3_exp, transform
-
-Told = Callable[[int, int], None]  # pictures done, of so many
 
 _BOARD: Final = Checkerboard(columns=11, rows=8, square=0.1)  # assumed: 1.4 m by 1.1 m, as large as two people can hold
 _OUTERMOST: Final = [0, _BOARD.columns - 1, -_BOARD.columns, -1]  # of its corners
@@ -45,7 +44,7 @@ class BoardCalibration(NamedTuple):
 
 
 def calibrated_with_boards(
-    true: RawStereoRig, *, noise_std: float, rng: np.random.Generator, told: Told | None = None
+    true: RawStereoRig, *, noise_std: float, rng: np.random.Generator, progress: Progress = no_progress
 ) -> BoardCalibration:
     """What boards before the cameras of the ``true`` rig say of it.
 
@@ -53,7 +52,7 @@ def calibrated_with_boards(
         true: the rig that the pictures are taken with.
         noise_std: of the pictures [grey levels].
         rng: decides where boards are held, and the noise.
-        told: progress.
+        progress: receives the number of pictures that are done, and of how many.
 
     Raises:
         ValueError: if the boards do not fit into what both cameras see, or their pictures are no good.
@@ -68,8 +67,7 @@ def calibrated_with_boards(
         left.append(_picture(k, true.left, X_ClB, noise_std, rng))
         if k < _HELD:
             right.append(_picture(k, true.right, inverse(true.X_ClCr) @ X_ClB, noise_std, rng))
-        if told:
-            told(k + 1, len(places))
+        progress(k + 1, len(places))
     held_left, surveyed = left[:_HELD], left[_HELD:]
     fit = calibrated_pair(held_left, right, (calibrated(held_left, _BOARD), calibrated(right, _BOARD)), _BOARD)
     X_SC = _mounted(fit.left, surveyed, [true.X_SC @ X_ClB for X_ClB in places[_HELD:]], true.X_SC)

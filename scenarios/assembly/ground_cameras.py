@@ -6,51 +6,49 @@ import math
 
 import numpy as np
 
-from controllers.trailer import TrailerGeometry
-from scenarios.assembly.stereo_cameras import Cameras, Views
-from scenarios.options.scenario import Scenario
+from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from sensors.camera.ground_rig import GroundRig
 from sensors.camera.stereo_camera import PairSource, StereoCamera
 from sensors.world.reformed_ground import ReformedGround
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 
-def opened_ground_cameras(
-    scenario: Scenario,
-    views: Views,
-    surface: Surface,
-    vehicle: Vehicle,
-    trailer: TrailerGeometry,
-    *,
-    unit: int,
-    rng: np.random.Generator,
-    keep_colour: bool,
-) -> Cameras:
-    """The cameras under a unit of the vehicle, over ground that its wheels may re-form.
+class GroundCameras:
+    """Two cameras under a trailer that look straight down, on ground that its wheels may re-form."""
 
-    Raises:
-        ValueError: if the rear camera would not be behind the front one.
-        RendererUnavailableError: if OpenGL does not work here.
-    """
-    options, ground = scenario.ground_rig, scenario.surface
-    rig = GroundRig(
-        width=options.width,
-        height=options.height,
-        hfov=math.radians(options.hfov_deg),
-        front_x=-options.front,
-        rear_x=options.rear - trailer.follow_distance,
-        z=options.camera_height,
-    )
-    calibration = rig.calibration()
-    renderer = views.seen_by(calibration)
-    source: PairSource = renderer
-    if ground.reformed_width > 0.0:
-        wheels = wheels_near(vehicle, unit)
-        source = ReformedGround(renderer, surface, wheels, width=ground.reformed_width, flow=ground.reformed_flow)
-    camera = StereoCamera(renderer=source, unit=unit, noise_std=scenario.rig.noise, rng=rng, keep_colour=keep_colour)
-    return Cameras(calibrated=calibration, calibration=calibration, camera=camera, renderer=renderer, rectifier=None)
+    @classmethod
+    def of(cls, context: MountContext) -> OpenedSensor:
+        """Cameras under one trailer.
+
+        Raises:
+            ValueError: if the rear camera would not be behind the front one.
+            RendererUnavailableError: if OpenGL does not work here.
+        """
+        options, ground = context.scenario.ground_rig, context.scenario.surface
+        rig = GroundRig(
+            width=options.width,
+            height=options.height,
+            hfov=math.radians(options.hfov_deg),
+            front_x=-options.front,
+            rear_x=options.rear - context.trailer.follow_distance,
+            z=options.camera_height,
+        )
+        calibration = rig.calibration()
+        renderer = context.views.seen_by(calibration)
+        source: PairSource = renderer
+        if ground.reformed_width > 0.0:
+            wheels, width = wheels_near(context.vehicle, context.unit), ground.reformed_width
+            source = ReformedGround(renderer, context.surface, wheels, width=width, flow=ground.reformed_flow)
+        camera = StereoCamera(
+            renderer=source,
+            unit=context.unit,
+            noise_std=context.scenario.rig.noise,
+            rng=context.stream("camera noise"),
+            keep_colour=context.keep_colour,
+        )
+        cameras = Cameras(calibrated=calibration, calibration=calibration, epipolar=False)
+        return OpenedSensor(sensor=camera, schedule=context.schedule, cameras=cameras)
 
 
 def wheels_near(vehicle: Vehicle, unit: int) -> tuple[FloatArray, FloatArray]:

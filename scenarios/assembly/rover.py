@@ -3,33 +3,99 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 
 from controllers.path import Path
-from controllers.rover_driver import RoverDriver
+from controllers.rover_driver import Compensation, RoverDriver
 from estimators.context import RoverContext, SlipEstimator
-from estimators.slip.rover_odometry import RoverGeometry
+from estimators.slip.rover_odometry import RoverGeometry, RoverPose
 from scenarios.assembly.rover_courses import rover_path
-from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.assembly.rover_sensors import (
+    ReadOnce,
+    RoverMountContext,
+    TraceCameraSensor,
+    TraceView,
+    opened_rover_sensor,
+)
+from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, constructed, resolve
 from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions, TraceRigOptions
 from scenarios.randomness import stream
+from sensors.faults.faulty_sensor import with_faults
 from sensors.instruments.rover_navigation import LaserTracker, RoverInstruments
 from sensors.sand.rig import nominal_rig
-from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
+from sensors.sensor import Message, Sensor
 from vehicle.clock import TICK, Schedule
+from vehicle.option import Parameter
+from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap, load_height_map
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Mound, Terrain
+from vehicle.rover.truth import RoverTruth
 
 PERIOD = 50  # of control and log, and how far the plant is integrated in one call [ticks]
 _GRID, _LEVEL, _SLOPING, _BESIDE = 0.1, 1.0, 20.0, 20.0  # of ground whose slopes set in: its mesh and extent [m]
 _ROUTE = 0.1  # between points of the way that the ground is laid out along [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RoverDriverContext:
+    """Everything that a rover's driver may know before the run."""
+
+    rover: RoverGeometry
+    path: Path
+    speed: float  # set speed of the wheels [m/s]
+    compensation: Compensation
+    parameters: Mapping[str, Parameter]  # ``driving.…`` of the scenario: those of one's own driver
+
+
+class RoverDriverLike(Protocol):
+    """A rover's driver: pure, memory in and memory out."""
+
+    def init(self) -> Any:
+        """Memory before the first step."""
+
+    def step(self, memory: Any, pose: RoverPose, /) -> tuple[Any, RoverCommand]:
+        """New memory and command at the tick of the pose that the rover believes in."""
+
+
+class RoverDriverPart(Protocol):
+    """Class of rover drivers, as the catalogue holds them."""
+
+    @classmethod
+    def of(cls, context: RoverDriverContext) -> RoverDriverLike:
+        """Driver for one run.
+
+        Raises:
+            ValueError: one line, if the context does not fit.
+        """
+
+
+class OnPath:
+    """Keeps the rover's origin on its path at set speed, and compensates the slip that it is told."""
+
+    @classmethod
+    def of(cls, context: RoverDriverContext) -> RoverDriverLike:
+        """Driver on the path."""
+        return RoverDriver(context.rover, context.path, context.speed, compensation=context.compensation)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverSensing:
+    """A sensor with its faults, and the slip estimator behind it."""
+
+    sensor: Sensor[RoverTruth, Message]
+    schedule: Schedule
+    estimator: SlipEstimator
+    view: TraceView | None  # the camera behind it; None: it is no camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,37 +108,31 @@ class RoverAssembly:
     geometry: RoverGeometry
     path: Path
     plant: RoverPlant
-    driver: RoverDriver
-    schedule: Schedule  # of the camera, or of an exact instrument in its place
-    instruments: RoverInstruments
+    driver: RoverDriverLike
+    instruments: ReadOnce
     laser: LaserTracker
-    source: SlipEstimator
+    sensing: RoverSensing
     rig: TraceRig
-    world: SandWorld | None  # None: nothing is looked at
-    camera: TraceCamera | None
+    recording: TraceView | None  # a camera that only records
+
+    @property
+    def view(self) -> TraceView | None:
+        """The camera; None: nothing is looked at."""
+        return self.sensing.view or self.recording
 
 
 def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) -> RoverAssembly:
-    """The parts of the scenario's run with this seed; ``record``: have a camera even if the slip is known without.
+    """Construct the parts of a run; ``record``: have a camera even if the slip is not estimated from it.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
     """
     rover = load_rover(scenario.vehicle)
-    geometry = rover_geometry(rover)
-    path = rover_path(scenario.course)
-    options = scenario.surface
-    terrain = terrain_of(options)
-    soil = None if options.soil == "none" else load_soil(options.soil)
-    driver = RoverDriver(geometry, path, scenario.speed, compensation=scenario.slip_compensation)
-    estimator: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
-    sees = estimator.sensor == "trace_camera"
-    if sees and soil is None:
-        raise ValueError(
-            f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) takes no trace"
-        )
-    rig = nominal_rig(rover)
-    world = sand_world(scenario.world, stream(seed, "sand"), rover, terrain, path) if sees or record else None
+    geometry, path, terrain = rover_geometry(rover), rover_path(scenario.course), terrain_of(scenario.surface)
+    soil = None if scenario.surface.soil == "none" else load_soil(scenario.surface.soil)
+    driver = _driver(scenario, geometry, path)
+    mount = rover_mount(scenario, rover, terrain, path, seed=seed)
+    sensing = rover_sensing(mount)
     return RoverAssembly(
         scenario=scenario,
         seed=seed,
@@ -81,14 +141,72 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         path=path,
         plant=RoverPlant(rover, terrain, soil),
         driver=driver,
-        schedule=trace_schedule(scenario.rig),
-        instruments=RoverInstruments(rng=stream(seed, "rover instruments"), scale=scenario.signals.noise),
+        instruments=mount.instruments,
         laser=LaserTracker(rng=stream(seed, "laser tracker"), scale=scenario.signals.noise),
-        source=estimator.of(RoverContext(rover=geometry, rig=rig, rng=stream(seed, "slip estimator"), options={})),
-        rig=rig,
-        world=world,
-        camera=trace_camera(world, rig, scenario.rig, stream(seed, "camera noise")) if world else None,
+        sensing=sensing,
+        rig=mount.rig,
+        recording=TraceCameraSensor.of(mount).view if record and sensing.view is None else None,
     )
+
+
+def rover_mount(
+    scenario: RoverScenario, rover: Rover, terrain: Terrain, path: Path, *, seed: int, signal_noise: float = 1.0
+) -> RoverMountContext:
+    """Context of the rover's sensors; ``signal_noise`` scales the errors of its instruments over the scenario's."""
+    scale = signal_noise * scenario.signals.noise
+    return RoverMountContext(
+        rover=rover,
+        schedule=trace_schedule(scenario.rig),
+        rng=stream(seed, "sensor"),
+        options=scenario.sensing,
+        scenario=scenario,
+        path=path,
+        rig=nominal_rig(rover),
+        build_world=lambda: sand_world(scenario.world, stream(seed, "sand"), rover, terrain, path),
+        instruments=ReadOnce(RoverInstruments(rng=stream(seed, "rover instruments"), scale=scale)),
+        stream=partial(stream, seed),
+    )
+
+
+def rover_sensing(mount: RoverMountContext) -> RoverSensing:
+    """Open the scenario's sensor and slip estimator.
+
+    Raises:
+        ValueError: one line, for whatever of the scenario does not fit.
+    """
+    scenario = mount.scenario
+    part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
+    opened = opened_rover_sensor(part.sensor if scenario.sensor is None else scenario.sensor, mount)
+    context = RoverContext(
+        rover=rover_geometry(mount.rover),
+        rig=mount.rig,
+        rng=mount.stream("slip estimator"),
+        options=scenario.estimator,
+    )
+    return RoverSensing(
+        sensor=with_faults(
+            opened.sensor,
+            [options.fault() for options in scenario.faults],
+            camera=None,
+            unit=0,
+            rng=lambda k: mount.stream(f"fault {k}"),
+        ),
+        schedule=opened.schedule,
+        estimator=constructed("slip_estimator", scenario.slip_estimator, part, context),
+        view=opened.view,
+    )
+
+
+def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> RoverDriverLike:
+    part: type[RoverDriverPart] = resolve("driver", scenario.driver, ROVER_DRIVER)
+    context = RoverDriverContext(
+        rover=geometry,
+        path=path,
+        speed=scenario.speed,
+        compensation=scenario.slip_compensation,
+        parameters=scenario.driving,
+    )
+    return constructed("driver", scenario.driver, part, context)
 
 
 def rover_geometry(rover: Rover) -> RoverGeometry:
@@ -151,11 +269,6 @@ def sand_world(options: SandOptions, rng: np.random.Generator, rover: Rover, ter
         sun = Sun(azimuth=math.radians(90.0 - azimuth), elevation=math.radians(elevation))
     route = path.points(_ROUTE)
     return SandWorld(options.terrain, rng=rng, rover=rover, terrain=terrain, route=route, sun=sun)
-
-
-def trace_camera(world: SandWorld, rig: TraceRig, options: TraceRigOptions, rng: np.random.Generator) -> TraceCamera:
-    """The camera of a rig, with the noise that the options say."""
-    return TraceCamera(world, rig, Webcam(read_noise=options.noise, shot_noise=options.shot_noise), rng)
 
 
 def trace_schedule(options: TraceRigOptions) -> Schedule:

@@ -1,162 +1,119 @@
-"""How a run's off-tracking is sensed: cameras or a reference unit, their faults, and the estimator behind them."""
+"""Sensing of a trailer: a sensor with its faults, and the off-tracking estimator that receives its messages."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from controllers.trailer import TrailerGeometry
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
-from scenarios.assembly.adapters import rig_on
-from scenarios.assembly.board_calibration import Told
-from scenarios.assembly.ground_cameras import opened_ground_cameras
-from scenarios.assembly.stereo_cameras import Cameras, Rectified, Views, opened_cameras
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
+from estimators.odometry.protocol import Odometry
+from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
+from scenarios.assembly.stereo_cameras import Rectified
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
-from scenarios.randomness import stream
 from sensors.faults.faulty_sensor import with_faults
-from sensors.instruments.combination import CombinationSensors
-from sensors.instruments.navigation import ExactPose
-from sensors.messages import BodyPose, CombinationSignals, StereoFrame
+from sensors.sensor import Message, Sensor
 from vehicle.clock import Schedule
-from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
-from vehicle.surface import Surface
-
-Message = StereoFrame | BodyPose | CombinationSignals
-
-# assumed: gyros and angle sensors send every 20 ms, and so long it takes until their message has been worked on
-_SIGNALS = Schedule.at_rate(50.0, latency=0.02)
+from vehicle.option import Parameter
 
 
-class Sensor(Protocol):
-    """What the off-tracking is estimated from; None: nothing arrives."""
+class TrailerSensor(Protocol):
+    """Class of sensors on trailers, as the catalogue holds them."""
 
-    def sample(self, truth: Truth) -> Message | None:
-        """The message of this moment."""
+    @classmethod
+    def of(cls, context: MountContext) -> OpenedSensor | Sensor[Truth, Message]:
+        """Sensor on one trailer; a bare sensor samples at the rate of the scenario's cameras.
+
+        Raises:
+            ValueError: one line, if the context does not fit.
+            RendererUnavailableError: one line, if it renders and OpenGL does not work here.
+        """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensing:
-    """A sensor, with its faults, and what estimates the off-tracking from its messages."""
+    """A sensor with its faults, and the estimator behind it."""
 
-    sensor: Sensor
+    sensor: Sensor[Truth, Message]
     schedule: Schedule
-    source: OffTrackingSource
-    cameras: Cameras | None  # None: nothing is rendered
-    sees: bool  # whether the off-tracking is estimated from what the cameras send
+    estimator: OffTrackingSource
+    cameras: Cameras | None  # None: the estimator sees no stereo images
 
 
-def opened_sensing(
-    scenario: Scenario,
-    seed: int,
-    *,
-    unit: int,
-    vehicle: Vehicle,
-    trailer: TrailerGeometry,
-    signals: CombinationSensors,
-    surface: Surface,
-    views: Views,
-    schedule: Schedule,
-    keep_colour: bool,
-    record: bool,
-    calibrating: Told | None = None,
-) -> Sensing:
-    """What senses the trailer of this ``unit``; cameras are opened if they are estimated from, or to be recorded.
+def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
+    """Open a sensor of the catalogue, or one's own, by its name.
 
-    Args:
-        scenario: says how.
-        seed: decides noise and faults.
-        unit: the trailer's number in the vehicle.
-        vehicle: the combination.
-        trailer: the trailer's data sheet.
-        signals: what the combination's sensors say for this trailer.
-        surface: of the ground.
-        views: what cameras see.
-        schedule: of cameras, or of a reference unit in their place.
-        keep_colour: let frames carry what the left camera saw in colour.
-        record: have cameras even if the off-tracking is not estimated from them.
-        calibrating: told how many pictures of calibration boards are done, of how many.
+    Raises:
+        ValueError: one line, if there is no such sensor or it does not fit.
+        RendererUnavailableError: one line, if it renders and OpenGL does not work here.
+    """
+    part: type[TrailerSensor] = resolve("sensor", name, SENSOR)
+    sensor = constructed("sensor", name, part, context)
+    return sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
+
+
+def opened_sensing(context: MountContext) -> Sensing:
+    """Open the scenario's sensor and estimator for one trailer.
 
     Raises:
         ValueError: one line, for whatever of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
-    estimator: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
-    odometry = resolve("odometry", scenario.odometry, ODOMETRY)
-    sees = estimator.sensor in ("stereo_camera", "ground_cameras")
-    declared = {option.name for option in estimator.options}
-    settings = {name: value for name, value in scenario.viso_ot.model_dump().items() if name in declared}
-    if not settings and scenario.viso_ot != VisoOtOptions():
-        raise ValueError(f"viso_ot: off_tracking = {scenario.off_tracking} has none of these options, viso_ot has")
-    cameras: Cameras | None = None
-    if sees or record:
-        noise = stream(seed, f"camera noise{_own(vehicle, unit)}")
-        if estimator.sensor == "ground_cameras":
-            cameras = opened_ground_cameras(
-                scenario, views, surface, vehicle, trailer, unit=unit, rng=noise, keep_colour=keep_colour
-            )
-        else:
-            rig = rig_on(vehicle.units[unit], trailer, scenario.rig)
-            cameras = opened_cameras(
-                scenario.rig,
-                rig,
-                views,
-                unit=unit,
-                rng=noise,
-                boards=stream(seed, f"calibration boards{_own(vehicle, unit)}"),
-                keep_colour=keep_colour,
-                calibrating=calibrating,
-            )
-    sensor: Sensor = ExactPose(unit)
-    if estimator.sensor == "combination_signals":
-        sensor, schedule = signals, _SIGNALS
-    elif sees and cameras is not None:
-        sensor = cameras.camera
-    sensor = _with_faults(sensor, scenario, seed, vehicle, unit, cameras if sees else None)
-    calibration, measuring = (cameras.calibration if cameras and sees else None), None
-    if calibration is not None and estimator.sensor == "stereo_camera":
-        measuring = odometry(calibration)
-        if scenario.rig.self_calibration:
-            measuring = SelfCalibratedOdometry(calibration, measuring)
-    source = estimator.of(
+    scenario = context.scenario
+    part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
+    options = _estimator_options(scenario)
+    opened = opened_sensor(scenario.sensor if scenario.sensor is not None else part.sensor, context)
+    cameras = opened.cameras
+    odometry: Odometry[Any] | None = None
+    if cameras and cameras.epipolar:
+        odometry = resolve("odometry", scenario.odometry, ODOMETRY)(cameras.calibration)
+    if odometry and cameras and scenario.rig.self_calibration:
+        odometry = SelfCalibratedOdometry(cameras.calibration, odometry)
+    estimator = constructed(
+        "off_tracking",
+        scenario.off_tracking,
+        part,
         TrailerContext(
-            vehicle=vehicle,
-            unit=unit,
-            follow_distance=trailer.follow_distance,
-            calibration=calibration,
-            odometry=measuring,
-            rng=stream(seed, f"{scenario.off_tracking}{_own(vehicle, unit)}"),
-            options=settings,
-            sensor=sensor,
-        )
+            vehicle=context.nominal,
+            unit=context.unit,
+            follow_distance=context.trailer.follow_distance,
+            calibration=cameras.calibration if cameras else None,
+            odometry=odometry,
+            rng=context.stream(scenario.off_tracking),
+            options=options,
+            sensor=opened.sensor,
+        ),
     )
-    rectifier = cameras.rectifier if cameras and sees else None
     return Sensing(
-        sensor=sensor,
-        schedule=schedule,
-        source=Rectified(source, rectifier) if rectifier else source,
+        sensor=_with_faults(opened, context),
+        schedule=opened.schedule,
+        estimator=Rectified(estimator, cameras.rectifier) if cameras and cameras.rectifier else estimator,
         cameras=cameras,
-        sees=sees,
     )
 
 
-def _own(vehicle: Vehicle, unit: int) -> str:
-    """What tells the random streams of a trailer from those of the last one."""
-    return "" if unit == len(vehicle.units) - 1 else f" of {vehicle.units[unit].name}"
+def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
+    """Parameters of the estimator: ``viso_ot.…`` for viso_ot, ``estimator.…`` for all.
+
+    Raises:
+        ValueError: one line, if ``viso_ot.…`` is given to another estimator.
+    """
+    if scenario.off_tracking == "viso_ot":
+        return scenario.viso_ot.model_dump() | scenario.estimator
+    if scenario.viso_ot != VisoOtOptions():
+        raise ValueError(f"viso_ot.* options apply only to off_tracking = viso_ot, not to {scenario.off_tracking}")
+    return dict(scenario.estimator)
 
 
-def _with_faults(
-    sensor: Any, scenario: Scenario, seed: int, vehicle: Vehicle, unit: int, cameras: Cameras | None
-) -> Sensor:
+def _with_faults(opened: OpenedSensor, context: MountContext) -> Sensor[Truth, Message]:
     """The sensor with the scenario's faults, the first of them nearest to it."""
-    faulty: Sensor = with_faults(
-        sensor,
-        [options.fault() for options in scenario.faults],
-        camera=cameras.calibration if cameras else None,
-        unit=unit,
-        rng=lambda k: stream(seed, f"fault {k}{_own(vehicle, unit)}"),
+    return with_faults(
+        opened.sensor,
+        [options.fault() for options in context.scenario.faults],
+        camera=opened.cameras.calibration if opened.cameras else None,
+        unit=context.unit,
+        rng=lambda k: context.stream(f"fault {k}"),
     )
-    return faulty

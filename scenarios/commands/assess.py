@@ -39,17 +39,17 @@ def assess(
     The turn by 90 degrees, the European roundabout, the lane change of ISO 14791, tracking on a straight road, yaw
     damping and the static rollover threshold. A level that is missed is a finding, not an error.
     """
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.standards.assessment import assess as driven
     from scenarios.standards.files import write_assessment
-    from scenarios.standards.pilots import TrailerPilot
+    from scenarios.standards.pilots import steered_trailer
     from vehicle.combination.description import load_vehicle
 
     with one_line_errors():
         chosen = load_vehicle(vehicle)
         directory = out or next_run_directory(f"assess-{chosen.name}")
         check_run_directory(directory)
-        TrailerPilot(chosen, trailer_steering)  # refuses a law that it has nothing to steer with, or does not know
+        steered_trailer(chosen, trailer_steering)  # refuses a law that it has nothing to steer with, or does not know
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
                 chosen,

@@ -89,7 +89,7 @@ def off_tracking(
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.off_tracking_files import write_estimation
     from scenarios.recordings.stereo_reader import open_recording
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
         results = out or next_run_directory(directory.resolve().name)
@@ -152,7 +152,7 @@ def slip(
     from scenarios.recordings.rover_reader import open_rover_recording
     from scenarios.recordings.slip_estimation import estimate_slip
     from scenarios.recordings.slip_files import write_slip_estimation
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
         results = out or next_run_directory(directory.resolve().name)

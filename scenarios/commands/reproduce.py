@@ -45,7 +45,7 @@ def reproduce(
     """
     from scenarios.reproduce.catalogue import names_of
     from scenarios.reproduce.figure import write_reproduction
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
         names = names_of(name)

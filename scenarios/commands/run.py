@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_display
-from scenarios.options.rover import RoverScenario
-from scenarios.options.scenario import Scenario, load_any_scenario
-
-if TYPE_CHECKING:
-    from scenarios.results.run import Summary
+from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
+from scenarios.options.scenario import load_any_scenario
 
 EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -55,7 +48,10 @@ def run(
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.loop.run import run_any
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.summary import summary
+    from scenarios.results.writer import write_run
 
     with one_line_errors():
         chosen = load_any_scenario(scenario, settings or [])
@@ -63,69 +59,23 @@ def run(
         check_run_directory(directory)
         if record:
             check_run_directory(record)
-        with _progress(f"{chosen.name}, seed {seed}", shown=not (quiet or as_json)) as bar:
-            numbers = _ran(chosen, seed, directory, record=record, video=video, bar=bar)
+        with progress_display(shown=not (quiet or as_json)) as display:
+            result = run_any(
+                chosen,
+                seed,
+                keep_frames=True,
+                record=record,
+                progress=progress_bar(display, f"{chosen.name}, seed {seed}"),
+                calibration_progress=progress_bar(display, "calibration boards"),
+            )
+            write_run(result, directory, video=video, progress=progress_bar(display, "video"))
+        numbers = summary(result)
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))
         elif not quiet:
             _print_summary(numbers, directory)
     if numbers["outcome"] == "interrupted":
         raise typer.Exit(INTERRUPTED)
-
-
-def _ran(
-    chosen: Scenario | RoverScenario, seed: int, directory: Path, *, record: Path | None, video: bool, bar: _Bar
-) -> Summary:
-    """Runs the scenario, writes its directory, and gives its numbers."""
-    if isinstance(chosen, RoverScenario):
-        from scenarios.loop.rover_run import run_rover
-        from scenarios.results.rover import rover_summary, write_rover_run
-
-        driven = run_rover(chosen, seed, keep_frames=True, record=record, progress=bar.run)
-        write_rover_run(driven, directory, video=video, progress=bar.video)
-        return rover_summary(driven)
-    from scenarios.loop.run import run as run_scenario
-    from scenarios.results.run import summary, write_run
-
-    result = run_scenario(chosen, seed, keep_frames=True, record=record, progress=bar.run, calibrating=bar.calibration)
-    write_run(result, directory, video=video, progress=bar.video)
-    return summary(result)
-
-
-class _Bar:
-    """Progress of a run and of its video on one rich display, which appears when there is progress to show."""
-
-    def __init__(self, progress: Progress, title: str) -> None:
-        self._progress = progress
-        self._run = progress.add_task(title, total=1.0, detail="")
-        self._calibration: Any = None
-        self._video: Any = None
-
-    def run(self, share: float, simulated: float) -> None:
-        self._progress.start()
-        self._progress.update(self._run, completed=share, detail=f"{simulated:.1f} s simulated")
-
-    def calibration(self, done: int, total: int) -> None:
-        self._progress.start()
-        if self._calibration is None:
-            self._calibration = self._progress.add_task("calibration boards", total=total, detail="")
-        self._progress.update(self._calibration, completed=done)
-
-    def video(self, done: int, total: int) -> None:
-        if self._video is None:
-            self._progress.update(self._run, completed=1.0)
-            self._video = self._progress.add_task("video", total=total, detail="")
-        self._progress.update(self._video, completed=done)
-
-
-@contextmanager
-def _progress(title: str, *, shown: bool) -> Iterator[_Bar]:
-    progress = progress_display(shown=shown)
-    try:
-        yield _Bar(progress, title)
-    finally:
-        if progress.live.is_started:  # one that has shown nothing would leave an empty line
-            progress.stop()
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:

@@ -37,7 +37,7 @@ def validate(
     Prints every number beside its target, tolerance and source, and writes a page with plots. Exit code 1 if one is
     out.
     """
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.validation.check import tally
 
     with one_line_errors():

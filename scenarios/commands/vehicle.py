@@ -63,7 +63,7 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    from scenarios.results.run import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.vehicle_sheet.sheet import open_sheet, write_sheet
 
     directory = out or next_run_directory(f"vehicle-{Path(name).stem}")

@@ -200,12 +200,12 @@ class Pictured:
     def begin(self, start: Start, seen: BatchMotion, beside: Beside) -> None:
         """They begin with a picture of the start."""
         for lane in self._sensed.begin(start):
-            self._sensed.trailers[lane].take(self._sensed.truth(lane))
+            self._sensed.trailers[lane].look(self._sensed.truth(lane))
 
     def step(self, seen: BatchMotion, beside: Beside) -> None:
         """A control step later."""
         for trailer, truth in self._sensed.step():
-            trailer.take(truth)
+            trailer.look(truth)
 
     def observe(self) -> dict[str, NDArray[Any]]:
         """``image`` (n, 2, height, width), left and right, and ``features``."""

@@ -8,18 +8,16 @@ import cv2
 import numpy as np
 
 from controllers.path import Path
-from estimators.context import RoverContext, SlipEstimator
 from estimators.estimates import Health, SlipAngle
-from scenarios.assembly.rover import rover_geometry, sand_world, trace_camera, trace_schedule
-from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.assembly.rover import rover_mount, rover_sensing, trace_schedule
+from scenarios.loop.channel import Channel, InLine
+from scenarios.loop.stopwatch import Stopwatch
 from scenarios.options.rover import RoverScenario
-from scenarios.randomness import stream
 from scenarios.report.canvas import ESTIMATED, SOFT, Picture, blank, write
 from scenarios.report.trace_view import draw_trace
-from sensors.instruments.rover_navigation import RoverInstruments
 from sensors.messages import GreyImage, RoverView
-from sensors.sand.rig import nominal_rig
-from vehicle.clock import TICK, Pipe
+from sensors.sensor import Message
+from vehicle.clock import TICK
 from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
@@ -55,19 +53,16 @@ class SensedSlip:
         Raises:
             ValueError: one line, for whatever of the scenario does not fit.
         """
-        self._rig, self._schedule = nominal_rig(rover), trace_schedule(scenario.rig)
-        self._world = sand_world(scenario.world, stream(seed, "sand"), rover, terrain, path)
-        self._camera = trace_camera(self._world, self._rig, scenario.rig, stream(seed, "camera noise"))
-        scale = signal_noise * scenario.signals.noise
-        self._instruments = RoverInstruments(rng=stream(seed, "rover instruments"), scale=scale)
-        self._source: SlipEstimator | None = None
-        if estimates:
-            context = RoverContext(
-                rover=rover_geometry(rover), rig=self._rig, rng=stream(seed, "slip estimator"), options={}
-            )
-            self._source = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR).of(context)
-        self._memory: object = self._source.init() if self._source else None
-        self._in_flight: Pipe[SlipAngle] = Pipe()
+        mount = rover_mount(scenario, rover, terrain, path, seed=seed, signal_noise=signal_noise)
+        sensing = rover_sensing(mount)
+        if sensing.view is None:
+            raise ValueError(f"sensing: the sensor of scenario {scenario.name} is no camera; observation needs one")
+        self._rig, self._instruments, self._view = mount.rig, mount.instruments, sensing.view
+        estimator = sensing.estimator if estimates else None
+        self._estimates = estimates
+        self._channel: Channel[RoverTruth, Message, SlipAngle] = Channel(
+            sensing.sensor, sensing.schedule, estimator, InLine(), Stopwatch()
+        )
         self._good: SlipAngle | None = None  # the newest estimate with health
         self._image: tuple[int, GreyImage] | None = None  # the newest, with the tick of its capture
 
@@ -86,30 +81,19 @@ class SensedSlip:
         return 0.0 if self._image is None else (tick - self._image[0]) * TICK
 
     def drive(self, truth: RoverTruth) -> None:
-        """Lets the wheels go on to here: the sand keeps it."""
-        self._world.drive([truth])
+        """Let the wheels imprint their way to here."""
+        self._view.follow(truth)
 
     def look(self, truth: RoverTruth) -> None:
-        """Takes a picture if one is due, and what has been estimated by now."""
-        readings, tick = self._instruments.sample(truth), truth.tick
-        if self._schedule.due(tick):
-            image = self._camera.sample(truth)
-            self._image = tick, image
-            if self._source is not None:
-                view = RoverView(
-                    tick=tick,
-                    image=image,
-                    heading=readings.heading,
-                    wheel_speeds=readings.wheel_speeds,
-                    steer=readings.steer,
-                )
-                self._memory, estimate = self._source.step(self._memory, view)
-                if estimate is not None:
-                    self._in_flight = self._in_flight.put(tick + self._schedule.latency, estimate)
-        self._in_flight, due = self._in_flight.deliver(tick)
-        for estimate in due:
-            if estimate.health is not Health.LOST:
-                self._good = estimate
+        """Take an image if one is due, and receive the estimates that are due by now."""
+        self._instruments.sample(truth)  # read at every step, seen or not: their errors are a stream
+        message = self._channel.sample(truth, truth.tick)
+        if isinstance(message, RoverView):
+            self._image = truth.tick, message.image
+        self._channel.deliver(truth.tick)
+        newest = self._channel.newest
+        if newest is not None and newest.health is not Health.LOST:
+            self._good = newest
 
     def view(self) -> Picture:
         """The newest picture for people, with the estimated direction of the wheel's travel."""
@@ -122,7 +106,7 @@ class SensedSlip:
         words = (
             "no estimate yet" if self._good is None else f"estimated slip angle {np.degrees(self._good.value):+.1f} deg"
         )
-        if self._source is not None:
+        if self._estimates:
             strip = shown[:34]
             strip[:] = 255 - (255 - strip) // 4
             write(shown, words, (12, 8), colour=SOFT)

@@ -1,30 +1,33 @@
-"""A trailer of an environment with the sensors, the estimator and the world that a scenario would give it."""
+"""A trailer of an environment with the sensors, the estimator and the world of a scenario."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
 
 from controllers.trailer_steering.policy import AHEAD, felt_features, seen_features
-from controllers.trailer_steering.unsteered import Unsteered
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.courses import Course
-from scenarios.assembly.sensing import Sensing, opened_sensing
-from scenarios.assembly.stereo_cameras import Views, built_world
-from scenarios.assembly.trailer import WatchedTrailer
-from scenarios.loop.trailer_loop import TrailerLoop
+from scenarios.assembly.mount import MountContext
+from scenarios.assembly.sensing import opened_sensing, opened_sensor
+from scenarios.assembly.trailer import trailer_stream
+from scenarios.assembly.views import Views, built_world
+from scenarios.loop.channel import Channel
+from scenarios.loop.combination import OffTrackingEstimate, as_estimate
+from scenarios.loop.stopwatch import Stopwatch
 from scenarios.options.scenario import Scenario
 from scenarios.randomness import stream
 from scenarios.results.trailer_signals import Estimate
 from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame
+from sensors.sensor import Message
 from vehicle.clock import TICK, Schedule
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
@@ -65,27 +68,35 @@ class SensedTrailer:
             RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
         """
         unit, seed = len(vehicle.units) - 1, setting.seed
-        geometry = replace(trailer_geometry(vehicle, unit), follow_distance=setting.follow_distance)
-        name = vehicle.units[unit].name
-        signals = CombinationSensors(
-            vehicle, unit, rng=stream(seed, f"signals of {name}"), noise=setting.signal_noise * scenario.signals.noise
+        course, surface = _with_approach(setting.course, distance_to_fill(setting.follow_distance)), setting.surface
+        own, noise = partial(trailer_stream, seed, vehicle, unit), setting.signal_noise * scenario.signals.noise
+        self._signals = CombinationSensors(
+            vehicle, unit, rng=stream(seed, f"signals of {vehicle.units[unit].name}"), noise=noise
         )
-        course, surface = _with_approach(setting.course, way_to_fill(setting.follow_distance)), setting.surface
-        self.sensing: Sensing = opened_sensing(
-            scenario,
-            seed,
-            unit=unit,
+        self._views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")))
+        mount = MountContext(
             vehicle=vehicle,
-            trailer=geometry,
-            signals=signals,
+            unit=unit,
+            follow_distance=setting.follow_distance,
             surface=surface,
-            views=Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world"))),
+            views=self._views,
+            nominal=vehicle,
             schedule=camera_schedule(scenario),
-            keep_colour=False,
-            record=sees,
+            rng=own("sensor"),
+            options=scenario.sensing,
+            scenario=scenario,
+            trailer=replace(trailer_geometry(vehicle, unit), follow_distance=setting.follow_distance),
+            signals=self._signals,
+            stream=own,
         )
-        watched = WatchedTrailer.of(vehicle, unit, geometry, Unsteered(geometry), signals, self.sensing)
-        self._loop, self._signals = TrailerLoop(watched, worker, _untimed), signals
+        sensing = opened_sensing(mount)
+        sensor, schedule = sensing.sensor, sensing.schedule
+        if sees and sensing.cameras is None:
+            opened = opened_sensor("stereo_camera", mount)
+            sensor, schedule = opened.sensor, opened.schedule
+        self._channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
+            sensor, schedule, None if sees else sensing.estimator, worker, Stopwatch()
+        )
         self._follow = setting.follow_distance
         self._tick = 0  # of the newest look
         self._good: OffTracking | None = None  # the newest estimate with health
@@ -94,8 +105,8 @@ class SensedTrailer:
 
     @property
     def newest(self) -> Estimate | None:
-        """The estimate that has been delivered last."""
-        return self._loop.estimates[-1] if self._loop.estimates else None
+        """The estimate delivered last."""
+        return None if self._channel.newest is None else as_estimate(self._channel.newest)
 
     def approach(self, standing: Callable[[int, float], Truth], speed: float) -> int:
         """Comes straight to the start at this speed [m/s], looking, until the way behind it is known.
@@ -103,29 +114,16 @@ class SensedTrailer:
         ``standing(tick, back)`` is the truth at a tick so far behind the start [m]. The cameras' clock begins with it;
         returned is the tick at which the start is reached, whose frame is not taken yet.
         """
-        period = self.sensing.schedule.period
-        there = period * math.ceil(way_to_fill(self._follow) / (speed * period * TICK))
-        for tick in range(0, there, period):
-            self._sample(standing(tick, speed * (there - tick) * TICK))
-            self._deliver(tick)
-        return there
+        period = self._channel.schedule.period
+        arrival = period * math.ceil(distance_to_fill(self._follow) / (speed * period * TICK))
+        for tick in range(0, arrival, period):
+            self._sample(standing(tick, speed * (arrival - tick) * TICK))
+        return arrival
 
     def look(self, truth: Truth) -> None:
-        """A control step: samples what is due, takes what has been estimated by now."""
+        """A control step: sample what is due, receive the estimates that are due by now."""
         self._tick = truth.tick
-        if self.sensing.schedule.due(truth.tick):
-            self._sample(truth)
-        self._deliver(truth.tick)
-        self._felt = felt_features(self._signals.sample(truth), self._follow)
-
-    def take(self, truth: Truth) -> None:
-        """A control step in which only pictures are taken, and nothing is made of them."""
-        self._tick = truth.tick
-        cameras, schedule = self.sensing.cameras, self.sensing.schedule
-        if cameras is not None and schedule.due(truth.tick):
-            sensor = self.sensing.sensor if self.sensing.sees else cameras.camera
-            message = sensor.sample(truth)
-            self.frame = message if isinstance(message, StereoFrame) else self.frame
+        self._sample(truth)
         self._felt = felt_features(self._signals.sample(truth), self._follow)
 
     def estimated(self) -> FloatArray:
@@ -144,26 +142,22 @@ class SensedTrailer:
         return np.array([age, *self._felt])
 
     def close(self) -> None:
-        """Closes the cameras."""
-        if self.sensing.cameras is not None:
-            self.sensing.cameras.renderer.close()
+        """Close the cameras."""
+        self._views.close()
 
     def _sample(self, truth: Truth) -> None:
-        message = self.sensing.sensor.sample(truth)
-        if message is not None:
-            self._loop.send(message, truth.tick)
+        message = self._channel.sample(truth, truth.tick)
         if isinstance(message, StereoFrame):
             self.frame = message
+        known = len(self._channel.delivered)
+        self._channel.deliver(truth.tick)
+        for delivered in self._channel.delivered[known:]:
+            off_tracking = as_estimate(delivered).off_tracking
+            if off_tracking.health is not Health.LOST:
+                self._good = off_tracking
 
-    def _deliver(self, tick: int) -> None:
-        known = len(self._loop.estimates)
-        self._loop.deliver(tick)
-        for estimate in self._loop.estimates[known:]:
-            if estimate.off_tracking.health is not Health.LOST:
-                self._good = estimate.off_tracking
 
-
-def way_to_fill(follow_distance: float) -> float:
+def distance_to_fill(follow_distance: float) -> float:
     """How far a trailer drives until its buffer reaches back to the follow point [m]."""
     return follow_distance + _MORE
 
@@ -182,7 +176,3 @@ def _with_approach(course: Course, way: float) -> Course:
     line = course.centreline
     back = line[0] - line[1]
     return replace(course, centreline=np.vstack([line[0] + way * back / math.hypot(*back.tolist()), line]))
-
-
-def _untimed(_: str) -> AbstractContextManager[None]:
-    return nullcontext()

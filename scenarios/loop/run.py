@@ -1,28 +1,53 @@
-"""One run from start to finish: assemble, loop, and gather what it has to tell."""
+"""Runs of scenarios from start to finish, of trailers and of rovers alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.board_calibration import Told
-from scenarios.assembly.trailer import Assembly, assemble
-from scenarios.loop.session import Session
+from scenarios.assembly.rover import assemble_rover
+from scenarios.assembly.trailer import Assembly, assemble, trailer_stream
+from scenarios.loop.combination import SteeredTrailer, TrailerSession
+from scenarios.loop.rover import RoverSession
+from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario
-from scenarios.randomness import stream
+from scenarios.progress import Progress, no_progress
+from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
-from scenarios.results.log import Log, Signal
 from scenarios.results.reference_unit import reference_off_tracking
-from scenarios.results.run import CameraFrame, RunResult, TrailerAhead
-from scenarios.results.trailer_signals import run_log, with_trailer_ahead
+from scenarios.results.rover import RoverResult, TraceFrame
+from scenarios.results.rover_signals import rover_log
+from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
+from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
+from vehicle.frames import FloatArray
 
-Progress = Callable[[float, float], None]  # share done, simulated seconds so far
+_SPACING = 0.02  # of a rover path's points in figures [m]
+
+
+def run_any(
+    scenario: Scenario | RoverScenario,
+    seed: int,
+    *,
+    keep_frames: bool = False,
+    record: Path | None = None,
+    progress: Progress = no_progress,
+    calibration_progress: Progress = no_progress,
+) -> RunResult | RoverResult:
+    """Run a trailer's or a rover's scenario; see :func:`run` and :func:`run_rover`."""
+    if isinstance(scenario, RoverScenario):
+        return run_rover(scenario, seed, keep_frames=keep_frames, record=record, progress=progress)
+    return run(
+        scenario,
+        seed,
+        keep_frames=keep_frames,
+        record=record,
+        progress=progress,
+        calibration_progress=calibration_progress,
+    )
 
 
 def run(
@@ -31,127 +56,145 @@ def run(
     *,
     keep_frames: bool = False,
     record: Path | None = None,
-    progress: Progress | None = None,
-    calibrating: Told | None = None,
+    progress: Progress = no_progress,
+    calibration_progress: Progress = no_progress,
 ) -> RunResult:
-    """The result of the scenario's closed-loop run; an interrupt ends it early and keeps what there is.
+    """Run a trailer's scenario in the closed loop; an interrupt ends it early and keeps what there is.
 
     Args:
         scenario: what to run.
         seed: decides world and noise; the same seed on the same machine gives bitwise the same log and images.
-        keep_frames: keep what the left camera saw, for a video and the report.
+        keep_frames: keep what the left camera sees, for a video and the report.
         record: folder to write the stereo images to, as a KITTI-style sequence.
-        progress: told the share of the course that is done.
-        calibrating: told how many pictures of calibration boards are done, of how many.
+        progress: receives the share of the course that is done.
+        calibration_progress: receives the number of pictures of calibration boards that are done, and of how many.
 
     Raises:
         ValueError: one line, if something of the scenario does not fit.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     with ExitStack() as cleanup:
-        recording = record is not None
-        parts = assemble(scenario, seed, keep_colour=keep_frames, record=recording, calibrating=calibrating)
-        if parts.cameras:
-            cleanup.callback(parts.cameras.renderer.close)
+        parts = cleanup.enter_context(
+            closing(
+                assemble(
+                    scenario, seed, keep_colour=keep_frames, record=record is not None, progress=calibration_progress
+                )
+            )
+        )
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
-        session = Session(parts, keep_frames=keep_frames, recorder=recorder)
-        cleanup.callback(session.close)
-        drive(session, progress)
+        session = cleanup.enter_context(TrailerSession(parts, keep_frames=keep_frames, recorder=recorder))
+        session.run(progress)
         return _result(session)
 
 
-class Driven(Protocol):
-    """A run in progress, of whatever drives."""
+def run_rover(
+    scenario: RoverScenario,
+    seed: int,
+    *,
+    keep_frames: bool = False,
+    record: Path | None = None,
+    progress: Progress = no_progress,
+) -> RoverResult:
+    """Run a rover's scenario in the closed loop; an interrupt ends it early and keeps what there is.
 
-    outcome: str | None  # None while the run goes on
-    tick: int
+    Args:
+        scenario: what to run.
+        seed: decides ground and noise; the same seed on the same machine gives bitwise the same log and images.
+        keep_frames: keep what the camera sees, for a video and the report.
+        record: folder to write images, readings and calibration to.
+        progress: receives the share of the path that is done.
 
-    @property
-    def progress(self) -> float:
-        """How much of the course is done, 0 to 1."""
-
-    def advance(self) -> None:
-        """One round of the loop."""
-
-
-def drive(session: Driven, progress: Progress | None) -> None:
-    """Goes on until there is an outcome; an interrupt is one."""
-    try:
-        while session.outcome is None:
-            session.advance()
-            if progress:
-                progress(session.progress, session.tick * TICK)
-    except KeyboardInterrupt:
-        session.outcome = "interrupted"
+    Raises:
+        ValueError: one line, if something of the scenario does not fit.
+    """
+    with ExitStack() as cleanup:
+        parts = assemble_rover(scenario, seed, record=record is not None)
+        recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
+        session = cleanup.enter_context(RoverSession(parts, keep_frames=keep_frames, recorder=recorder))
+        session.run(progress)
+        return RoverResult(
+            scenario=scenario.name,
+            scenario_toml=scenario.to_toml(),
+            seed=seed,
+            outcome=session.outcome or "unfinished",
+            log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
+            rover=parts.rover.name,
+            path=parts.path.points(_SPACING),
+            rig=parts.rig,
+            timing=session.stopwatch.timing(session.tick * TICK),
+            frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.pictures.frames),
+            manifest={"frames_sha256": session.pictures.sha256 if parts.view else "none"},
+        )
 
 
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
-    return RecordingWriter(directory, parts.cameras.calibrated, parts.trailer.follow_distance)
+    return RecordingWriter(directory, parts.cameras.calibrated, parts.trailers[-1].geometry.follow_distance)
 
 
-def _result(session: Session) -> RunResult:
+def _result(session: TrailerSession) -> RunResult:
     parts = session.parts
-    log = run_log(
-        session.rows,
-        session.estimates,
-        units=[unit.name for unit in parts.vehicle.units],
-        trailer_unit=parts.trailer_unit,
-        follow_distance=parts.trailer.follow_distance,
-        steers_ahead=parts.trailers[-1].steers_ahead,
-        X_SC=parts.cameras.calibration.X_SC if parts.cameras else None,
-    )
-    for place, trailer in enumerate(parts.trailers[:-1]):
-        log = with_trailer_ahead(
-            log,
-            session.rows,
-            session.trailers[place].estimates,
-            place=place,
-            unit=trailer.name,
-            follow_distance=trailer.geometry.follow_distance,
-            steers_ahead=trailer.steers_ahead,
-        )
-    if parts.scenario.reference_unit:
-        log = _with_reference(log, session)
+    vehicle = parts.vehicle
     return RunResult(
         scenario=parts.scenario.name,
         scenario_toml=parts.scenario.to_toml(),
         seed=parts.seed,
         outcome=session.outcome or "unfinished",
-        log=log,
-        units=outlines(parts.vehicle),
-        follow_distance=parts.trailer.follow_distance,
+        log=run_log(
+            session.rows,
+            [_track(session, trailer) for trailer in session.trailers],
+            units=[unit.name for unit in vehicle.units],
+            n_front=len(vehicle.units[0].steered_axles),
+        ),
+        units=outlines(vehicle),
+        trailers=tuple(
+            JudgedTrailer(
+                name=trailer.name,
+                follow_distance=trailer.geometry.follow_distance,
+                n_steered=trailer.n_steered,
+                max_steer=trailer.geometry.max_steer or None,
+            )
+            for trailer in parts.trailers
+        ),
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
         circle_centre=parts.course.surface_centre,
         timing=session.stopwatch.timing(session.tick * TICK),
         frames=_camera_frames(session),
         manifest={
-            "opengl_renderer": parts.cameras.renderer.name if parts.cameras else "none",
-            "frames_sha256": session.images_sha256 if parts.cameras else "none",
+            "opengl_renderer": parts.views.renderer_name,
+            "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
-        trailer_steer_limit=parts.trailer.max_steer or None,
-        trailers_ahead=tuple(
-            TrailerAhead(name=trailer.name, follow_distance=trailer.geometry.follow_distance)
-            for trailer in parts.trailers[:-1]
-        ),
     )
 
 
-def _with_reference(log: Log, session: Session) -> Log:
-    parts = session.parts
-    values = reference_off_tracking(
+def _track(session: TrailerSession, trailer: SteeredTrailer) -> TrailerTrack:
+    watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
+    return TrailerTrack(
+        name=watched.name,
+        follow_distance=watched.geometry.follow_distance,
+        steers_ahead=watched.steers_ahead,
+        n_steered=watched.n_steered,
+        estimates=trailer.estimates,
+        X_SC=cameras.calibration.X_SC if cameras else None,
+        reference=_reference(session, trailer) if session.parts.scenario.reference_unit else None,
+    )
+
+
+def _reference(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
+    parts, watched = session.parts, trailer.trailer
+    return reference_off_tracking(
         [row.truth for row in session.rows],
-        unit=parts.trailer_unit,
-        follow_distance=parts.trailer.follow_distance,
-        rng=stream(parts.seed, "reference unit"),
+        unit=watched.unit,
+        follow_distance=watched.geometry.follow_distance,
+        rng=trailer_stream(parts.seed, parts.vehicle, watched.unit, "reference unit"),
     )
-    return log.with_signal(Signal("off_tracking_reference", "m", "as a GNSS-aided inertial unit has it"), values)
 
 
-def _camera_frames(session: Session) -> tuple[CameraFrame, ...]:
-    motions = {estimate.motion.tick: estimate.motion for estimate in session.estimates if estimate.motion}
+def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
+    estimates = session.trailers[-1].estimates
+    motions = {estimate.motion.tick: estimate.motion for estimate in estimates if estimate.motion}
     none = np.empty((0, 4), dtype=np.float32)
     return tuple(
         CameraFrame(
@@ -161,5 +204,5 @@ def _camera_frames(session: Session) -> tuple[CameraFrame, ...]:
             matches=motions[tick].matches if tick in motions else 0,
             inliers=motions[tick].inliers if tick in motions else 0,
         )
-        for tick, jpeg in session.frames
+        for tick, jpeg in session.pictures.frames
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal, get_args
 
-from scenarios.results.run import Timing
+from scenarios.results.timing import Timing
 
 Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry, which runs beside
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import Field, field_validator
+from pydantic import BeforeValidator, Field, field_validator
 
 from scenarios.options.base import Options, quantity
 
@@ -18,8 +19,10 @@ class StopTable(Options):
 
 
 class DriverOptions(Options):
-    """He follows the course at set speed, slower where a limit says so, or repeats a recorded drive."""
+    """The driver: follows the course at set speed, slower where a limit says so, or repeats a recorded drive."""
 
+    kind: str | None = None  # preview, recorded or package.module:Name; not given: recorded if there is a trace
+    parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)  # of a driver of one's own
     max_lateral_acceleration: float | None = quantity(None, "m/s2", ge=0.05, le=10.0)  # he slows down to in turns
     stops: tuple[StopTable, ...] = Field(default=(), max_length=50)
     trace: str | None = None  # CSV file: time_s, steer_deg, and speed_kmh or acceleration (m/s2)
@@ -28,3 +31,10 @@ class DriverOptions(Options):
     @classmethod
     def _from_any_folder(cls, trace: str | None) -> str | None:
         return None if trace is None else str(Path(trace).resolve())
+
+
+def _table(driver: Any) -> Any:
+    return {"kind": driver} if isinstance(driver, str) else driver
+
+
+DriverTable = Annotated[DriverOptions, BeforeValidator(_table)]  # ``driver = "name"`` is short for its kind

@@ -9,6 +9,8 @@ import tomli_w
 from pydantic import Field, field_validator
 
 from scenarios.options.base import Options, quantity
+from scenarios.options.faults import Faults
+from vehicle.option import Parameter
 
 Compensation = Literal["none", "heading", "crab"]
 
@@ -106,12 +108,18 @@ class RoverScenario(Options):
     vehicle: str = "el_dorado_ii"  # a known rover or a TOML file
     speed_kmh: float = quantity(0.288, "km/h", ge=0.05, le=1.08)  # 8 cm/s; the paper's rover does 2 to 30 cm/s
     slip_estimator: str = "ftrace_plus"  # truth, ftrace, ftrace_plus or package.module:Name
+    estimator: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
+    sensor: str | None = None  # that it reads: a known one or package.module:Name; not given: the estimator's own
+    sensing: dict[str, Parameter] = Field(default_factory=dict)  # parameters of the sensor, if it is one's own
+    driver: str = "path"  # a known rover driver or package.module:Name
+    driving: dict[str, Parameter] = Field(default_factory=dict)  # its parameters, if it is one's own
     slip_compensation: Compensation = "crab"
     navigation: Literal["odometry", "laser"] = "odometry"  # where the rover has its position from
     surface: RoverSurfaceOptions = RoverSurfaceOptions()
     world: SandOptions = SandOptions()
     rig: TraceRigOptions = TraceRigOptions()
     signals: RoverSignalOptions = RoverSignalOptions()
+    faults: Faults = ()
 
     @property
     def speed(self) -> float:

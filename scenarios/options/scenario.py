@@ -16,9 +16,10 @@ from controllers.trailer_steering.policy import shipped_networks
 from scenarios.options.base import Options, quantity
 from scenarios.options.course import COURSES, Course, TurnTable
 from scenarios.options.degradation import DegradationOptions
-from scenarios.options.driver import DriverOptions, StopTable
+from scenarios.options.driver import DriverOptions, DriverTable, StopTable
 from scenarios.options.faults import FaultOptions, Faults
 from scenarios.options.ground_rig import GroundRigOptions
+from scenarios.options.plant import PlantOptions
 from scenarios.options.rig import RigOptions, WorldOptions
 from scenarios.options.rover import ROVER_COURSES, MoundOptions, RoverScenario
 from scenarios.options.signals import SignalOptions, SteerGroups
@@ -52,11 +53,15 @@ class Scenario(Options):
     course: Course
     vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
     speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
-    driver: DriverOptions = DriverOptions()
+    plant: PlantOptions = PlantOptions()  # how the simulated vehicle differs from the one that controllers know
+    driver: DriverTable = DriverOptions()
     trailer_steering: str = "path_preview"  # a known controller or package.module:Name
     steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
     policy: PolicyOptions = PolicyOptions()
-    off_tracking: str = "viso_ot"  # a known estimator (offtrack run --help lists them) or package.module:Name
+    off_tracking: str = "viso_ot"  # a known estimator (see offtrack parts off_tracking) or package.module:Name
+    estimator: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
+    sensor: str | None = None  # that it reads: a known one or package.module:Name; not given: the estimator's own
+    sensing: dict[str, Parameter] = Field(default_factory=dict)  # parameters of the sensor, if it is one's own
     viso_ot: VisoOtOptions = VisoOtOptions()
     odometry: str = "keyframe"  # a known odometry or package.module:Name
     steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle

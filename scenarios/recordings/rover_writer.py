@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.recordings.png import write_png
 from scenarios.recordings.rover_format import IMAGES, READINGS, RIG, SLIP, SLIP_COLUMNS, columns, rig_toml
-from scenarios.results.run import check_run_directory
+from scenarios.results.run_directory import check_run_directory
 from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK

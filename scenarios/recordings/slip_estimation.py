@@ -15,7 +15,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_reader import RoverRecording
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, HEALTH_WORDS, LOST, Log, Signal
-from scenarios.results.run import number
+from scenarios.results.numbers import number
 from vehicle.clock import TICK
 
 _DROPPED: Final = 3.0

@@ -14,7 +14,7 @@ from scenarios.recordings.slip_estimation import ROW_WORDS, SlipEstimation, slip
 from scenarios.recordings.slip_page import report_page
 from scenarios.recordings.slip_video import write_video
 from scenarios.results.log import Log, write_log
-from scenarios.results.run import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once
 
 
 def write_slip_estimation(

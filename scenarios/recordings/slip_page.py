@@ -11,7 +11,7 @@ from scenarios.report.drawing import BAND, ESTIMATED, TRUE, drawn, zero_line
 from scenarios.report.numbers import ShownNumber, number_cards, number_table
 from scenarios.report.page import Figure, Items, Page, Section, outcome_verdict, software_section
 from scenarios.results.log import Log
-from scenarios.results.run import versions
+from scenarios.results.writer import versions
 
 _LAGGED: Final = "#12935f"
 _NUMBERS: Final = (

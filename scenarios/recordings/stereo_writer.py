@@ -14,7 +14,7 @@ from types import TracebackType
 import numpy as np
 
 from scenarios.recordings.png import write_png
-from scenarios.results.run import check_run_directory
+from scenarios.results.run_directory import check_run_directory
 from sensors.camera.lens import RawStereoRig
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

@@ -9,7 +9,7 @@ import numpy as np
 
 from scenarios.report.canvas import INK, PAPER, WIDTH, Picture, write
 from scenarios.report.page import Photo, Photos, Stroke
-from scenarios.results.run import CameraFrame
+from scenarios.results.run_result import CameraFrame
 from vehicle.frames import FloatArray
 
 _TALLEST: Final = 480  # of a camera image in a video [px]

@@ -12,8 +12,9 @@ from scenarios.report.numbers import ShownNumber, number_cards, number_table
 from scenarios.report.page import Page, Photo, Photos, Section, outcome_verdict
 from scenarios.report.run_sections import provenance_sections, timing_section
 from scenarios.report.trace_view import traced
-from scenarios.results.rover import RoverResult, rover_manifest
-from scenarios.results.run import Summary
+from scenarios.results.numbers import Summary
+from scenarios.results.rover import RoverResult
+from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
 _NUMBERS: Final = (
@@ -65,7 +66,7 @@ def _sections(result: RoverResult, summary: Summary) -> Iterator[Section]:
         yield from _drawn(result)
     yield Section("All numbers", content=[number_table(summary, _NUMBERS)])
     yield timing_section(result.timing, ("physics", "sand and camera", "slip estimator"))
-    yield from provenance_sections(result.scenario_toml, rover_manifest(result))
+    yield from provenance_sections(result.scenario_toml, manifest(result))
 
 
 def _drawn(result: RoverResult) -> Iterator[Section]:

@@ -10,6 +10,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from scenarios.progress import Progress, no_progress
 from scenarios.report.canvas import (
     ESTIMATED,
     INK,
@@ -35,7 +36,7 @@ from scenarios.report.canvas import (
 )
 from scenarios.report.trace_view import picture as trace_picture
 from scenarios.report.video import Reel, write_reel
-from scenarios.results.rover import Progress, RoverResult
+from scenarios.results.rover import RoverResult
 from vehicle.frames import FloatArray
 
 _RATE: Final = 10  # [1/s] of the video, twice as fast as it happened: a rover is slow
@@ -45,7 +46,7 @@ _HEAD: Final = 64  # [px] of the numbers above the chart
 _BODY: Final = np.array([[0.35, 0.25], [0.35, -0.25], [-0.35, -0.25], [-0.35, 0.25]])  # a simplified outline [m]
 
 
-def write_rover_video(result: RoverResult, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
+def write_rover_video(result: RoverResult, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
     """Writes the video and returns its path."""
     ticks = range(0, round(float(result.log["tick"][-1])) + 1, _PERIOD)
     film = _Film.of(result)

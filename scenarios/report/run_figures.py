@@ -27,7 +27,7 @@ from scenarios.report.drawing import (
 )
 from scenarios.report.page import Figure
 from scenarios.results.log import LOST
-from scenarios.results.run import RunResult, error_of_estimate
+from scenarios.results.run_result import RunResult, error_of_estimate
 from scenarios.results.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length, rows_every

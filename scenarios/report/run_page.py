@@ -12,7 +12,10 @@ from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import ShownNumber, number_cards, number_table
 from scenarios.report.page import Column, Page, Row, Section, Table, outcome_verdict
 from scenarios.report.run_sections import provenance_sections, timing_section
-from scenarios.results.run import CameraFrame, RunResult, Summary, manifest, trailer_summaries
+from scenarios.results.numbers import Summary
+from scenarios.results.run_result import CameraFrame, RunResult
+from scenarios.results.summary import trailer_summaries
+from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
 _NUMBERS: Final = (
@@ -63,7 +66,7 @@ _ON_CARDS: Final = ("true_rms_m", "estimate_error_rms_m", "max_width_m", "realti
 
 
 def report_html(result: RunResult, summary: Summary) -> str:
-    """The page as HTML; ``summary`` is the run in numbers as :func:`scenarios.results.run.summary` gives it."""
+    """The page as HTML; ``summary`` is the run in numbers as :func:`scenarios.results.summary.summary` gives it."""
     combination = " + ".join(unit.name for unit in result.units)
     return Page(
         title=result.scenario,

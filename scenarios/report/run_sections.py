@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from scenarios.report.page import Bar, Cell, Column, Preformatted, Row, Section, Table, facts_table
-from scenarios.results.run import Timing
+from scenarios.results.timing import Timing
 
 _COLOURS = ("#1f5fa8", "#2a9d8f", "#e0761a", "#b8c0c8")
 

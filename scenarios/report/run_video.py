@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scenarios.progress import Progress, no_progress
 from scenarios.report.canvas import (
     ESTIMATED,
     INK,
@@ -31,7 +32,7 @@ from scenarios.report.plan_view import PlanView
 from scenarios.report.video import Reel, write_reel
 from scenarios.results.log import LOST
 from scenarios.results.metrics import peak
-from scenarios.results.run import Progress, RunResult
+from scenarios.results.run_result import RunResult
 from vehicle.frames import FloatArray
 
 _FRAME_RATE = 10  # [1/s] that of the cameras
@@ -40,7 +41,7 @@ PLAN_WIDTH, ROW_HEIGHT, READINGS = 620, 430, 150  # of the panels below the came
 _BLIND_HEIGHT = 640  # of the panels without a camera [px]
 
 
-def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
+def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
     """Writes the video and returns its path."""
     ticks = range(0, round(float(result.log["tick"][-1])) + 1, _PERIOD)
     composition = _Composition.of_run(result)

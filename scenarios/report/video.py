@@ -11,8 +11,8 @@ from pathlib import Path
 import cv2
 from PIL import Image
 
+from scenarios.progress import Progress, no_progress
 from scenarios.report.canvas import Picture
-from scenarios.results.run import Progress
 
 _GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 64  # a GIF of a minute then stays at some megabytes
 
@@ -26,10 +26,10 @@ class Reel:
     rate: int  # [1/s]
 
 
-def write_reel(reel: Reel, path_without_suffix: Path, *, progress: Progress | None = None) -> Path:
+def write_reel(reel: Reel, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
     """Writes a video of the pictures and returns its path."""
     encode = _write_h264 if importlib.util.find_spec("av") else _write_gif
-    return encode(reel, path_without_suffix, progress or (lambda done, of: None))
+    return encode(reel, path_without_suffix, progress)
 
 
 def _pictures(reel: Reel, stride: int, progress: Progress) -> Iterator[Picture]:

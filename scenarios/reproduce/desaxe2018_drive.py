@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise, takewhile
@@ -19,18 +20,20 @@ from numpy.typing import NDArray
 
 from estimators.calibration.right_rotation import RightRotation, straightened
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
+from estimators.context import OffTrackingSource
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.odometry.viso2 import Viso2Odometry
 from estimators.off_tracking.viso_ot import VisoOt
-from scenarios.assembly.stereo_cameras import Cameras, Rectified
+from scenarios.assembly.mount import Cameras
+from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.assembly.trailer import Assembly, assemble
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
 from scenarios.results import metrics
 from scenarios.results.reference_unit import reference_off_tracking
-from scenarios.results.trailer_signals import Estimate, run_log
+from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log
 from scenarios.studies.pool import as_finished, default_jobs
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -141,34 +144,28 @@ def drive(case: Case, progress: Progress) -> Drive:
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
-    beside = Beside([VisoOt(c, parts.trailer.follow_distance, ODOMETRIES[name](c)) for name, c in _each(case, parts)])
-    session = Session(with_source(parts, parts.cameras, beside))
-    try:
+    calibration, follow = parts.cameras.calibration, parts.trailers[-1].geometry.follow_distance
+    beside = Beside([VisoOt(calibration, follow, ODOMETRIES[name](calibration)) for name in case.odometries])
+    with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, beside)) as session:
         while session.outcome is None:
             session.advance()
             progress(session.progress, 1.0)
-    finally:
-        session.close()
-        parts.cameras.renderer.close()
     return _gathered(case, session, beside, parts.cameras)
 
 
-def _each(case: Case, parts: Assembly) -> list[tuple[str, StereoCalibration]]:
-    return [(name, parts.cameras.calibration) for name in case.odometries if parts.cameras]
-
-
-def with_source(parts: Assembly, cameras: Cameras, source: Any) -> Assembly:
+def with_estimator(parts: Assembly, cameras: Cameras, estimator: OffTrackingSource) -> Assembly:
     """The run with another estimator behind the last trailer's cameras."""
-    rectified = Rectified(source, cameras.rectifier) if cameras.rectifier else source
+    rectified = Rectified(estimator, cameras.rectifier) if cameras.rectifier else estimator
     last = parts.trailers[-1]
-    watched = dataclasses.replace(last, sensing=dataclasses.replace(last.sensing, source=rectified))
+    watched = dataclasses.replace(last, sensing=dataclasses.replace(last.sensing, estimator=rectified))
     return dataclasses.replace(parts, trailers=(*parts.trailers[:-1], watched))
 
 
-def _gathered(case: Case, session: Session, beside: Beside, cameras: Cameras) -> Drive:
+def _gathered(case: Case, session: TrailerSession, beside: Beside, cameras: Cameras) -> Drive:
     parts = session.parts
     truths = [row.truth for row in session.rows]
-    unit, follow = parts.trailer_unit, parts.trailer.follow_distance
+    last = parts.trailers[-1]
+    unit, follow = last.unit, last.geometry.follow_distance
     bodies = np.array([truth.bodies[unit] for truth in truths])
     poses = np.array([truth.poses[unit] for truth in truths])
     true = metrics.true_off_tracking(poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]), follow)
@@ -177,15 +174,17 @@ def _gathered(case: Case, session: Session, beside: Beside, cameras: Cameras) ->
     tracks: dict[str, Track] = {}
     at = np.array([], dtype=np.intp)
     for odometry, estimates in zip(case.odometries, beside.kept, strict=True):
-        log = run_log(
-            session.rows,
-            estimates,
-            units=[one.name for one in parts.vehicle.units],
-            trailer_unit=unit,
+        track = TrailerTrack(
+            name=last.name,
             follow_distance=follow,
-            steers_ahead=parts.trailers[-1].steers_ahead,
+            steers_ahead=last.steers_ahead,
+            n_steered=last.n_steered,
+            estimates=estimates,
             X_SC=cameras.calibration.X_SC,
         )
+        units = parts.vehicle.units
+        n_front = len(units[0].steered_axles)
+        log = run_log(session.rows, [track], units=[unit.name for unit in units], n_front=n_front)
         at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for everyone
         tracks[odometry] = Track(*(log[signal][at] for signal in _SIGNALS))
     return Drive(

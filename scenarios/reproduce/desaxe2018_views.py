@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,11 +19,11 @@ from estimators.odometry.circular_matching import Matches
 from estimators.odometry.viso2 import NEAR, Viso2Odometry
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from scenarios.assembly.trailer import assemble
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, part_of
 from scenarios.report.drawing import ESTIMATED
-from scenarios.reproduce.desaxe2018_drive import with_source
+from scenarios.reproduce.desaxe2018_drive import with_estimator
 from scenarios.reproduce.desaxe2018_field import Facing, field_case
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE
 from scenarios.reproduce.figure import Comparison, Reproduction
@@ -101,14 +102,10 @@ def _seen(facing: Facing, until: float, progress: Progress) -> View:
         raise ValueError(f"scenario {case.scenario} has no cameras")
     calibration = parts.cameras.calibration
     latest = Latest()
-    session = Session(with_source(parts, parts.cameras, latest))
-    try:
+    with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, latest)) as session:
         while session.outcome is None and session.tick * TICK < until:
             session.advance()
             progress(min(session.tick * TICK, until), until)
-    finally:
-        session.close()
-        parts.cameras.renderer.close()
     if len(latest.frames) < _PAIRS:
         raise ValueError(f"{len(latest.frames)} stereo pairs were seen within {until} s, less than {_PAIRS}")
     newest = latest.frames[-1]

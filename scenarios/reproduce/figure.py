@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from scenarios.report.drawing import STYLE
 from scenarios.results.log import Log, write_log
-from scenarios.results.run import appearing_at_once, versions
+from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.writer import versions
 
 _DPI: Final = 150
 

@@ -6,7 +6,7 @@ On disk a log is a Parquet file in SI units; unit and meaning of every signal tr
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -79,9 +79,9 @@ class Log:
 
     __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
 
-    def with_signal(self, signal: Signal, values: FloatArray) -> Log:
-        """The log with one more signal, ``values`` (n_rows,), computed after the run."""
-        return Log((*self.signals, signal), np.column_stack([self.rows, values]))
+    def with_signals(self, signals: Sequence[Signal], values: Sequence[FloatArray]) -> Log:
+        """The log with further signals, their values (n_rows,) each."""
+        return Log((*self.signals, *signals), np.column_stack([self.rows, *values]))
 
     def sha256(self) -> str:
         """Hash of the signals' names, units and values: equal for equal logs, whatever file they are in."""

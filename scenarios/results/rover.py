@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from estimators.slip.reference import LaserSlip
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
-from scenarios.results.run import Summary, Timing, number, versions, write_files
+from scenarios.results.numbers import Summary, number, timing_numbers
+from scenarios.results.timing import Timing
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
-
-Progress = Callable[[int, int], None]  # done so far, of how many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,45 +56,7 @@ def rover_summary(result: RoverResult) -> Summary:
         "slip": _slip(result),
         "position": _position(result.log),
         "wheels": _wheels(result),
-        "timing": {
-            name: number(getattr(result.timing, name))
-            for name in ("simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s")
-        },
-    }
-
-
-def write_rover_run(
-    result: RoverResult, directory: Path, *, video: bool = True, progress: Progress | None = None
-) -> Path:
-    """Writes the run directory and returns it; ``progress`` is told the frames of the video.
-
-    Raises:
-        ValueError: if the directory can not take a run.
-    """
-    from scenarios.report.rover_page import rover_report_html
-    from scenarios.report.rover_video import write_rover_video
-
-    numbers = rover_summary(result)
-    moves = video and len(result.log) > 1
-    return write_files(
-        directory,
-        scenario_toml=result.scenario_toml,
-        log=result.log,
-        manifest=rover_manifest(result),
-        report=rover_report_html(result, numbers),
-        numbers=numbers,
-        video=(lambda path: write_rover_video(result, path, progress=progress)) if moves else None,
-    )
-
-
-def rover_manifest(result: RoverResult) -> dict[str, object]:
-    """What identifies the run."""
-    return {
-        "scenario": result.scenario,
-        "seed": result.seed,
-        "versions": versions(),
-        "signals_sha256": result.log.sha256(),
-        **result.manifest,
+        "timing": timing_numbers(result.timing),
     }
 
 

@@ -1,17 +1,23 @@
-"""What a rover's run writes down, one row every 50 ms; estimates stand in the row of their capture."""
+"""Signals of a rover run, one row every 50 ms; estimates stand in the row of their capture."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 
+from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
-from scenarios.loop.rover_session import RoverRow
+from estimators.slip.rover_odometry import RoverPose
 from scenarios.results.log import HEALTH, Log, Signal
+from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.truth import RoverTruth
 
 _ESTIMATE: Final = (
     Signal("slip_angle_estimate", "rad", "estimated slip angle of the body, + left, at the tick of capture"),
@@ -27,10 +33,43 @@ _LAGGED: Final = (
 )
 
 
-def rover_log(
-    rig: TraceRig, rows: Sequence[RoverRow], cross_track: Sequence[float], estimates: Sequence[SlipAngle]
-) -> Log:
-    """The log of a run of the rover with this rig."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RoverRecord:
+    """Readings, beliefs and the command of one step."""
+
+    readings: RoverReadings
+    command: RoverCommand
+    wheels_only: RoverPose  # dead reckoning without any slip
+    corrected: RoverPose  # the same with the slip angle
+    navigated: RoverPose  # the one that the driver steers by
+    laser_slip: float | None  # [rad], of LaserSlip.delay() ago
+
+
+class RoverRow(Protocol):
+    """Ground truth at one tick, with readings, beliefs and commands."""
+
+    @property
+    def truth(self) -> RoverTruth:
+        """Ground truth."""
+
+    @property
+    def record(self) -> RoverRecord:
+        """Readings, beliefs and commands."""
+
+
+def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tuple[float, float]:
+    """Station of R's origin along the path [m], and its lateral offset from the path, + left [m].
+
+    ``last_station`` [m] is where it was the step before.
+    """
+    x, y, _ = truth.pose.tolist()
+    station = path.project(x, y, last_station)
+    on_path = path.pose(station)
+    return station, math.cos(on_path.psi) * (y - on_path.y) - math.sin(on_path.psi) * (x - on_path.x)
+
+
+def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Sequence[SlipAngle], path: Path) -> Log:
+    """The log of a run along a path, of the rover with this rig."""
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     estimated = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
     for estimate in estimates:
@@ -38,11 +77,13 @@ def rover_log(
             estimated[index[estimate.tick], : len(_ESTIMATE)] = list(_estimate_values(estimate))
         if estimate.lagged_tick in index:
             estimated[index[estimate.lagged_tick], len(_ESTIMATE) :] = estimate.lagged_value, estimate.lagged_std
-    signals = tuple(_signals(rig))
-    values = np.array([list(_values(rig, row)) for row in rows]).reshape(len(rows), len(signals))
-    aside = np.asarray(cross_track, dtype=np.float64)[:, None]
-    told = (Signal("cross_track_true", "m", "of R's origin beside the path, + left"), *_ESTIMATE, *_LAGGED)
-    return Log((*signals, *told), np.hstack([values, aside, estimated]))
+    signals, values, station = tuple(_signals(rig)), [], 0.0
+    for row in rows:
+        station, cross_track = path_coordinates(path, row.truth, station)
+        values.append([*_values(rig, row, station), cross_track])
+    lateral = Signal("cross_track_true", "m", "lateral offset of R's origin from the path, + left")
+    table = np.array(values).reshape(len(rows), len(signals) + 1)
+    return Log((*signals, lateral, *_ESTIMATE, *_LAGGED), np.hstack([table, estimated]))
 
 
 def _signals(rig: TraceRig) -> Iterator[Signal]:
@@ -76,15 +117,15 @@ def _signals(rig: TraceRig) -> Iterator[Signal]:
     yield Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, of some seconds ago")
 
 
-def _values(rig: TraceRig, row: RoverRow) -> Iterator[float]:
-    truth, command = row.truth, row.command
+def _values(rig: TraceRig, row: RoverRow, station: float) -> Iterator[float]:
+    truth, record, command = row.truth, row.record, row.record.command
     yield truth.tick
     yield truth.tick * TICK
     yield from truth.pose
     yield from truth.velocity
     yield truth.slip_angle
     yield truth.slip_angles[rig.watched]
-    yield row.station
+    yield station
     for k in range(len(rig.wheels)):
         yield truth.slip_ratios[k]
         yield truth.sinkages[k]
@@ -93,12 +134,12 @@ def _values(rig: TraceRig, row: RoverRow) -> Iterator[float]:
         yield command.steer[k]
         yield truth.wheel_speeds[k]
         yield command.wheel_speed[k]
-    yield row.readings.heading
-    for pose in (row.wheels_only, row.corrected):
+    yield record.readings.heading
+    for pose in (record.wheels_only, record.corrected):
         yield pose.x
         yield pose.y
-    yield row.navigated.drift
-    yield np.nan if row.laser_slip is None else row.laser_slip
+    yield record.navigated.drift
+    yield np.nan if record.laser_slip is None else record.laser_slip
 
 
 def _estimate_values(estimate: SlipAngle) -> Iterator[float]:

@@ -31,6 +31,7 @@ class UnitOutline:
     width: float  # [m]
     axles: tuple[float, ...]  # x of each axle [m]
     tracks: tuple[float, ...]  # of each axle, between the wheels' middles [m]
+    steer_signals: tuple[str | None, ...] = ()  # signal of each axle's steer angle; None: it is not steered
 
     @property
     def corners(self) -> FloatArray:

@@ -1,9 +1,10 @@
-"""What a run writes down: its signals, and one row of them every 10 ms."""
+"""Signals of a trailer run, one row every 10 ms."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -39,15 +40,6 @@ _TURNED = ("roll about its optical axis", "yaw about its y (down)", "pitch about
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """What was so and what was demanded at one tick."""
-
-    truth: Truth
-    driver: DriverCommand
-    steering: tuple[SteerCommand, ...]  # of every watched trailer, front to rear
-
-
-@dataclass(frozen=True, slots=True)
 class Estimate:
     """An off-tracking estimate and, if cameras are behind it, the newest motion it rests on."""
 
@@ -55,119 +47,124 @@ class Estimate:
     motion: Motion | None = None
 
 
-def run_log(
-    rows: Sequence[Row],
-    estimates: Sequence[Estimate],
-    *,
-    units: Sequence[str],
-    trailer_unit: int,
-    follow_distance: float,
-    steers_ahead: int,
-    X_SC: FloatArray | None,
-) -> Log:
+@dataclass(frozen=True, slots=True)
+class CombinationRecord:
+    """Commands of one step."""
+
+    driver: DriverCommand
+    steering: tuple[SteerCommand, ...]  # of every judged trailer, front to rear
+
+
+class Row(Protocol):
+    """Ground truth at one tick, and the commands."""
+
+    @property
+    def truth(self) -> Truth:
+        """Ground truth."""
+
+    @property
+    def record(self) -> CombinationRecord:
+        """Commands."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrailerTrack:
+    """A judged trailer in the rows of a run."""
+
+    name: str
+    follow_distance: float  # hitch to follow point [m]
+    steers_ahead: int  # number of steered axles ahead of its own
+    n_steered: int
+    estimates: Sequence[Estimate]  # those delivered, in order; captures fall on rows
+    X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
+    reference: FloatArray | None = None  # off-tracking by a reference unit, one a row [m]
+
+
+def run_log(rows: Sequence[Row], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
     """The log of a run; estimates stand in the row of their capture, the true off-tracking is computed here.
 
+    Every signal of a trailer ends with its name. The last trailer's signals are also there without it.
+
     Args:
         rows: one every log period, in order.
-        estimates: those delivered, in order; captures fall on rows.
+        trailers: the judged ones, front to rear; the last is the last unit.
         units: names of the units, tractor first.
-        trailer_unit: which of them is the last trailer that is watched.
-        follow_distance: hitch to follow point of that trailer [m].
-        steers_ahead: number of steered axles in front of the watched trailer's.
-        X_SC: pose of the left camera in the trailer body (4, 4), if there are cameras.
+        n_front: number of steered axles of the tractor.
     """
-    n_steered = len(rows[0].steering[-1].angles) if rows else 0
-    signals = tuple(_signals(units, n_steered))
-    table = np.full((len(rows), len(signals)), np.nan)
-    for line, row in zip(table, rows, strict=True):
-        line[: -len(_ESTIMATE)] = list(_values(row, steers_ahead))
+    table = np.array([list(_values(row, n_front)) for row in rows])
+    log = Log(signals := tuple(_signals(units, n_front)), table.reshape(len(rows), len(signals)))
     index = {row.truth.tick: k for k, row in enumerate(rows)}
-    for estimate in estimates:
-        if estimate.off_tracking.tick in index:
-            table[index[estimate.off_tracking.tick], -len(_ESTIMATE) :] = _estimate_values(estimate, X_SC)
-    log = _with_rotation(Log(signals, table), index, estimates)
-    return _with_truth(log, units[trailer_unit], follow_distance, "off_tracking_true")
-
-
-def with_trailer_ahead(
-    log: Log,
-    rows: Sequence[Row],
-    estimates: Sequence[Estimate],
-    *,
-    place: int,
-    unit: str,
-    follow_distance: float,
-    steers_ahead: int,
-) -> Log:
-    """The log with what there is to know of a watched trailer in front of the last; its name ends every signal's.
-
-    Args:
-        log: of the same rows.
-        rows: one every log period, in order.
-        estimates: those delivered of this trailer's off-tracking, in order.
-        place: the trailer's among the watched ones.
-        unit: its name.
-        follow_distance: its hitch to its follow point [m].
-        steers_ahead: number of steered axles in front of its own.
-    """
-    for k in range(len(rows[0].steering[place].angles) if rows else 0):
-        angles = np.array([row.truth.steer[steers_ahead + k] for row in rows])
-        asked = np.array([row.steering[place].angles[k] for row in rows])
-        name = f"steer_trailer_{k + 1}"
-        log = log.with_signal(Signal(f"{name}_{unit}", "rad", f"{unit}: angle of steered axle {k + 1}, + left"), angles)
-        log = log.with_signal(Signal(f"{name}_command_{unit}", "rad", "the controller's demand for it"), asked)
-    told = np.full((len(rows), 3), np.nan)
-    index = {row.truth.tick: k for k, row in enumerate(rows)}
-    for estimate in estimates:
-        if estimate.off_tracking.tick in index:
-            told[index[estimate.off_tracking.tick]] = _estimate_values(estimate, None)[:3]
-    for column, signal in zip(told.T, _ESTIMATE, strict=False):
-        log = log.with_signal(Signal(f"{signal.name}_{unit}", signal.unit, f"{unit}: {signal.description}"), column)
-    return _with_truth(log, unit, follow_distance, f"off_tracking_true_{unit}")
-
-
-def _with_truth(log: Log, unit: str, follow_distance: float, name: str) -> Log:
-    true = metrics.true_off_tracking(log[f"x_{unit}"], log[f"y_{unit}"], np.unwrap(log[f"psi_{unit}"]), follow_distance)
-    return log.with_signal(Signal(name, "m", "lateral distance of the hitch's path, + left"), true)
-
-
-def _with_rotation(log: Log, index: dict[int, int], estimates: Sequence[Estimate]) -> Log:
-    """The log with how the right camera was believed to be turned, if the rig calibrates itself."""
-    table, watched = np.full((len(index), 6), np.nan), False
-    for estimate in estimates:
-        motion = estimate.motion
-        if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
-            table[index[motion.tick]], watched = (*motion.right_rotation, *motion.right_rotation_std), True
-    if not watched:
-        return log
-    for k, meaning in enumerate(_TURNED):
-        name = f"right_camera_{meaning.split()[0]}"
-        log = log.with_signal(Signal(name, "rad", f"right camera, since its calibration: {meaning}"), table[:, k])
-        log = log.with_signal(Signal(f"{name}_std", "rad", "its standard deviation"), table[:, 3 + k])
+    for place, trailer in enumerate(trailers):
+        columns = [
+            *_steer_columns(rows, place, trailer),
+            *_estimate_columns(index, trailer),
+            *_true_columns(log, trailer),
+        ]
+        is_last = place == len(trailers) - 1
+        log = log.with_signals([_of(trailer.name, signal) for signal, _ in columns], [values for _, values in columns])
+        if is_last:
+            log = log.with_signals([signal for signal, _ in columns], [values for _, values in columns])
     return log
 
 
-def _signals(units: Sequence[str], n_steered: int) -> Iterator[Signal]:
+def _of(trailer: str, signal: Signal) -> Signal:
+    return Signal(f"{signal.name}_{trailer}", signal.unit, f"{trailer}: {signal.description}")
+
+
+Column = tuple[Signal, FloatArray]
+
+
+def _steer_columns(rows: Sequence[Row], place: int, trailer: TrailerTrack) -> Iterator[Column]:
+    for k in range(trailer.n_steered):
+        angles = np.array([row.truth.steer[trailer.steers_ahead + k] for row in rows])
+        demands = np.array([row.record.steering[place].angles[k] for row in rows])
+        name = f"steer_trailer_{k + 1}"
+        yield Signal(name, "rad", f"road-wheel angle of steered axle {k + 1}, + left"), angles
+        yield Signal(f"{name}_command", "rad", "the controller's demand for it"), demands
+
+
+def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:
+    table = np.full((len(index), len(_ESTIMATE)), np.nan)
+    turned, watched = np.full((len(index), 6), np.nan), False
+    for estimate in trailer.estimates:
+        if estimate.off_tracking.tick in index:
+            table[index[estimate.off_tracking.tick]] = _estimate_values(estimate, trailer.X_SC)
+        motion = estimate.motion
+        if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
+            turned[index[motion.tick]], watched = (*motion.right_rotation, *motion.right_rotation_std), True
+    yield from zip(_ESTIMATE, table.T, strict=True)
+    for k, meaning in enumerate(_TURNED) if watched else ():
+        name = f"right_camera_{meaning.split()[0]}"
+        yield Signal(name, "rad", f"right camera, since its calibration: {meaning}"), turned[:, k]
+        yield Signal(f"{name}_std", "rad", "its standard deviation"), turned[:, 3 + k]
+
+
+def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:
+    x, y, psi = (log[f"{quantity}_{trailer.name}"] for quantity in ("x", "y", "psi"))
+    true = metrics.true_off_tracking(x, y, np.unwrap(psi), trailer.follow_distance)
+    yield Signal("off_tracking_true", "m", "lateral distance of the hitch's path, + left"), true
+    if trailer.reference is not None:
+        yield Signal("off_tracking_reference", "m", "by a GNSS-aided inertial unit"), trailer.reference
+
+
+def _signals(units: Sequence[str], n_front: int) -> Iterator[Signal]:
     yield Signal("tick", "ms", "time in whole ticks")
     yield Signal("time", "s", "time")
     for unit in units:
         for name, dimension, meaning in (*_POSE, *_VELOCITY, *_ATTITUDE):
             yield Signal(f"{name}_{unit}", dimension, f"{unit}: {meaning}")
-    yield Signal("steer_tractor", "rad", "tractor: road-wheel angle, + left")
-    yield Signal("steer_tractor_command", "rad", "the driver's demand for it")
-    for k in range(1, n_steered + 1):
-        yield Signal(f"steer_trailer_{k}", "rad", f"trailer: road-wheel angle of steered axle {k}, + left")
-    for k in range(1, n_steered + 1):
-        yield Signal(f"steer_trailer_{k}_command", "rad", "the controller's demand for it")
+    yield Signal("steer_tractor", "rad", "tractor: road-wheel angle of the foremost axle, + left")
+    for k in range(2, n_front + 1):
+        yield Signal(f"steer_tractor_{k}", "rad", f"tractor: road-wheel angle of steered axle {k}, + left")
+    yield Signal("steer_tractor_command", "rad", "the driver's demand for the foremost axle")
     yield Signal("acceleration_command", "m/s2", "the driver's demand: drive the way of the gear, below 0 brakes")
     yield Signal("gear", "-", "+1 forward, -1 backward")
     yield Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses")
     yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel")
-    yield from _ESTIMATE
 
 
-def _values(row: Row, steers_ahead: int) -> Iterator[float]:
-    truth = row.truth
+def _values(row: Row, n_front: int) -> Iterator[float]:
+    truth, driver = row.truth, row.record.driver
     yield truth.tick
     yield truth.tick * TICK
     for pose, velocity, X_WB in zip(truth.poses, truth.velocities, truth.bodies, strict=True):
@@ -175,12 +172,10 @@ def _values(row: Row, steers_ahead: int) -> Iterator[float]:
         yield from velocity
         yield float(np.arctan2(X_WB[2, 1], X_WB[2, 2]))
         yield float(-np.arcsin(X_WB[2, 0]))
-    yield truth.steer[0]
-    yield row.driver.steer
-    yield from truth.steer[steers_ahead : steers_ahead + len(row.steering[-1].angles)]
-    yield from row.steering[-1].angles
-    yield row.driver.acceleration
-    yield row.driver.gear
+    yield from truth.steer[:n_front]
+    yield driver.steer
+    yield driver.acceleration
+    yield driver.gear
     yield float(truth.friction_used.max())
     yield float(truth.wheel_loads.min())
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from scenarios.results.log import write_log
-from scenarios.results.run import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once
 from scenarios.standards.assessment import Assessment
 from scenarios.standards.assessment_page import assessment_page
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import amplification, lateral_acceleration, overshoot, point_path
-from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
+from scenarios.standards.pilots import SteerProgramme, half_sine
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
@@ -52,8 +52,7 @@ def lane_change(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
 
     A combination that the robot can not hold on the path, as an unstable one, has the outcome "off the path".
     """
-    trailer = TrailerPilot(vehicle, trailer_steering)
-    driven = _learnt(vehicle, trailer)
+    driven = _learnt(vehicle, trailer_steering)
     front = point_path(driven.log, vehicle.units[0].name, _front(vehicle))
     prescribed = prescribed_path(front[:, 0] - _front(vehicle))
     off_path = driven.outcome == "completed" and float(np.max(np.abs(front[:, 1] - prescribed))) > _TOLERANCE
@@ -84,18 +83,18 @@ def prescribed_path(travelled: FloatArray) -> FloatArray:
     return lateral
 
 
-def _learnt(vehicle: Vehicle, trailer: TrailerPilot) -> Drive:
+def _learnt(vehicle: Vehicle, trailer_steering: str) -> Drive:
     """The last pass of the robot, or the first in which the combination came to grief."""
     count = round(_LENGTH / (PERIOD * TICK))
-    pulse = half_sine(_PULSE, 0.2, _START, count)
-    driven = _pass(vehicle, trailer, pulse)
+    pulse = half_sine(_PULSE, 0.2, _START, count, PERIOD)
+    driven = _pass(vehicle, trailer_steering, pulse)
     if driven.outcome != "completed":
         return driven
     inverse = _inverse_response(pulse, lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))[:count])
     steer, error = np.zeros(count), prescribed_acceleration(driven.log["time"][:count])
     for _ in range(1 + _PASSES):
         steer = steer + np.fft.irfft(inverse * np.fft.rfft(error), count)
-        driven = _pass(vehicle, trailer, steer)
+        driven = _pass(vehicle, trailer_steering, steer)
         if driven.outcome != "completed":
             break
         done = lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))
@@ -103,13 +102,13 @@ def _learnt(vehicle: Vehicle, trailer: TrailerPilot) -> Drive:
     return driven
 
 
-def _pass(vehicle: Vehicle, trailer: TrailerPilot, steer: FloatArray) -> Drive:
-    pilot = SteerProgramme(steer, SPEED, trailer)
+def _pass(vehicle: Vehicle, trailer_steering: str, steer: FloatArray) -> Drive:
     last = len(steer) * PERIOD  # [ticks]
     return drive(
         vehicle,
         Surface(friction=_FRICTION),
-        pilot,
+        SteerProgramme(steer, SPEED, PERIOD),
+        trailer_steering=trailer_steering,
         speed=SPEED,
         done=lambda truth: truth.tick >= last,
         patience=2.0 * _LENGTH,

@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from controllers.driver import PreviewDriver
+from scenarios.assembly.adapters import tractor_geometry
 from scenarios.assembly.courses import Course
 from scenarios.standards.motion import point_path
-from scenarios.standards.pilots import PathPilot, TrailerPilot
 from scenarios.standards.proving_ground import Drive, drive
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
@@ -32,9 +33,17 @@ def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str) -> Dr
         station = course.path.project(point.x, point.y, station)
         return station >= course.length
 
-    pilot = PathPilot(vehicle, course, SPEED, TrailerPilot(vehicle, trailer_steering))
+    driver = PreviewDriver(tractor_geometry(vehicle, course), course.path, SPEED)
     patience = _PATIENCE * course.length / SPEED
-    return drive(vehicle, Surface(friction=_DRY), pilot, speed=SPEED, done=at_the_end, patience=patience)
+    return drive(
+        vehicle,
+        Surface(friction=_DRY),
+        driver,
+        trailer_steering=trailer_steering,
+        speed=SPEED,
+        done=at_the_end,
+        patience=patience,
+    )
 
 
 def path_error(vehicle: Vehicle, course: Course, driven: Drive) -> float:

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final, TypeVar
 
 import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
+from scenarios.loop.channel import InLine
+from scenarios.loop.combination import CombinationPilot, SteeredTrailer
+from scenarios.loop.driving import Driver
 from scenarios.loop.referee import Referee
+from scenarios.loop.session import Session
+from scenarios.loop.stopwatch import Stopwatch
 from scenarios.results.log import Log, Signal
+from scenarios.standards.pilots import steered_trailer
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
-from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
+from vehicle.combination.plant import Plant
 from vehicle.combination.truth import Truth
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
+
+MemoryT = TypeVar("MemoryT")
 
 PERIOD: Final = to_ticks(DRIVER_PERIOD, "control period")  # of pilots and log alike [ticks]
 
@@ -38,63 +46,74 @@ _WHOLE: Final = (
 )
 
 
-class Pilot(Protocol):
-    """Whoever steers and holds the speed; pure, memory in and memory out."""
-
-    def init(self) -> Any:
-        """Memory before the first step."""
-        ...
-
-    def step(self, memory: Any, truth: Truth) -> tuple[Any, VehicleCommand]:
-        """New memory and the command until the next step."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """What a combination did."""
+    """A finished drive."""
 
-    outcome: str  # "completed" or what befell it
+    outcome: str  # "completed" or the mishap
     log: Log
+
+
+class ManoeuvreJudge:
+    """Ends a drive when its manoeuvre is over, at a mishap, or when it takes too long."""
+
+    def __init__(self, vehicle: Vehicle, done: Callable[[Truth], bool], patience: float) -> None:
+        """Wait ``patience`` [s] at most until the manoeuvre is ``done``; there is no road to leave."""
+        self._referee = Referee(vehicle)
+        self._lifted = self._referee.init()
+        self._done, self._patience = done, patience
+
+    @property
+    def progress(self) -> float:
+        """A manoeuvre is done or not."""
+        return 0.0
+
+    def outcome(self, truth: Truth) -> str | None:
+        """How the drive has ended; None if it continues."""
+        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        if mishap is not None:
+            return mishap
+        if self._done(truth):
+            return "completed"
+        return "timed out" if truth.tick * TICK > self._patience else None
 
 
 def drive(
     vehicle: Vehicle,
     surface: Surface,
-    pilot: Pilot,
+    driver: Driver[MemoryT],
     *,
+    trailer_steering: str,
     speed: float,
     done: Callable[[Truth], bool],
     patience: float,
 ) -> Drive:
-    """The combination driven from the origin along +x, rolling straight at ``speed`` [m/s] to begin with.
+    """Drive a combination from the origin along +x, rolling straight at first.
 
     Args:
         vehicle: the combination.
         surface: the ground; there is no road to leave.
-        pilot: steers, every ``PERIOD``.
+        driver: of the tractor, asked every ``PERIOD``.
+        trailer_steering: law of the last unit's steered axles.
         speed: at the start [m/s].
-        done: whether the manoeuvre is over.
-        patience: how long it may take at most [s].
+        done: true once the manoeuvre is over.
+        patience: longest duration [s].
     """
-    plant, referee = Plant(vehicle, surface), Referee(vehicle)
-    state, memory, lifted = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), pilot.init(), referee.init()
-    truths: list[Truth] = []
-    outcome: str | None = None
-    while outcome is None:
-        truth = plant.observe(state, len(truths) * PERIOD)
-        truths.append(truth)
-        memory, command = pilot.step(memory, truth)
-        lifted, outcome = referee.step(lifted, truth)
-        if outcome is None and done(truth):
-            outcome = "completed"
-        elif outcome is None and truth.tick * TICK > patience:
-            outcome = "timed out"
-        try:
-            state = plant.step(state, command, PERIOD)
-        except DivergedError:
-            outcome = "diverged"
-    return Drive(outcome=outcome, log=drive_log(vehicle, truths))
+    stopwatch, plant = Stopwatch(), Plant(vehicle, surface)
+    watched = steered_trailer(vehicle, trailer_steering)
+    trailers = () if watched is None else (SteeredTrailer(watched, InLine(), stopwatch),)
+    session = Session(
+        plant,
+        plant.initial_state(Pose2(0.0, 0.0, 0.0), speed),
+        period=PERIOD,
+        pilot=CombinationPilot(vehicle, driver, trailers),
+        judge=ManoeuvreJudge(vehicle, done, patience),
+        channels=[trailer.channel for trailer in trailers],
+        stopwatch=stopwatch,
+    )
+    while session.outcome is None:
+        session.advance()
+    return Drive(outcome=session.outcome, log=drive_log(vehicle, [row.truth for row in session.rows]))
 
 
 def drive_log(vehicle: Vehicle, truths: Sequence[Truth]) -> Log:

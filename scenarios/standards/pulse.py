@@ -10,7 +10,7 @@ import numpy as np
 
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import articulation, damping
-from scenarios.standards.pilots import SteerProgramme, TrailerPilot, half_sine
+from scenarios.standards.pilots import SteerProgramme, half_sine
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -29,12 +29,12 @@ _LENGTH: Final = 12.0  # of the test [s]
 def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
     """A pulse of steer to the left, then straight ahead with the steering held."""
     count = round(_LENGTH / (PERIOD * TICK))
-    angles = half_sine(_STEER, _DURATION, _START, count)
-    pilot = SteerProgramme(angles, SPEED, TrailerPilot(vehicle, trailer_steering))
+    angles = half_sine(_STEER, _DURATION, _START, count, PERIOD)
     driven = drive(
         vehicle,
         Surface(friction=_FRICTION),
-        pilot,
+        SteerProgramme(angles, SPEED, PERIOD),
+        trailer_steering=trailer_steering,
         speed=SPEED,
         done=lambda truth: truth.tick >= count * PERIOD,
         patience=2.0 * _LENGTH,

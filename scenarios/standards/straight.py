@@ -6,14 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.assembly.adapters import outlines
+from controllers.driver import PreviewDriver
+from scenarios.assembly.adapters import outlines, tractor_geometry
 from scenarios.assembly.courses import PREVIEW
 from scenarios.assembly.courses import straight as straight_course
 from scenarios.results.log import Log
 from scenarios.results.swept_path import placed
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import point_path, poses
-from scenarios.standards.pilots import PathPilot, TrailerPilot
 from scenarios.standards.proving_ground import drive
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Roughness, RoughProfile, Surface
@@ -42,7 +42,8 @@ def straight(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
     driven = drive(
         vehicle,
         surface,
-        PathPilot(vehicle, course, SPEED, TrailerPilot(vehicle, trailer_steering)),
+        PreviewDriver(tractor_geometry(vehicle, course), course.path, SPEED),
+        trailer_steering=trailer_steering,
         speed=SPEED,
         done=lambda truth: bool(truth.poses[0, 0] >= _LENGTH),
         patience=2.0 * _LENGTH / SPEED,

@@ -43,7 +43,9 @@ class TiltTable(Surface):
 def tilt(vehicle: Vehicle) -> Manoeuvre:
     """The combination on a tilting table, its left side going up."""
     slopes, truths, outcome = _tilted(vehicle)
-    log = drive_log(vehicle, truths).with_signal(Signal("slope", "-", "of the table across, + left side up"), slopes)
+    log = drive_log(vehicle, truths).with_signals(
+        [Signal("slope", "-", "of the table across, + left side up")], [slopes]
+    )
     return Manoeuvre(
         key="tilt",
         title="Static rollover threshold",

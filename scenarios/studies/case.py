@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scenarios.options.scenario import load_scenario
+from scenarios.options.scenario import load_any_scenario
 
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
@@ -38,7 +38,7 @@ class Case:
         Raises:
             ValueError: one line, if the scenario is not valid with these settings.
         """
-        resolved = load_scenario(self.scenario, self.settings).to_toml()
+        resolved = load_any_scenario(self.scenario, self.settings).to_toml()
         return hashlib.sha256(f"{resolved}\nseed = {self.seed}".encode()).hexdigest()[:20]
 
 

@@ -51,12 +51,12 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, told: Told | Non
 
 def run_case(case: Case, cells: Path, identity: str) -> None:
     """Makes one run and keeps its summary and signals; called in a worker."""
-    from scenarios.loop.run import run
-    from scenarios.options.scenario import load_scenario
+    from scenarios.loop.run import run_any
+    from scenarios.options.scenario import load_any_scenario
     from scenarios.results.log import write_log
-    from scenarios.results.run import summary
+    from scenarios.results.summary import summary
 
-    result = run(load_scenario(case.scenario, case.settings), case.seed)
+    result = run_any(load_any_scenario(case.scenario, case.settings), case.seed)
     write_log(result.log, cells / f"{identity}.parquet")
     unfinished = cells / f".{identity}.{os.getpid()}"
     unfinished.write_text(json.dumps(summary(result), allow_nan=False), encoding="utf-8")

@@ -145,7 +145,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """A trial: the runs of the tuning set with the parameters that it suggests."""
     from scenarios.loop.run import run
     from scenarios.options.scenario import load_scenario
-    from scenarios.results.run import summary
+    from scenarios.results.summary import summary
 
     parameters = {
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)

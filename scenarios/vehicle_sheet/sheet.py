@@ -10,7 +10,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from scenarios.results.run import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once
 from scenarios.vehicle_sheet.paper import SheetTable, save_sheet
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.parameter_file import read_toml

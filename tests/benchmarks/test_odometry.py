@@ -27,11 +27,11 @@ def drive() -> tuple[StereoCalibration, list[StereoFrame]]:
     """Frames 0.28 m apart at the beginning of a roundabout."""
     parts = assemble(load_scenario("roundabout"), seed=1)
     assert parts.cameras is not None
-    state, frames = parts.motive.initial_state(parts.course.start, parts.scenario.speed), []
+    state, frames = parts.plant.initial_state(parts.course.start, parts.scenario.speed), []
     for k in range(PAIRS):
-        frames.append(parts.cameras.camera.sample(parts.motive.observe(state, 100 * k)))
-        state = parts.motive.step(state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), 100)
-    parts.cameras.renderer.close()
+        frames.append(parts.trailers[-1].sensing.sensor.sample(parts.plant.observe(state, 100 * k)))
+        state = parts.plant.step(state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), 100)
+    parts.close()
     return parts.cameras.calibration, frames
 
 

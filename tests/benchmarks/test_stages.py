@@ -27,7 +27,7 @@ def parts() -> Iterator[Assembly]:
     assembly = assemble(load_scenario("roundabout"), seed=1)
     yield assembly
     assert assembly.cameras is not None
-    assembly.cameras.renderer.close()
+    assembly.close()
 
 
 def note(benchmark: BenchmarkFixture, worth: float) -> None:
@@ -37,8 +37,8 @@ def note(benchmark: BenchmarkFixture, worth: float) -> None:
 @pytest.mark.parametrize("ticks", [1, 10])
 def test_physics(benchmark: BenchmarkFixture, parts: Assembly, ticks: int) -> None:
     """One call of the plant: folding ten ticks into it saves the look-up of friction and slope nine times."""
-    state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
-    after = benchmark(parts.motive.step, state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), ticks)
+    state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
+    after = benchmark(parts.plant.step, state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), ticks)
     note(benchmark, ticks * TICK)
     assert np.isfinite(after).all()
 
@@ -47,29 +47,31 @@ def test_physics(benchmark: BenchmarkFixture, parts: Assembly, ticks: int) -> No
 def test_stereo_pair(benchmark: BenchmarkFixture, name: str) -> None:
     """Rendering, read-back, grey conversion and noise of one pair; all threads' processor time goes into the notes."""
     parts = assemble(load_scenario(name), seed=1)
-    truth = parts.motive.observe(parts.motive.initial_state(parts.course.start, parts.scenario.speed), 0)
+    truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.scenario.speed), 0)
     before, pairs = time.process_time(), 0
 
     def pair() -> StereoFrame:
         nonlocal pairs
         pairs += 1
-        return parts.sensor.sample(truth)  # type: ignore[return-value]  # what cameras send
+        return parts.trailers[-1].sensing.sensor.sample(truth)  # type: ignore[return-value]  # what cameras send
 
     frame = benchmark(pair)
     note(benchmark, CAMERA_PERIOD)
     benchmark.extra_info["processor_seconds_a_pair"] = (time.process_time() - before) / pairs
     assert parts.cameras is not None
-    parts.cameras.renderer.close()
+    parts.close()
     assert isinstance(frame, StereoFrame)
 
 
 def test_odometry_and_buffer(benchmark: BenchmarkFixture, parts: Assembly) -> None:
     """One step of the estimator between two frames 0.28 m apart."""
-    state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
-    memory = parts.source.init()
-    memory, _ = parts.source.step(memory, parts.sensor.sample(parts.motive.observe(state, 0)))
-    state = parts.motive.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), 100)
-    frame = parts.sensor.sample(parts.motive.observe(state, 100))
-    _, estimate = benchmark(parts.source.step, memory, frame)
+    state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
+    memory = parts.trailers[-1].sensing.estimator.init()
+    memory, _ = parts.trailers[-1].sensing.estimator.step(
+        memory, parts.trailers[-1].sensing.sensor.sample(parts.plant.observe(state, 0))
+    )
+    state = parts.plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), 100)
+    frame = parts.trailers[-1].sensing.sensor.sample(parts.plant.observe(state, 100))
+    _, estimate = benchmark(parts.trailers[-1].sensing.estimator.step, memory, frame)
     note(benchmark, CAMERA_PERIOD)
     assert estimate.motion.inliers > 250

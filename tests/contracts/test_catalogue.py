@@ -8,8 +8,8 @@ import pytest
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, TRAILER_STEERING, resolve
-from scenarios.loop.rover_session import RoverSession
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
+from scenarios.loop.rover import RoverSession
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -42,7 +42,7 @@ def test_every_scenario_is_named_after_its_file_and_starts(name: str) -> None:
     assert isinstance(scenario, Scenario)
     assert scenario.name == name
     assert scenario.description
-    session = Session(assemble(scenario, seed=1))
+    session = TrailerSession(assemble(scenario, seed=1))
     for _ in range(200):
         session.advance()
     session.close()

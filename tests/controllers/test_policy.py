@@ -22,7 +22,7 @@ from controllers.trailer_steering.policy import (
 )
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.trailer import assemble
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.training.evaluation import NetworkPilot, driven
@@ -55,7 +55,7 @@ def test_a_network_drives_in_the_loop_as_in_its_environment(tmp_path: Path) -> N
     settings = [f"trailer_steering={LAW}", f"steering.path={file}", "off_tracking=truth", "course.turn_deg=120"]
     settings += ["course.entry=20", "course.exit=10"]
     scenario = load_scenario("roundabout", settings)
-    session = Session(assemble(scenario, 1))
+    session = TrailerSession(assemble(scenario, 1))
     while session.outcome is None:
         session.advance()
     session.close()

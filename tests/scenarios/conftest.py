@@ -14,18 +14,21 @@ import cv2
 import numpy as np
 import pytest
 
-import scenarios.assembly.stereo_cameras
+import scenarios.assembly.views
 from scenarios.results.log import Log, Signal
 from scenarios.results.metrics import true_off_tracking
-from scenarios.results.run import CameraFrame, RunResult, Timing, UnitOutline
+from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
+from scenarios.results.swept_path import UnitOutline
+from scenarios.results.timing import Timing
 from sensors.world.world import World, build_world
 from vehicle.frames import FloatArray
 
 STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle
 SPEED, STEP = 4.0, 0.01  # [m/s], [s]
 FOLLOW, AXLE, HITCH_X = 11.9, 7.7, 0.6  # [m]
-TRACTOR = UnitOutline("tractor", 5.2, -0.9, 2.5, (3.8, 0.0), (2.05, 1.85))
-TRAILER = UnitOutline("trailer", 1.6, -12.0, 2.55, (-6.39, -7.7, -9.01), (2.05, 2.05, 2.05))
+TRACTOR = UnitOutline("tractor", 5.2, -0.9, 2.5, (3.8, 0.0), (2.05, 1.85), ("steer_tractor", None))
+STEERED = tuple(f"steer_trailer_{k}_trailer" for k in (1, 2, 3))
+TRAILER = UnitOutline("trailer", 1.6, -12.0, 2.55, (-6.39, -7.7, -9.01), (2.05, 2.05, 2.05), STEERED)
 WIDTH, HEIGHT = 1344, 392  # [px]
 
 
@@ -107,6 +110,8 @@ def make_run(*, cameras: bool) -> RunResult:
         columns[f"steer_trailer_{k + 1}_command", "rad"] = path[:, 6 + k]
     if cameras:
         columns |= estimates(rng, path, true)
+    of_unit = ("tick", "time", "x_", "y_", "psi_", "v_x_", "steer_tractor")
+    columns |= {(f"{name}_trailer", unit): v for (name, unit), v in columns.items() if not name.startswith(of_unit)}
     log = Log(
         tuple(Signal(name, unit, f"{name} of the run") for name, unit in columns),
         np.column_stack(list(columns.values())),
@@ -118,14 +123,13 @@ def make_run(*, cameras: bool) -> RunResult:
         outcome="completed",
         log=log,
         units=(TRACTOR, TRAILER),
-        follow_distance=FOLLOW,
+        trailers=(JudgedTrailer(name="trailer", follow_distance=FOLLOW, n_steered=3, max_steer=math.radians(30.0)),),
         road=path[::25, :2],
         road_half_width=3.5,
         circle_centre=(STRAIGHT, RADIUS),
         timing=Timing(simulated_s=n * STEP, wall_s=41.0, physics_s=6.2, render_s=21.4, odometry_s=9.1),
         frames=camera_frames(rng, ticks[10::10]) if cameras else (),
         manifest={"opengl_renderer": "none: synthetic", "frames_sha256": "0" * 64} if cameras else {},
-        trailer_steer_limit=math.radians(30.0),
     )
 
 
@@ -195,5 +199,5 @@ def worlds() -> Iterator[Worlds]:
     """The worlds of all tests of a process."""
     kept = Worlds()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios.assembly.stereo_cameras, "build_world", kept.build)
+        patch.setattr(scenarios.assembly.views, "build_world", kept.build)
         yield kept

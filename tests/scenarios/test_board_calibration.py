@@ -30,8 +30,12 @@ def calibrated(seed: int, told: list[tuple[int, int]] | None = None) -> BoardCal
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(board_calibration, "_HELD", 14)
         patch.setattr(board_calibration, "_SURVEYED", 6)
-        say = None if told is None else lambda done, total: told.append((done, total))
-        return calibrated_with_boards(small(), noise_std=2.0, rng=np.random.default_rng(seed), told=say)
+
+        def report(done: float, total: float, note: str = "", /) -> None:
+            if told is not None:
+                told.append((int(done), int(total)))
+
+        return calibrated_with_boards(small(), noise_std=2.0, rng=np.random.default_rng(seed), progress=report)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 
 from scenarios.assembly.board_calibration import BoardCalibration
 from scenarios.assembly.trailer import assemble
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.recordings.stereo_writer import RecordingWriter
 from sensors.camera.lens import RawStereoRig, load_raw_rig
@@ -85,9 +85,9 @@ def test_perfect_cameras_stay_the_plain_ones() -> None:
     """They cost nothing more, and their frames are those that they always were."""
     parts = assemble(scenario("rig.noise=1.5", "world.sun_elevation_deg=20", "world.scenery_density=0"), seed=1)
     assert parts.cameras is not None
-    assert isinstance(parts.cameras.camera, StereoCamera)
+    assert isinstance(parts.trailers[-1].sensing.sensor, StereoCamera)
     assert parts.cameras.rectifier is None
-    parts.cameras.renderer.close()
+    parts.close()
 
 
 def test_the_calibration_knows_the_lenses_but_not_how_the_mount_is_bent() -> None:
@@ -95,18 +95,19 @@ def test_the_calibration_knows_the_lenses_but_not_how_the_mount_is_bent() -> Non
     parts = assemble(scenario(BARREL, "rig.misrotation_deg=[-0.15, 0.1, 0.05]"), seed=1)
     cameras = parts.cameras
     assert cameras is not None
-    assert isinstance(cameras.camera, RawStereoCamera)
-    true = cameras.camera.rig
+    camera = parts.trailers[-1].sensing.sensor
+    assert isinstance(camera, RawStereoCamera)
+    true = camera.rig
     assert true.right.distortion == (-0.15, 0.02, 0.0, 0.0, 0.0)
     angle = math.acos(0.5 * (np.trace(true.X_ClCr[:3, :3]) - 1.0))
     assert math.degrees(angle) == pytest.approx(math.hypot(0.15, 0.1, 0.05), rel=1e-3)  # small angles add up as vectors
     assert cameras.calibrated is not true
     np.testing.assert_array_equal(cameras.calibrated.X_ClCr[:3, :3], np.eye(3))
-    frame = cameras.camera.sample(parts.motive.observe(parts.motive.initial_state(parts.course.start, 5.0), 0))
+    frame = camera.sample(parts.plant.observe(parts.plant.initial_state(parts.course.start, 5.0), 0))
     rectified = cameras.rectified(frame)
     assert rectified.left.shape == (cameras.calibration.height, cameras.calibration.width)
     assert not np.array_equal(rectified.left, frame.left)
-    cameras.renderer.close()
+    parts.close()
 
 
 def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_path: Path) -> None:
@@ -115,12 +116,12 @@ def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_pat
     parts = assemble(scenario(*settings), seed=1)
     assert parts.cameras is not None
     folder = tmp_path / "recorded"
-    with RecordingWriter(folder, parts.cameras.calibrated, parts.trailer.follow_distance) as recorder:
-        session = Session(parts, recorder=recorder)
+    with RecordingWriter(folder, parts.cameras.calibrated, parts.trailers[-1].geometry.follow_distance) as recorder:
+        session = TrailerSession(parts, recorder=recorder)
         while session.tick < 2000:
             session.advance()
         session.close()
-    parts.cameras.renderer.close()
+    parts.close()
     times = [float(line) for line in (folder / "times.txt").read_text(encoding="utf-8").split()]
     assert len(times) < 18
     assert times == sorted(set(times))
@@ -153,12 +154,12 @@ def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch:
         exact = taken[0].left.fx
         assert parts.cameras.calibration.focal_length == pytest.approx(1.01 * exact)
         assert parts.cameras.rectifier is not None
-        assert isinstance(parts.cameras.camera, RawStereoCamera)
-        turned = parts.cameras.camera.rig.X_ClCr[:3, :3]
+        assert isinstance(parts.trailers[-1].sensing.sensor, RawStereoCamera)
+        turned = parts.trailers[-1].sensing.sensor.rig.X_ClCr[:3, :3]
         assert np.array_equal(taken[0].X_ClCr[:3, :3], np.eye(3))
         assert math.acos(0.5 * (np.trace(turned) - 1.0)) == pytest.approx(math.radians(0.1), rel=1e-6)
     finally:
-        parts.cameras.renderer.close()
+        parts.close()
 
 
 @pytest.mark.parametrize("settings", [("traffic=following",), ("traffic.kind=following", "traffic.gap=9")])
@@ -180,11 +181,9 @@ def test_traffic_is_in_the_pictures_of_a_run() -> None:
     """The same seed with and without it: its first pictures differ."""
     hashes = set()
     for kind in ("none", "following"):
-        session = Session(assemble(scenario(f"traffic={kind}"), seed=1))
+        session = TrailerSession(assemble(scenario(f"traffic={kind}"), seed=1))
         session.advance()
         session.close()
-        cameras = session.parts.cameras
-        assert cameras is not None
-        cameras.renderer.close()
-        hashes.add(session.images_sha256)
+        session.parts.close()
+        hashes.add(session.pictures.sha256)
     assert len(hashes) == 2

@@ -10,7 +10,7 @@ import pytest
 
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run import RunResult
+from scenarios.results.run_result import RunResult
 
 STEER_LIMIT, STEER_RATE = math.radians(30.0), math.radians(20.0)  # of the long semitrailer's axles, its vehicle file
 ROUND = ("off_tracking=truth", "reference_unit=false", "course.turn_deg=90", "course.exit=5", "surface.friction=0.3")

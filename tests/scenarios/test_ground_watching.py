@@ -11,7 +11,8 @@ from scenarios.assembly.ground_cameras import wheels_near
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.reference_unit import reference_off_tracking
-from scenarios.results.run import RunResult, error_of_estimate, summary
+from scenarios.results.run_result import RunResult, error_of_estimate
+from scenarios.results.summary import summary
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform

@@ -13,7 +13,7 @@ from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.law_pilot import LawPilot
 from scenarios.environments.surrogate import SurrogateParameters
 from scenarios.gym_env import vector
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms, true_off_tracking
 from vehicle.combination.description import load_vehicle
@@ -40,7 +40,7 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
     settings = [f"trailer_steering={law}", "off_tracking=truth", "course.turn_deg=120", "signals.noise=0"]
     settings += ["course.entry=20", "course.exit=10"]
     parts = assemble(load_scenario("roundabout", settings), 1)
-    session = Session(parts)
+    session = TrailerSession(parts)
     while session.outcome is None:
         session.advance()
     session.close()

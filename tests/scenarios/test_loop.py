@@ -11,11 +11,13 @@ import pytest
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
 from estimators.estimates import OffTracking
+from scenarios.assembly.drivers import OpenedDriver
 from scenarios.assembly.trailer import assemble
+from scenarios.loop.combination import TrailerSession
 from scenarios.loop.run import run
-from scenarios.loop.session import Session
 from scenarios.options.scenario import load_scenario
-from scenarios.results.run import RunResult, summary
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
 
@@ -25,16 +27,20 @@ SEEN = ("course.length=20", "rig.width=480", "rig.height=200", "world.scenery_de
 
 
 class Witness:
-    """A controller that steers nothing and notes how old its news is."""
+    """A controller that steers nothing and notes the age of its estimates."""
 
-    def init(self) -> tuple[float, ...]:
-        return ()
+    def __init__(self) -> None:
+        self.ages: list[float] = []
+
+    def init(self) -> None:
+        return None
 
     def step(
-        self, memory: tuple[float, ...], tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
-    ) -> tuple[tuple[float, ...], SteerCommand]:
-        ages = memory if off_tracking is None else (*memory, off_tracking.age(tick))
-        return ages, SteerCommand(angles=np.zeros(len(signals.angles)))
+        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[None, SteerCommand]:
+        if off_tracking is not None:
+            self.ages.append(off_tracking.age(tick))
+        return None, SteerCommand(angles=np.zeros(len(signals.angles)))
 
 
 def short(*settings: str, seed: int = 1) -> RunResult:
@@ -46,11 +52,12 @@ def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> N
     """Zero-order hold: an estimate is used from its delivery until the next one's, one camera period later."""
     scenario = load_scenario("roundabout", (*SHORT, f"rig.rate_hz={rate_hz}", f"rig.latency={latency}"))
     parts = assemble(scenario, seed=1)
-    session = Session(replace(parts, trailers=(replace(parts.trailers[-1], law=Witness()),)))
+    witness = Witness()
+    session = TrailerSession(replace(parts, trailers=(replace(parts.trailers[-1], law=witness),)))
     while session.outcome is None:
         session.advance()
     session.close()
-    ages: Any = session.trailers[-1].law_memory
+    ages = witness.ages
     late = 0.01 if latency == 0.05 else 0.0  # delivered between two steps of the controller, which come every 20 ms
     assert min(ages) == pytest.approx(latency + late)
     assert max(ages) == pytest.approx(latency + late + 1.0 / rate_hz - 0.02)
@@ -157,8 +164,8 @@ class Anchored:
 def test_a_vehicle_that_gets_stuck_times_out() -> None:
     """That is an outcome, not an endless run: half as much time again as the course takes, and 10 s."""
     parts = assemble(load_scenario("roundabout", SHORT), seed=1)
-    stuck: Any = Anchored()
-    session = Session(replace(parts, driver=stuck))
+    stuck = OpenedDriver(driver=Anchored(), duration=parts.duration, start_speed=parts.start_speed)
+    session = TrailerSession(replace(parts, driver=stuck))
     while session.outcome is None:
         session.advance()
     session.close()

@@ -40,7 +40,9 @@ from scenarios.report.rover_page import rover_report_html
 from scenarios.report.run_page import report_html
 from scenarios.results.log import Log, Signal
 from scenarios.results.rover import RoverResult, rover_summary
-from scenarios.results.run import RunResult, Timing, summary
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
+from scenarios.results.timing import Timing
 from scenarios.standards.assessment import Assessment
 from scenarios.standards.assessment_page import assessment_page
 from scenarios.standards.manoeuvre import Manoeuvre

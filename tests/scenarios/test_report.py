@@ -10,7 +10,8 @@ import pytest
 
 from scenarios.report.run_page import report_html
 from scenarios.results.log import Log
-from scenarios.results.run import RunResult, summary
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.assembly.trailer import assemble
-from scenarios.loop.session import Session
+from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.trailer_signals import Row
 from vehicle.frames import FloatArray
@@ -18,8 +18,8 @@ WITHOUT_CAMERAS = ["off_tracking=truth", "reference_unit=false"]
 SHORT = [*WITHOUT_CAMERAS, "course.entry=22", "driver.stops=[{station=45.0, wait=1.0, back=15.0}]"]
 
 
-def ridden(name: str, settings: list[str]) -> Session:
-    session = Session(assemble(load_scenario(name, settings), 101))
+def ridden(name: str, settings: list[str]) -> TrailerSession:
+    session = TrailerSession(assemble(load_scenario(name, settings), 101))
     while session.outcome is None:
         session.advance()
     session.close()
@@ -40,21 +40,21 @@ def beside(way: FloatArray, points: FloatArray) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def shunted() -> Session:
+def shunted() -> TrailerSession:
     """The shunt on a shorter course, steered from the true off-tracking."""
     return ridden("reversing", SHORT)
 
 
-def test_a_shunt_is_driven_to_its_end(shunted: Session) -> None:
+def test_a_shunt_is_driven_to_its_end(shunted: TrailerSession) -> None:
     """15 m back along the trailer's own way, at walking pace, and on to the course's end."""
     v = np.array([row.truth.velocities[0, 0] for row in shunted.rows])
     assert shunted.outcome == "completed"
     assert 0.01 * -v[v < 0.0].sum() == pytest.approx(15.0, abs=3.0)  # the tractor's way is the longer one in a bend
     assert v.min() > -1.6
-    assert {row.driver.gear for row in shunted.rows} == {1.0, -1.0}
+    assert {row.record.driver.gear for row in shunted.rows} == {1.0, -1.0}
 
 
-def test_backwards_the_trailer_keeps_to_the_way_that_it_came(shunted: Session) -> None:
+def test_backwards_the_trailer_keeps_to_the_way_that_it_came(shunted: TrailerSession) -> None:
     """Its wheels were steered on the way there and are straight on the way back: it swings by half a metre at first."""
     rows, v = shunted.rows, np.array([row.truth.velocities[0, 0] for row in shunted.rows])
     back = v < -0.3
@@ -67,7 +67,7 @@ def test_backwards_the_trailer_keeps_to_the_way_that_it_came(shunted: Session) -
     assert np.abs(poses(rows, 0)[:, 2] - S[:, 2]).max() < math.radians(45.0)
 
 
-def test_steered_axles_are_straight_backwards_and_steer_again_forwards(shunted: Session) -> None:
+def test_steered_axles_are_straight_backwards_and_steer_again_forwards(shunted: TrailerSession) -> None:
     rows, v = shunted.rows, np.array([row.truth.velocities[0, 0] for row in shunted.rows])
     angles = np.array([row.truth.steer[1:] for row in rows])
     back = np.flatnonzero(v < -0.3)

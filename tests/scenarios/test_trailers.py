@@ -11,7 +11,8 @@ from scenarios.assembly.recorded_drive import read_trace
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 from scenarios.report.run_page import report_html
-from scenarios.results.run import RunResult, summary, trailer_summaries
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary, trailer_summaries
 
 DOUBLE = ("vehicle=b_double_steered", "course.turn_deg=60", "course.exit=10", "reference_unit=false")
 

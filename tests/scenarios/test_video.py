@@ -15,7 +15,7 @@ from scenarios.report import flow
 from scenarios.report import run_video as video
 from scenarios.report.canvas import ESTIMATED, INK, TRUE, Picture, nice_step
 from scenarios.results.log import Log
-from scenarios.results.run import CameraFrame, RunResult
+from scenarios.results.run_result import CameraFrame, RunResult
 
 
 def first_seconds(run: RunResult, seconds: float) -> RunResult:

@@ -1,0 +1,117 @@
+"""Drivers of the tractor: along the course, or as recorded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from controllers.driver import PreviewDriver, TractorGeometry
+from controllers.driver_trace import TraceDriver
+from controllers.reversing.chain import RollingChain
+from controllers.shunting import ShuntingDriver, Stop
+from scenarios.assembly.adapters import tractor_geometry
+from scenarios.assembly.courses import Course
+from scenarios.assembly.recorded_drive import read_trace
+from scenarios.catalogue import DRIVER, constructed, resolve
+from scenarios.loop.driving import Driver
+from scenarios.options.driver import DriverOptions
+from scenarios.options.scenario import Scenario
+from vehicle.combination.description import Vehicle
+from vehicle.option import Parameter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DriverContext:
+    """Everything that a driver may know before the run."""
+
+    vehicle: Vehicle  # nominal: the simulated one may differ by ``plant.…``
+    tractor: TractorGeometry
+    course: Course
+    speed: float  # set speed [m/s]
+    options: DriverOptions
+    parameters: Mapping[str, Parameter]  # ``driver.parameters.…``: those of one's own driver
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenedDriver:
+    """A driver with his timetable."""
+
+    driver: Driver[Any]
+    duration: float  # of the drive, as planned [s]
+    start_speed: float  # [m/s]
+    is_recorded: bool = False  # he repeats a recorded drive, wherever it leads
+
+
+class DriverPart(Protocol):
+    """Class of drivers, as the catalogue holds them."""
+
+    @classmethod
+    def of(cls, context: DriverContext) -> OpenedDriver | Driver[Any]:
+        """Driver for one run; a bare driver is expected to keep to the set speed.
+
+        Raises:
+            ValueError: one line, if the context does not fit.
+        """
+
+
+class OnCourse:
+    """Follows the course at set speed, slower where a limit says so; stops and reverses where ``driver.stops`` say."""
+
+    @classmethod
+    def of(cls, context: DriverContext) -> OpenedDriver:
+        """Driver on the course."""
+        options = context.options
+        if options.trace is not None:
+            raise ValueError("driver.trace needs driver.kind = recorded")
+        limit = math.inf if options.max_lateral_acceleration is None else options.max_lateral_acceleration
+        driver = PreviewDriver(context.tractor, context.course.path, context.speed, max_lateral_acceleration=limit)
+        if not options.stops:
+            return OpenedDriver(driver=driver, duration=driver.duration, start_speed=context.speed)
+        stops = [Stop(stop.station, stop.wait, stop.back) for stop in options.stops]
+        try:
+            shunting = ShuntingDriver(driver, RollingChain.of(context.vehicle), stops)
+        except ValueError as error:
+            raise ValueError(f"driver.{error}") from error
+        return OpenedDriver(driver=shunting, duration=shunting.duration, start_speed=context.speed)
+
+
+class AsRecorded:
+    """Repeats the steer angles and speeds of the CSV file ``driver.trace``, wherever they lead."""
+
+    @classmethod
+    def of(cls, context: DriverContext) -> OpenedDriver:
+        """Driver from a recording."""
+        options = context.options
+        if options.trace is None:
+            raise ValueError("driver.kind = recorded: driver.trace is missing, a CSV file")
+        if options.stops:
+            raise ValueError("driver.stops and driver.trace: a recorded drive has its own stops")
+        driver = TraceDriver(read_trace(Path(options.trace)))
+        start_speed = context.speed if driver.start_speed is None else driver.start_speed
+        return OpenedDriver(driver=driver, duration=driver.duration, start_speed=start_speed, is_recorded=True)
+
+
+def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> OpenedDriver:
+    """Open the scenario's driver.
+
+    Raises:
+        ValueError: one line, if there is no such driver or he does not fit.
+    """
+    options = scenario.driver
+    kind = options.kind or ("preview" if options.trace is None else "recorded")
+    part: type[DriverPart] = resolve("driver.kind", kind, DRIVER)
+    context = DriverContext(
+        vehicle=vehicle,
+        tractor=tractor_geometry(vehicle, course),
+        course=course,
+        speed=scenario.speed,
+        options=options,
+        parameters=options.parameters,
+    )
+    driver = constructed("driver.kind", kind, part, context)
+    if isinstance(driver, OpenedDriver):
+        return driver
+    return OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)

@@ -1,0 +1,82 @@
+"""Sensors on a trailer: the context they are opened in, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.trailer import TrailerGeometry
+from estimators.calibration.rectification import Rectifier
+from scenarios.assembly.views import Views
+from scenarios.options.scenario import Scenario
+from scenarios.progress import Progress, no_progress
+from sensors.camera.lens import RawStereoRig
+from sensors.camera.rig import StereoCalibration
+from sensors.context import TrailerSensorContext
+from sensors.instruments.combination import CombinationSensors
+from sensors.instruments.navigation import ExactPose
+from sensors.messages import StereoFrame
+from sensors.sensor import Message, Sensor
+from vehicle.clock import Schedule
+from vehicle.combination.description import Vehicle
+from vehicle.combination.truth import Truth
+
+# assumed: gyros and angle sensors send every 20 ms; processing a message takes as long
+_SIGNALS = Schedule.at_rate(50.0, latency=0.02)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MountContext(TrailerSensorContext):
+    """Context of the sensors that come with offtrack: they read the whole scenario."""
+
+    views: Views
+    nominal: Vehicle  # as controllers and estimators know it
+    scenario: Scenario
+    trailer: TrailerGeometry
+    signals: CombinationSensors  # of this trailer
+    stream: Callable[[str], np.random.Generator]  # random stream of this trailer, by name
+    keep_colour: bool = False  # frames carry the left camera's colour image
+    progress: Progress = no_progress  # of a calibration with boards
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cameras:
+    """Calibrations of a stereo pair."""
+
+    calibrated: StereoCalibration | RawStereoRig  # of the images that are sent
+    calibration: StereoCalibration  # of the images that estimators work on
+    rectifier: Rectifier | None = None  # between the two; None: they are the same
+    epipolar: bool = True  # both look the same way, so a stereo odometry works on them
+
+    def rectified(self, frame: StereoFrame) -> StereoFrame:
+        """The frame as estimators work on it."""
+        return frame if self.rectifier is None else self.rectifier.step(frame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OpenedSensor:
+    """A sensor that is ready to sample."""
+
+    sensor: Sensor[Truth, Message]
+    schedule: Schedule
+    cameras: Cameras | None = None  # None: it is no stereo pair
+
+
+class ReferencePose:
+    """An exact reference unit on the trailer's body, as often as the cameras."""
+
+    @classmethod
+    def of(cls, context: MountContext) -> OpenedSensor:
+        """Reference unit on the trailer."""
+        return OpenedSensor(sensor=ExactPose(context.unit), schedule=context.schedule)
+
+
+class SignalsOfCombination:
+    """The combination's own sensors, 50 times a second: speed, steer and articulation angles, gyros."""
+
+    @classmethod
+    def of(cls, context: MountContext) -> OpenedSensor:
+        """Sensors of the combination, shared with the trailer's steering law."""
+        return OpenedSensor(sensor=context.signals, schedule=_SIGNALS)

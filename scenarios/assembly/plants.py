@@ -1,0 +1,109 @@
+"""Plants: the simulated vehicle, whose numbers may differ from those that controllers know."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+from scenarios.catalogue import PLANT, constructed, resolve
+from scenarios.options.course import ConstantSlipOptions
+from scenarios.options.scenario import Scenario
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.plant_changes import changed_vehicle
+from vehicle.combination.prescribed import ConstantSlipPlant
+from vehicle.combination.truth import Truth
+from vehicle.frames import FloatArray, Pose2
+from vehicle.plant_like import PlantLike
+from vehicle.surface import Surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlantContext:
+    """Everything that a plant may be constructed from."""
+
+    vehicle: Vehicle  # with the changes of ``plant.…``
+    surface: Surface
+    scenario: Scenario
+
+
+class CombinationPlant(PlantLike[Truth, VehicleCommand], Protocol):
+    """A plant of a combination."""
+
+    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
+        """State at a pose of the tractor, rolling straight at a speed [m/s]."""
+
+
+class PlantPart(Protocol):
+    """Class of plants, as the catalogue holds them."""
+
+    @classmethod
+    def of(cls, context: PlantContext) -> CombinationPlant:
+        """Plant for one run.
+
+        Raises:
+            ValueError: one line, if the context does not fit.
+        """
+
+
+class Multibody:
+    """Rigid bodies in a chain on slipping tyres, each body sprung in heave, pitch and roll."""
+
+    @classmethod
+    def of(cls, context: PlantContext) -> CombinationPlant:
+        """Plant of the vehicle on its surface."""
+        return Plant(context.vehicle, context.surface)
+
+
+class ConstantSlip:
+    """A prescribed motion: the last trailer is dragged straight at the slip angle of a course ``constant-slip``."""
+
+    @classmethod
+    def of(cls, context: PlantContext) -> CombinationPlant:
+        """Plant without dynamics."""
+        scenario, course = context.scenario, context.scenario.course
+        if not isinstance(course, ConstantSlipOptions):
+            raise ValueError("plant.kind = constant_slip needs course.kind = constant-slip")
+        if scenario.trailer_steering != "none":
+            raise ValueError(
+                f"trailer_steering = {scenario.trailer_steering}: the trailer of {scenario.name} is dragged at a "
+                "constant slip angle and can not be steered; use trailer_steering=none"
+            )
+        slip_angle, last = math.radians(course.slip_angle_deg), len(context.vehicle.units) - 1
+        return ConstantSlipPlant(
+            context.vehicle, context.surface, unit=last, slip_angle=slip_angle, speed=scenario.speed
+        )
+
+
+def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
+    """The vehicle that is simulated: the nominal one with the changes of ``plant.…``.
+
+    Raises:
+        ValueError: one line, for a change that does not fit.
+    """
+    changes = scenario.plant.changes()
+    if not changes:
+        return vehicle
+    changed = changed_vehicle(vehicle, changes)
+    for nominal, unit in zip(vehicle.units, changed.units, strict=True):
+        if len(nominal.steered_axles) != len(unit.steered_axles):
+            raise ValueError(f"plant.*: unit '{unit.name}' would have another number of steered axles")
+    return changed
+
+
+def plant_kind(scenario: Scenario) -> str:
+    """Name of the scenario's plant: its own, or the one that its course needs."""
+    prescribed = isinstance(scenario.course, ConstantSlipOptions)
+    return scenario.plant.kind or ("constant_slip" if prescribed else "multibody")
+
+
+def opened_plant(scenario: Scenario, vehicle: Vehicle, surface: Surface) -> CombinationPlant:
+    """Open the scenario's plant for the simulated vehicle.
+
+    Raises:
+        ValueError: one line, if there is no such plant or it does not fit.
+    """
+    kind = plant_kind(scenario)
+    part: type[PlantPart] = resolve("plant.kind", kind, PLANT)
+    return constructed("plant.kind", kind, part, PlantContext(vehicle=vehicle, surface=surface, scenario=scenario))

@@ -1,0 +1,93 @@
+"""A channel of the loop: a sensor, its schedule, its messages in flight, and the estimator that receives them.
+
+An estimate depends only on the messages before it. The estimator therefore runs in a worker thread between the capture
+of a message and its delivery, while the loop continues on another core. The results are bitwise the same as in line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Generic, ParamSpec, TypeVar
+
+from estimators.protocol import Estimator
+from scenarios.loop.stopwatch import Stopwatch
+from sensors.sensor import Message, Sensor, Stamped
+from vehicle.clock import Pipe, Schedule
+
+TruthT = TypeVar("TruthT", bound=Stamped)
+MessageT = TypeVar("MessageT", bound=Message)
+EstimateT = TypeVar("EstimateT")
+MemoryT = TypeVar("MemoryT")
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Channel(Generic[TruthT, MessageT, EstimateT]):
+    """One sensor with the estimator behind it; without an estimator it only captures messages."""
+
+    def __init__(
+        self,
+        sensor: Sensor[TruthT, MessageT],
+        schedule: Schedule,
+        estimator: Estimator[MemoryT, MessageT, EstimateT] | None,
+        worker: Executor,
+        stopwatch: Stopwatch,
+    ) -> None:
+        """Create a channel before its first sample; ``stopwatch`` accounts for the time of sensor and estimator."""
+        self.schedule = schedule
+        self.delivered: list[EstimateT] = []  # oldest first
+        self._sensor, self._worker, self._stopwatch = sensor, worker, stopwatch
+        self._estimate = None if estimator is None else _stateful(estimator)
+        self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
+
+    @property
+    def newest(self) -> EstimateT | None:
+        """The estimate delivered last."""
+        return self.delivered[-1] if self.delivered else None
+
+    def sample(self, truth: TruthT, tick: int) -> MessageT | None:
+        """Sample the sensor if it is due, and send the message to the estimator."""
+        if not self.schedule.due(tick):
+            return None
+        with self._stopwatch.timed("render"):
+            message = self._sensor.sample(truth)
+        if message is not None and self._estimate is not None:
+            answer = self._worker.submit(self._timed, self._estimate, message)
+            self._in_flight = self._in_flight.put(tick + self.schedule.latency, answer)
+        return message
+
+    def deliver(self, tick: int) -> None:
+        """Receive the estimates that are due by this tick."""
+        self._in_flight, due = self._in_flight.deliver(tick)
+        for future in due:
+            with self._stopwatch.timed("wait"):
+                estimate = future.result()
+            if estimate is not None:
+                self.delivered.append(estimate)
+
+    def _timed(self, estimate: Callable[[MessageT], EstimateT | None], message: MessageT) -> EstimateT | None:
+        with self._stopwatch.timed("odometry"):
+            return estimate(message)
+
+
+def _stateful(estimator: Estimator[MemoryT, MessageT, EstimateT]) -> Callable[[MessageT], EstimateT | None]:
+    """The estimator as a function that carries its memory; call it with one message after the other."""
+    memory = estimator.init()
+
+    def step(message: MessageT) -> EstimateT | None:
+        nonlocal memory
+        memory, estimate = estimator.step(memory, message)
+        return estimate
+
+    return step
+
+
+class InLine(Executor):
+    """An executor that runs its calls at once in the calling thread: for estimators that take no time."""
+
+    def submit(self, call: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> Future[R]:
+        """Future with the result of the call."""
+        future: Future[R] = Future()
+        future.set_result(call(*args, **kwargs))
+        return future

@@ -1,0 +1,209 @@
+"""The loop of a combination: its driver, its trailers with their channels and steering laws, and what ends a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from typing import TypeVar
+
+import numpy as np
+
+from controllers.driver import PERIOD as DRIVER_PERIOD
+from controllers.driver import DriverCommand
+from controllers.trailer import SteerCommand, TrailerSteering
+from estimators.estimates import CameraOffTracking, OffTracking
+from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
+from scenarios.loop.channel import Channel
+from scenarios.loop.driving import Driver
+from scenarios.loop.pictures import StereoPictures
+from scenarios.loop.referee import Referee
+from scenarios.loop.session import Session
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.recordings.stereo_writer import RecordingWriter
+from scenarios.results.trailer_signals import CombinationRecord, Estimate
+from sensors.instruments.navigation import DriverPerception
+from sensors.messages import CombinationSignals, EgoState
+from sensors.sensor import Message
+from vehicle.clock import TICK, Schedule, to_ticks
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import VehicleCommand
+from vehicle.combination.truth import Truth
+from vehicle.frames import Pose2
+
+MemoryT = TypeVar("MemoryT")
+OffTrackingEstimate = OffTracking | CameraOffTracking
+
+_CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
+_PATIENCE = 1.5  # a run that takes so much longer than its path at set speed is stuck
+_GRACE = 10.0  # added for a start on a slope [s]
+
+
+class SteeredTrailer:
+    """A watched trailer in a running loop: its channel, its steering law, and the law's latest demand."""
+
+    def __init__(self, trailer: WatchedTrailer, worker: Executor, stopwatch: Stopwatch) -> None:
+        """Begin before the first tick."""
+        sensing = trailer.sensing
+        self.trailer = trailer
+        self.channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
+            sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch
+        )
+        self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
+        self._law = _stateful_law(trailer.law)
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Estimates delivered so far, oldest first."""
+        return [as_estimate(delivered) for delivered in self.channel.delivered]
+
+    @property
+    def newest(self) -> Estimate | None:
+        """The estimate delivered last."""
+        return None if self.channel.newest is None else as_estimate(self.channel.newest)
+
+    def control(self, truth: Truth) -> None:
+        """Update the law's demand."""
+        newest = self.newest
+        off_tracking = None if newest is None else newest.off_tracking
+        self.demand = self._law(truth.tick, off_tracking, self.trailer.signals.sample(truth))
+
+
+class CombinationPilot:
+    """Driver and trailer steering together; both are updated at the driver's rate and hold in between."""
+
+    def __init__(self, vehicle: Vehicle, driver: Driver[MemoryT] | None, trailers: Sequence[SteeredTrailer]) -> None:
+        """Control a ``vehicle``; without a driver its motion is prescribed."""
+        self.trailers = trailers
+        self._driver = None if driver is None else _stateful_driver(driver)
+        self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
+        self._of_tractor = len(vehicle.units[0].steered_axles)
+        self._n_trailer_axles = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
+
+    def control(self, truth: Truth, tick: int) -> tuple[VehicleCommand, CombinationRecord]:
+        """Command of this step."""
+        if _CONTROL.due(tick):
+            if self._driver:
+                self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
+            for trailer in self.trailers:
+                trailer.control(truth)
+        demand = self._driver_demand
+        command = VehicleCommand(demand.steer, demand.acceleration, self._trailer_steer(), demand.gear)
+        return command, CombinationRecord(demand, tuple(trailer.demand for trailer in self.trailers))
+
+    def _trailer_steer(self) -> tuple[float, ...]:
+        """Demands for every steered trailer axle [rad]; axles of trailers that are not watched stay straight."""
+        angles = np.zeros(self._n_trailer_axles)
+        for trailer in self.trailers:
+            first = trailer.trailer.steers_ahead - self._of_tractor
+            angles[first : first + trailer.trailer.n_steered] = trailer.demand.angles
+        return tuple(angles.tolist())
+
+
+class CourseJudge:
+    """Ends a run at the end of its course or of its recorded drive, at a mishap, or when it is stuck."""
+
+    def __init__(self, parts: Assembly) -> None:
+        """Judge a run of these parts."""
+        road = (
+            None if parts.is_recorded else parts.course.centreline
+        )  # a recorded drive does not say where its road was
+        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
+        self._lifted = self._referee.init()
+        self._parts = parts
+        self._station = 0.0  # of the guided point along the course [m]
+        self._elapsed = 0.0  # [s]
+
+    @property
+    def progress(self) -> float:
+        """Share of the course, or of a recorded drive, that is done, 0 to 1."""
+        parts = self._parts
+        done = self._elapsed / parts.duration if parts.is_recorded else self._station / parts.course.length
+        return min(1.0, done)
+
+    def outcome(self, truth: Truth) -> str | None:
+        """How the run has ended; None if it continues."""
+        self._elapsed = (truth.tick + LOG_PERIOD) * TICK
+        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        if mishap is not None:
+            return mishap
+        parts, course = self._parts, self._parts.course
+        if parts.is_recorded:
+            return "completed" if self._elapsed >= parts.duration else None
+        point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
+        self._station = course.path.project(point.x, point.y, self._station)
+        if self._station >= course.length - 1e-6:
+            return "completed"
+        return "timed out" if self._elapsed > _GRACE + _PATIENCE * parts.duration else None
+
+
+class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], AbstractContextManager["TrailerSession"]):
+    """The closed-loop run of a trailer scenario."""
+
+    def __init__(self, parts: Assembly, *, keep_frames: bool = False, recorder: RecordingWriter | None = None) -> None:
+        """Begin at tick 0 at the start of the course, rolling at set speed.
+
+        Args:
+            parts: of the run.
+            keep_frames: keep what the last trailer's left camera sees, for people.
+            recorder: receives the last trailer's stereo frames.
+        """
+        self.parts = parts
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
+        stopwatch = Stopwatch()
+        self.trailers = tuple(SteeredTrailer(trailer, self._worker, stopwatch) for trailer in parts.trailers)
+        channels: list[Channel[Truth, Message, OffTrackingEstimate]] = [trailer.channel for trailer in self.trailers]
+        if parts.recording is not None:
+            recording = parts.recording
+            channels.append(Channel(recording.sensor, recording.schedule, None, self._worker, stopwatch))
+        self.pictures = StereoPictures(
+            len(channels) - 1, parts.trailers[-1].unit, parts.cameras, self._worker, keep=keep_frames, recorder=recorder
+        )
+        super().__init__(
+            parts.plant,
+            parts.plant.initial_state(parts.course.start, parts.start_speed),
+            period=LOG_PERIOD,
+            pilot=CombinationPilot(parts.vehicle, parts.driver.driver if parts.driver else None, self.trailers),
+            judge=CourseJudge(parts),
+            channels=channels,
+            observers=[self.pictures],
+            stopwatch=stopwatch,
+        )
+
+    def close(self) -> None:
+        """End the estimator's thread; everything delivered stays."""
+        self._worker.shutdown(cancel_futures=True)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def as_estimate(delivered: OffTrackingEstimate) -> Estimate:
+    """A delivered estimate with the camera motion behind it, if there is one."""
+    if isinstance(delivered, CameraOffTracking):
+        return Estimate(delivered.off_tracking, delivered.motion)
+    return Estimate(delivered)
+
+
+def _stateful_law(
+    law: TrailerSteering[MemoryT],
+) -> Callable[[int, OffTracking | None, CombinationSignals], SteerCommand]:
+    memory = law.init()
+
+    def step(tick: int, off_tracking: OffTracking | None, signals: CombinationSignals) -> SteerCommand:
+        nonlocal memory
+        memory, demand = law.step(memory, tick, off_tracking, signals)
+        return demand
+
+    return step
+
+
+def _stateful_driver(driver: Driver[MemoryT]) -> Callable[[int, EgoState], DriverCommand]:
+    memory = driver.init()
+
+    def step(tick: int, ego: EgoState) -> DriverCommand:
+        nonlocal memory
+        memory, demand = driver.step(memory, tick, ego)
+        return demand
+
+    return step

@@ -1,0 +1,145 @@
+"""The loop of a rover: instruments, slip estimator, dead reckoning, driver, and what ends a run."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from typing import Final
+
+from estimators.estimates import SlipAngle
+from estimators.slip.reference import LaserSlip
+from estimators.slip.rover_odometry import RoverOdometry
+from scenarios.assembly.rover import PERIOD, RoverAssembly
+from scenarios.loop.channel import Channel
+from scenarios.loop.pictures import TracePictures
+from scenarios.loop.session import Session
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.recordings.rover_writer import RoverRecordingWriter
+from scenarios.results.rover_signals import RoverRecord, path_coordinates
+from sensors.messages import LaserFix, RoverReadings
+from sensors.sensor import Message
+from vehicle.clock import TICK
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.truth import RoverTruth
+
+LOST_AT: Final = 1.0  # a rover farther from its path, nearly two of its lengths, has left it [m]
+_PATIENCE: Final = 3.0  # a run that takes so much longer than its path at the wheels' speed is stuck: wheels slip much
+_GRACE: Final = 10.0  # added for the start [s]
+
+
+class RoverPilot:
+    """The rover's own navigation and its driver."""
+
+    def __init__(self, parts: RoverAssembly, channel: Channel[RoverTruth, Message, SlipAngle]) -> None:
+        """Control by the slip angles that the ``channel`` delivers."""
+        self._parts, self._channel = parts, channel
+        self._driver = parts.driver.init()
+        self._odometry = RoverOdometry(parts.geometry)
+        start = self._odometry.init(*parts.path.start)
+        self._wheels_only, self._corrected, self._navigated = start, start, start
+        self._laser_slip, self._laser = LaserSlip(), LaserSlip().init()
+
+    def control(self, truth: RoverTruth, tick: int) -> tuple[RoverCommand, RoverRecord]:
+        """Command of this step."""
+        scenario, step = self._parts.scenario, self._odometry.step
+        readings = self._parts.instruments.sample(truth)
+        # The tracker looks as often as the camera does.
+        fix = self._parts.laser.sample(truth) if self._channel.schedule.due(tick) else None
+        newest = self._channel.newest
+        slip = None if scenario.slip_compensation == "none" else newest
+        self._wheels_only, wheels_only = step(self._wheels_only, readings)
+        self._corrected, corrected = step(self._corrected, readings, newest)
+        position = fix if scenario.navigation == "laser" else None
+        self._navigated, navigated = step(self._navigated, readings, slip, position)
+        self._driver, command = self._parts.driver.step(self._driver, navigated)
+        return command, RoverRecord(
+            readings=readings,
+            command=command,
+            wheels_only=wheels_only,
+            corrected=corrected,
+            navigated=navigated,
+            laser_slip=self._observed_slip(fix, readings),
+        )
+
+    def _observed_slip(self, fix: LaserFix | None, readings: RoverReadings) -> float | None:
+        if fix is None:
+            return None
+        self._laser, slip = self._laser_slip.step(self._laser, fix, readings.heading)
+        return slip
+
+
+class RoverJudge:
+    """Ends a run at the end of the path, off the path, or when the rover is stuck."""
+
+    def __init__(self, parts: RoverAssembly) -> None:
+        """Judge a run of these parts."""
+        self._parts = parts
+        self._station = 0.0  # of the true position along the path [m]
+
+    @property
+    def progress(self) -> float:
+        """Share of the path that is done, 0 to 1."""
+        return min(1.0, self._station / self._parts.path.length)
+
+    def outcome(self, truth: RoverTruth) -> str | None:
+        """How the run has ended; None if it continues."""
+        path = self._parts.path
+        self._station, offset = path_coordinates(path, truth, self._station)
+        if self._parts.plant.entrapped(truth):
+            return "entrapped"
+        if abs(offset) > LOST_AT:
+            return "left the path"
+        if self._station >= path.length - 1e-6:
+            return "completed"
+        elapsed = (truth.tick + PERIOD) * TICK
+        return "timed out" if elapsed > _GRACE + _PATIENCE * path.length / self._parts.scenario.speed else None
+
+
+class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractContextManager["RoverSession"]):
+    """The closed-loop run of a rover scenario."""
+
+    def __init__(
+        self, parts: RoverAssembly, *, keep_frames: bool = False, recorder: RoverRecordingWriter | None = None
+    ) -> None:
+        """Begin at tick 0 at the start of the path, wheels turning for the set speed.
+
+        Args:
+            parts: of the run.
+            keep_frames: keep what the camera sees, for people.
+            recorder: receives the camera's views.
+        """
+        self.parts = parts
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
+        stopwatch = Stopwatch()
+        sensing = parts.sensing
+        self.channel: Channel[RoverTruth, Message, SlipAngle] = Channel(
+            sensing.sensor, sensing.schedule, sensing.estimator, self._worker, stopwatch
+        )
+        self.pictures = TracePictures(
+            parts.view.camera if parts.view else None, stopwatch, keep=keep_frames, recorder=recorder
+        )
+        channels = [self.channel]
+        if parts.recording is not None:
+            channels.append(Channel(parts.recording, sensing.schedule, None, self._worker, stopwatch))
+        super().__init__(
+            parts.plant,
+            parts.plant.initial_state(parts.path.start, parts.scenario.speed),
+            period=PERIOD,
+            pilot=RoverPilot(parts, self.channel),
+            judge=RoverJudge(parts),
+            channels=channels,
+            observers=[self.pictures, *([parts.view] if parts.view is not None else [])],
+            stopwatch=stopwatch,
+        )
+
+    @property
+    def estimates(self) -> list[SlipAngle]:
+        """Estimates delivered so far, oldest first."""
+        return self.channel.delivered
+
+    def close(self) -> None:
+        """End the estimator's thread; everything delivered stays."""
+        self._worker.shutdown(cancel_futures=True)
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,23 @@
+"""Options of the simulated vehicle: what differs from the numbers that controllers know."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import ConfigDict
+
+from vehicle.combination.plant_changes import NamedChanges
+
+
+class PlantOptions(NamedChanges):
+    """Changes of the simulated vehicle: the named ones, and any number of the vehicle file by its path."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+
+    kind: str | None = None  # multibody, constant_slip or package.module:Name; not given: as the course needs
+
+    def changes(self) -> dict[str, Any]:
+        """Changes of the vehicle that are not at their defaults."""
+        fields = type(self).model_fields
+        values = {name: value for name, value in self if name != "kind"}
+        return {name: value for name, value in values.items() if name not in fields or value != fields[name].default}

@@ -1,0 +1,109 @@
+"""The result of a trailer run in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.results import metrics
+from scenarios.results.log import Log
+from scenarios.results.swept_path import UnitOutline
+from scenarios.results.timing import Timing
+from vehicle.frames import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CameraFrame:
+    """What the left camera saw, kept for people: the odometry itself worked on the uncompressed images."""
+
+    tick: int
+    jpeg: bytes  # colour or grey
+    tracks: NDArray[np.float32]  # (m, 4) u, v in the previous and u, v in this left image [px]
+    matches: int
+    inliers: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedTrailer:
+    """A trailer whose off-tracking is estimated and judged; its signals end with its name."""
+
+    name: str
+    follow_distance: float  # hitch to follow point [m]
+    n_steered: int  # number of its steered axles
+    max_steer: float | None  # limit of their actuators [rad]; None: none is steered
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RunResult:
+    """The result of a finished trailer run."""
+
+    scenario: str  # name
+    scenario_toml: str  # resolved: runs again identically
+    seed: int
+    outcome: str  # "completed", "diverged", …
+    log: Log
+    units: tuple[UnitOutline, ...]  # tractor first
+    trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
+    road: FloatArray  # (n, 2) centre line [m]
+    road_half_width: float  # [m]
+    circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
+    timing: Timing
+    frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
+    manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
+
+    @property
+    def trailer(self) -> UnitOutline:
+        """Outline of the last trailer."""
+        return self.units[-1]
+
+    @property
+    def follow_distance(self) -> float:
+        """Hitch to follow point of the last trailer [m]."""
+        return self.trailers[-1].follow_distance
+
+    @property
+    def trailer_steer_limit(self) -> float | None:
+        """Limit of the last trailer's actuators [rad]; None: none is steered."""
+        return self.trailers[-1].max_steer
+
+    @property
+    def trailers_ahead(self) -> tuple[JudgedTrailer, ...]:
+        """Judged trailers ahead of the last, front to rear."""
+        return self.trailers[:-1]
+
+    def poses(self, unit: UnitOutline) -> FloatArray:
+        """Pose of the unit's frame over time: x [m], y [m], psi [rad], shape (n_rows, 3)."""
+        return np.column_stack([self.log[f"{quantity}_{unit.name}"] for quantity in ("x", "y", "psi")])
+
+    def signal(self, name: str) -> FloatArray:
+        """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
+        return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
+
+    def steer_signals(self, trailer: str = "") -> tuple[str, ...]:
+        """Names of the signals of a trailer's steer angles, front to rear; of the last trailer if none is named.
+
+        Demands have ``_command`` after the axle's number.
+        """
+        judged = next((one for one in self.trailers if one.name == trailer), self.trailers[-1])
+        return tuple(f"steer_trailer_{k}_{judged.name}" for k in range(1, judged.n_steered + 1))
+
+    def axle_steer(self, unit: UnitOutline) -> FloatArray:
+        """Steer angle of each axle of a unit over time, shape (n_rows, n_axles) [rad], for drawings."""
+        zero = np.zeros(len(self.log))
+        angles = [self.signal(name) if name else zero for name in unit.steer_signals]
+        return np.nan_to_num(np.column_stack(angles)) if angles else np.zeros((len(self.log), 0))
+
+
+def error_of_estimate(result: RunResult, trailer: str = "") -> FloatArray:
+    """Estimated minus true off-tracking at the estimate's own time [m], shape (n_rows,); NaN where there is none.
+
+    Of the last trailer if none is named.
+    """
+    name = trailer or result.trailers[-1].name
+    estimate, true, health = (
+        result.signal(f"{quantity}_{name}") for quantity in ("off_tracking_estimate", "off_tracking_true", "health")
+    )
+    return metrics.estimate_error(estimate, true, health)

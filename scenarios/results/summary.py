@@ -1,0 +1,105 @@
+"""Summaries of runs: the numbers of ``summary.json``. Names, and the units in them, are fixed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scenarios.results import metrics
+from scenarios.results.log import LOST
+from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.rover import RoverResult, rover_summary
+from scenarios.results.run_result import JudgedTrailer, RunResult, error_of_estimate
+from scenarios.results.swept_path import SweptPath, swept_path
+
+
+def summary(result: RunResult | RoverResult) -> Summary:
+    """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
+    return rover_summary(result) if isinstance(result, RoverResult) else _trailer_summary(result)
+
+
+def _trailer_summary(result: RunResult) -> Summary:
+    worst = _worst(result).name
+    numbers: Summary = {
+        "outcome": result.outcome,
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "off_tracking": _off_tracking(result, worst),
+        "swept_path": _swept_path(swept(result)),
+        "steer": _steer(result, worst),
+        "tyres": {"friction_used_max": number(metrics.peak(result.signal("friction_used_max")))},
+        "odometry": _odometry(result),
+        "timing": timing_numbers(result.timing),
+    }
+    return numbers | ({"trailers": trailer_summaries(result)} if len(result.trailers) > 1 else {})
+
+
+def trailer_summaries(result: RunResult) -> dict[str, Numbers]:
+    """Off-tracking and steering of every judged trailer by its name, front to rear."""
+    return {
+        trailer.name: _off_tracking(result, trailer.name)
+        | {f"steer_{key}": value for key, value in _steer(result, trailer.name).items()}
+        for trailer in result.trailers
+    }
+
+
+def _worst(result: RunResult) -> JudgedTrailer:
+    """The trailer with the largest off-tracking; of equal ones the last."""
+    peaks = [np.nan_to_num(metrics.peak(result.signal(f"off_tracking_true_{t.name}"))) for t in result.trailers]
+    return result.trailers[len(peaks) - 1 - int(np.argmax(peaks[::-1]))]
+
+
+def swept(result: RunResult) -> SweptPath:
+    """Swept path of the run; NaN throughout if it ended before the vehicle had moved."""
+    if len(result.log) < 2:
+        return SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
+    return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
+
+
+def _off_tracking(result: RunResult, trailer: str) -> Numbers:
+    true, error = result.signal(f"off_tracking_true_{trailer}"), error_of_estimate(result, trailer)
+    reference = result.signal(f"off_tracking_reference_{trailer}")
+    return {
+        "true_rms_m": number(metrics.rms(true)),
+        "true_max_m": number(metrics.peak(true)),
+        "estimate_error_rms_m": number(metrics.rms(error)),
+        "estimate_error_max_m": number(metrics.peak(error)),
+        "valid_fraction": number(metrics.valid_fraction(result.signal(f"health_{trailer}"), true)),
+        "reference_error_rms_m": number(metrics.rms(reference - true)),
+        "estimate_against_reference_rms_m": number(metrics.rms(error + true - reference)),
+    }
+
+
+def _swept_path(room: SweptPath) -> Numbers:
+    return {
+        "max_width_m": number(room.max_width),
+        "min_inner_radius_m": number(room.min_inner_radius),
+        "tail_swing_m": number(room.tail_swing),
+        "tail_swing_entry_m": number(room.tail_swing_entry),
+        "tail_swing_exit_m": number(room.tail_swing_exit),
+    }
+
+
+def _steer(result: RunResult, trailer: str) -> Numbers:
+    angles = [result.log[name] for name in result.steer_signals(trailer)]
+    largest = max((metrics.peak(angle) for angle in angles), default=math.nan)
+    fastest = max((metrics.peak(metrics.rate(angle, result.log["time"])) for angle in angles), default=math.nan)
+    return {"max_deg": number(math.degrees(largest)), "max_rate_deg_s": number(math.degrees(fastest))}
+
+
+def _odometry(result: RunResult) -> Numbers:
+    health = result.signal("odometry_health")
+    captures = np.isfinite(health)
+    drift = metrics.odometry_drift(
+        result.poses(result.trailer)[captures],
+        np.column_stack([result.signal(f"odometry_{part}")[captures] for part in ("dx", "dy", "dpsi")]),
+        health[captures] >= LOST,
+        result.follow_distance,
+    )
+    return {
+        "matches_mean": number(metrics.mean(result.signal("matches"))),
+        "inliers_mean": number(metrics.mean(result.signal("inliers"))),
+        "lost_frames": int(np.sum(health[captures] >= LOST)) if captures.any() else None,
+        "drift_percent": number(100.0 * metrics.mean(drift)),
+    }

@@ -1,0 +1,82 @@
+"""Writer of run directories.
+
+A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
+``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html`` and a video.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import platform
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+
+from scenarios.progress import Progress, no_progress
+from scenarios.results.log import write_log
+from scenarios.results.numbers import Summary
+from scenarios.results.rover import RoverResult
+from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
+
+
+def write_run(
+    result: RunResult | RoverResult, directory: Path, *, video: bool = True, progress: Progress = no_progress
+) -> Path:
+    """Write the run directory and return it; ``progress`` counts the frames of the video.
+
+    Raises:
+        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``.
+    """
+    numbers = summary(result)
+    with appearing_at_once(directory) as folder:
+        (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
+        write_log(result.log, folder / "signals.parquet")
+        _write_json(folder / "manifest.json", manifest(result))
+        _write_report(result, numbers, folder, video=video and len(result.log) > 1, progress=progress)
+        _write_json(folder / "summary.json", numbers)
+    return directory
+
+
+def _write_report(
+    result: RunResult | RoverResult, numbers: Summary, folder: Path, *, video: bool, progress: Progress
+) -> None:
+    # matplotlib takes a second to import, and a run that fails needs none
+    if isinstance(result, RunResult):
+        from scenarios.report.run_page import report_html
+        from scenarios.report.run_video import write_video
+
+        (folder / "report.html").write_text(report_html(result, numbers), encoding="utf-8")
+        if video:
+            write_video(result, folder / "video", progress=progress)
+        return
+    from scenarios.report.rover_page import rover_report_html
+    from scenarios.report.rover_video import write_rover_video
+
+    (folder / "report.html").write_text(rover_report_html(result, numbers), encoding="utf-8")
+    if video:
+        write_rover_video(result, folder / "video", progress=progress)
+
+
+def manifest(result: RunResult | RoverResult) -> dict[str, object]:
+    """Versions and hashes that identify the run."""
+    return {
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "versions": versions(),
+        "signals_sha256": result.log.sha256(),
+        **result.manifest,
+    }
+
+
+def _write_json(path: Path, content: Mapping[str, object]) -> None:
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a run's numbers depend on."""
+    installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
+    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}
