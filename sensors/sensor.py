@@ -54,8 +54,8 @@ def message_type(sensor: Sensor[Any, M]) -> type[M]:
         raise ValueError(
             f"{kind.__name__}.sample must be annotated with the message it returns: one dataclass with a field 'tick'"
         )
-    found: type[M] = classes[0]
-    return found
+    message: type[M] = classes[0]
+    return message
 
 
 def is_message(kind: object) -> bool:

@@ -53,8 +53,8 @@ vec2 past_vehicles()
         left.x *= 1.0 - smoothstep(0.0, 0.6, hidden);
         vec2 per_metre = vec2(length(vec3(into_box[k][0].x, into_box[k][1].x, into_box[k][2].x)),
                               length(vec3(into_box[k][0].y, into_box[k][1].y, into_box[k][2].y)));
-        vec2 beside = max(abs(q.xy) - 1.0, 0.0) / per_metre;  // [m]
-        left.y *= 1.0 - 0.7 * exp(-2.5 * dot(beside, beside));
+        vec2 outside = max(abs(q.xy) - 1.0, 0.0) / per_metre;  // [m]
+        left.y *= 1.0 - 0.7 * exp(-2.5 * dot(outside, outside));
     }
     return left;
 }
@@ -101,12 +101,12 @@ const vec3 ZENITH = vec3(0.36, 0.52, 0.78);
 vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
 {
     vec3 look = texture(looks, clamp(map_uv, 0.0, 1.0)).rgb;  // zero at the edges of the map
-    float beside = clamp(2.0 * d, 0.0, 1.0);
+    float off_road = clamp(2.0 * d, 0.0, 1.0);
     vec3 share = clamp(2.5 * (look - 0.5) + (look - look * look) * 6.0 * grain.a + 0.5, 0.0, 1.0);  // ragged edges
-    share.gb *= 1.0 - 0.45 * beside;
+    share.gb *= 1.0 - 0.45 * off_road;
 
-    float puddle = share.r * smoothstep(0.02, 0.12, grain.a + 0.35 * (here.b - 0.55)) * (1.0 - beside);
-    albedo *= 1.0 - share.r * mix(0.45, 0.25, beside) - 0.15 * puddle;
+    float puddle = share.r * smoothstep(0.02, 0.12, grain.a + 0.35 * (here.b - 0.55)) * (1.0 - off_road);
+    albedo *= 1.0 - share.r * mix(0.45, 0.25, off_road) - 0.15 * puddle;
     float clods = clamp(share.g * (1.15 + 1.2 * grain.a), 0.0, 1.0);
     vec3 mud = vec3(0.27, 0.20, 0.13) * (0.95 + 1.3 * grain.b + 0.9 * grain.a + 0.25 * (here.b - 0.5));
     albedo = mix(albedo, mud, clods);
@@ -114,7 +114,7 @@ vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
     vec3 ice = vec3(0.70, 0.77, 0.84) * (1.0 + 0.5 * grain.r + 0.35 * grain.a);
     albedo = mix(albedo * (1.0 - 0.25 * share.b), ice, frost);
 
-    float film = (1.0 - beside) * max(max(share.r * (0.35 + 0.65 * puddle), 0.75 * share.b), 0.30 * clods);
+    float film = (1.0 - off_road) * max(max(share.r * (0.35 + 0.65 * puddle), 0.75 * share.b), 0.30 * clods);
     float polish = max(puddle, 0.8 * share.b);
     vec3 normal = vec3((1.0 - polish) * 0.35 * grain.rb, 1.0);
     vec3 view = normalize(camera - place);
@@ -160,9 +160,9 @@ void main()
     dig(albedo, light, grain, here.g);
 #endif
 #ifdef LOOKS
-    vec3 seen = weathered(albedo, light, grain, here, d);
+    vec3 shaded = weathered(albedo, light, grain, here, d);
 #else
-    vec3 seen = albedo * light;
+    vec3 shaded = albedo * light;
 #endif
-    colour = vec4(mix(haze, seen, clear), 1.0);
+    colour = vec4(mix(haze, shaded, clear), 1.0);
 }
