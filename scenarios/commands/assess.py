@@ -1,4 +1,4 @@
-"""`offtrack assess`: a vehicle in the standard manoeuvres."""
+"""`offtrack assess`: drive a vehicle through standard manoeuvres."""
 
 from __future__ import annotations
 
@@ -25,19 +25,21 @@ def assess(
     vehicle: Annotated[str, typer.Argument(help="Name of a vehicle (see: offtrack vehicle) or a TOML file.")],
     trailer_steering: Annotated[
         str,
-        typer.Option(help="Law for the last unit's steered axles, or package.module:Name; none holds them straight."),
+        typer.Option(help="Steering law of the last unit's axles, or package.module:Name; none keeps them straight."),
     ] = "none",
     out: Annotated[
         Path | None,
-        typer.Option(help="Directory of the report; must not exist yet.", show_default="runs/assess-VEHICLE-N"),
+        typer.Option(
+            help="Output directory of the report; it must not exist yet.", show_default="runs/assess-VEHICLE-N"
+        ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the assessment as JSON, and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the assessment as JSON and nothing else.")] = False,
 ) -> None:
-    """Drive a vehicle through the standard manoeuvres and hold it against the levels of the standards.
+    """Drive a vehicle through standard manoeuvres and compare it with the limits of the standards.
 
-    The turn by 90 degrees, the European roundabout, the lane change of ISO 14791, tracking on a straight road, yaw
-    damping and the static rollover threshold. A level that is missed is a finding, not an error.
+    The manoeuvres: turn by 90 degrees, European roundabout, lane change of ISO 14791, straight road with cross-fall,
+    steer pulse for yaw damping, and tilt for the static rollover threshold. A missed limit is a result, not an error.
     """
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.standards.assessment import assess as driven
@@ -49,7 +51,7 @@ def assess(
         chosen = load_vehicle(vehicle)
         directory = out or next_run_directory(f"assess-{chosen.name}")
         check_run_directory(directory)
-        steered_trailer(chosen, trailer_steering)  # refuses a law that it has nothing to steer with, or does not know
+        steered_trailer(chosen, trailer_steering)  # rejects unknown laws and vehicles without steered axles for the law
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
                 chosen,
@@ -92,7 +94,7 @@ def _levels(assessment: Assessment) -> Table:
     from scenarios.standards.assessment_page import bounds_text
     from scenarios.standards.quantities import BY_NAME
 
-    table = Table(title=f"{assessment.vehicle.name}: levels of the standards", title_justify="left")
+    table = Table(title=f"{assessment.vehicle.name}: limits of the standards", title_justify="left")
     for column in ("quantity", "measured", "reached", "limits", "standard"):
         table.add_column(column, justify="right" if column == "measured" else "left")
     for judgement in assessment.judgements:

@@ -1,4 +1,4 @@
-"""`offtrack calibrate`: a camera or a stereo pair from photographs of a checkerboard."""
+"""`offtrack calibrate`: calibrate a camera or a stereo pair with photographs of a checkerboard."""
 
 from __future__ import annotations
 
@@ -32,29 +32,35 @@ def calibrate(
     images: Annotated[
         list[Path],
         typer.Argument(
-            help="Photographs of the board, or folders of them; one folder with left/ and right/ is a stereo pair."
+            help="Photographs of the board, or folders of them. One folder with left/ and right/ is a stereo pair."
         ),
     ],
     right: Annotated[
         list[Path] | None,
-        typer.Option(help="The right camera's images or their folder, in the same order. May be repeated."),
+        typer.Option(help="Images of the right camera or their folder, in the same order. May be repeated."),
     ] = None,
-    board: Annotated[str, typer.Option(help="Inner corners along a row and a column (one less than squares).")] = "9x6",
-    square: Annotated[float, typer.Option(help="Side of a square [m].")] = 0.04,
+    board: Annotated[str, typer.Option(help="Inner corners per row and column: one less than the squares.")] = "9x6",
+    square: Annotated[float, typer.Option(help="Side length of a square [m].")] = 0.04,
     facing: Annotated[
-        Literal["rear", "left", "right", "down"], typer.Option(help="Which way the stereo pair looks on the trailer.")
+        Literal["rear", "left", "right", "down"],
+        typer.Option(help="Viewing direction of the stereo pair on the trailer."),
     ] = "rear",
     position: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Left camera from the hitch [m]: ahead (negative: behind), left, up."),
+        typer.Option(
+            metavar="X,Y,Z", help="Position of the left camera from the hitch [m]: ahead (negative: behind), left, up."
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File to write; must not exist yet.", show_default="rig.toml or camera.toml")
+        Path | None, typer.Option(help="Output file; it must not exist yet.", show_default="rig.toml or camera.toml")
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no tables.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no tables.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON and nothing else.")] = False,
 ) -> None:
-    """Calibrate a camera or a stereo pair. A pair's file is what `offtrack estimate off-tracking` takes."""
+    """Calibrate a camera or a stereo pair with photographs of a checkerboard.
+
+    Use the file of a stereo pair as `offtrack estimate off-tracking --calibration FILE`.
+    """
     from estimators.calibration.single_camera import calibrated
     from estimators.calibration.stereo import calibrated_pair
     from scenarios.recordings.calibration_files import board_of, camera_text, coverage_picture, photographs, views_of
@@ -64,7 +70,7 @@ def calibrate(
         left_paths, right_paths = photographs(images, right or [])
         target = out or Path("rig.toml" if right_paths else "camera.toml")
         if target.exists():
-            raise ValueError(f"{target} exists already: name another file with --out")
+            raise ValueError(f"{target} exists already: choose another file with --out")
         checkerboard, X_SC = board_of(board, square), _mount(facing, position)
         shown = not (quiet or as_json)
         cameras, sides = {}, []
@@ -93,7 +99,7 @@ def calibrate(
             console.print(f"Written: {target}, {picture}", soft_wrap=True, highlight=False)
             if pair and position is None:
                 console.print(
-                    "Where the cameras are on the trailer is assumed (X_SC in the file): give --facing and --position.",
+                    "The cameras' pose on the trailer (X_SC in the file) is assumed: set --facing and --position.",
                     soft_wrap=True,
                     highlight=False,
                 )
@@ -104,7 +110,7 @@ def _named(left: list[Path], right: list[Path]) -> dict[str, list[Path]]:
 
 
 def _mount(facing: Literal["rear", "left", "right", "down"], position: str | None) -> Any:
-    """X_SC (4, 4) of cameras that look level."""
+    """Pose X_SC (4, 4) of a camera without pitch and roll."""
     from sensors.camera.rig import StereoRig
 
     try:
@@ -155,7 +161,7 @@ def _print_tables(
     if pair:
         x, y, z = pair.X_ClCr[:3, 3]
         console.print(
-            f"Pair: right camera at {x:.4f}, {y:.4f}, {z:.4f} m (+-{1e3 * pair.position_std:.1f} mm), angles known to "
+            f"Pair: right camera at {x:.4f}, {y:.4f}, {z:.4f} m (+-{1e3 * pair.position_std:.1f} mm), angles "
             f"+-{math.degrees(pair.rotation_std):.3f} deg; {len(pair.errors)} pairs, {pair.rms:.3f} px RMS",
             soft_wrap=True,
             highlight=False,
@@ -169,7 +175,7 @@ def _image_table(name: str, calibration: CameraCalibration, views: Sequence[Boar
     )
     table.add_column("image")
     table.add_column(escape("error [px]"), justify="right")
-    table.add_column("dropped because")
+    table.add_column("reason if dropped")
     for view in views:
         error = calibration.errors.get(view.name)
         table.add_row(view.name, "-" if error is None else f"{error:.3f}", calibration.dropped.get(view.name, ""))
@@ -177,7 +183,7 @@ def _image_table(name: str, calibration: CameraCalibration, views: Sequence[Boar
 
 
 def _parameter_table(cameras: dict[str, CameraCalibration]) -> Table:
-    table = Table(title="Each camera for itself, with standard deviations", title_justify="left")
+    table = Table(title="Parameters of each camera, with standard deviations", title_justify="left")
     table.add_column("")
     for name in cameras:
         table.add_column(name, justify="right")

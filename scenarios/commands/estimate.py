@@ -1,4 +1,4 @@
-"""`offtrack estimate`: the estimators on recorded images."""
+"""`offtrack estimate`: run estimators on recorded images."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_ba
 if TYPE_CHECKING:
     from scenarios.recordings.stereo_reader import Recording
 
-app = typer.Typer(no_args_is_help=True, help="Run the estimators on recorded images.")
+app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
 
 EXAMPLES = (
     "Examples: offtrack run constant-slip --record runs/images, then offtrack estimate off-tracking runs/images   "
@@ -27,12 +27,12 @@ SLIP_EXAMPLES = (
     "Examples: offtrack run rover-slope --record runs/traces, then offtrack estimate slip runs/traces   "
     "offtrack estimate slip beach --rig webcam.toml --estimator ftrace"
 )
-_SHOWN = 5  # dropped frames named on the terminal; the summary names all
+_SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
 
 
 @app.callback()
 def _estimate() -> None:
-    """Run the estimators on recorded images."""
+    """Run estimators on recorded images."""
 
 
 @app.command("off-tracking", epilog=EXAMPLES)
@@ -42,48 +42,55 @@ def off_tracking(
         typer.Argument(
             metavar="DIR",
             help="Folder with image_0 and image_1 (or image_2 and image_3, image_left and image_right, left and "
-            "right), calib.txt and times.txt, as KITTI has them or `offtrack run --record` writes them. Compared with "
-            "poses.txt if it is there.",
+            "right), calib.txt and times.txt, as in KITTI or from `offtrack run --record`. If it contains poses.txt, "
+            "estimates are compared with these poses.",
         ),
     ],
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="In place of the folder's calibration: a calib.txt of rectified images, or for raw images a TOML file "
-            "as `offtrack calibrate` writes it."
+            help="Calibration to use instead of the folder's: a calib.txt for rectified images, or a TOML file from "
+            "`offtrack calibrate` for raw images."
         ),
     ] = None,
-    rate: Annotated[float | None, typer.Option(help="Frames a second, in place of times.txt [Hz].")] = None,
+    rate: Annotated[float | None, typer.Option(help="Frame rate, used instead of times.txt [Hz].")] = None,
     follow_distance: Annotated[
-        float | None, typer.Option(help="From the hitch back to the trailer's follow point [m].")
+        float | None, typer.Option(help="Distance from the hitch back to the trailer's follow point [m].")
     ] = None,
     facing: Annotated[
-        str | None, typer.Option(help="Where the cameras look: rear, left, right, front or down.", show_default=False)
+        str | None,
+        typer.Option(help="Viewing direction of the cameras: rear, left, right, front or down.", show_default=False),
     ] = None,
     camera_x: Annotated[
-        float | None, typer.Option(help="Cameras ahead of the hitch, negative behind it [m].", show_default=False)
+        float | None,
+        typer.Option(help="Position of the cameras ahead of the hitch; negative behind it [m].", show_default=False),
     ] = None,
-    camera_y: Annotated[float | None, typer.Option(help="Cameras left of the trailer's middle [m].")] = None,
-    camera_height: Annotated[float | None, typer.Option(help="Cameras above the ground [m].")] = None,
+    camera_y: Annotated[
+        float | None, typer.Option(help="Position of the cameras left of the trailer's centre line [m].")
+    ] = None,
+    camera_height: Annotated[float | None, typer.Option(help="Height of the cameras above the ground [m].")] = None,
     odometry: Annotated[
-        str | None, typer.Option(help="Name of an odometry, or package.module:Name.", show_default="that of runs")
+        str | None,
+        typer.Option(
+            help="Name of an odometry (see: offtrack parts), or package.module:Name.", show_default="as in runs"
+        ),
     ] = None,
     self_calibration: Annotated[
         bool,
-        typer.Option("--self-calibration", help="Learn how the right camera is turned, and straighten its images."),
+        typer.Option("--self-calibration", help="Estimate the rotation of the right camera and correct its images."),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Directory of the results; must not exist yet.", show_default="runs/DIR-N")
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
-    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
-    """Estimate the off-tracking of a trailer from stereo images that were recorded on it.
+    """Estimate the off-tracking of a trailer from recorded stereo images.
 
     Writes trajectory_tum.txt, trajectory_kitti.txt, off_tracking.csv and .parquet, report.html, a video and
-    summary.json. A frame that is missing or broken is dropped and reported. Where the cameras sit is read from
-    rig.toml, or said by options, or assumed and reported as such.
+    summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
+    options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
     from scenarios.recordings.estimation import estimate
     from scenarios.recordings.mounting import MountingOptions, facing_named
@@ -127,24 +134,25 @@ def slip(
         typer.Argument(
             metavar="DIR",
             help="Folder with images/, readings.csv (time_s, heading_deg, wheel speeds in rad/s, steer angles in deg) "
-            "and rig.toml, as `offtrack run rover-slope --record` writes them. Compared with slip.csv if it is there.",
+            "and rig.toml, as from `offtrack run rover-slope --record`. If it contains slip.csv, estimates are "
+            "compared with it.",
         ),
     ],
-    rig: Annotated[Path | None, typer.Option(help="In place of the folder's rig.toml.")] = None,
+    rig: Annotated[Path | None, typer.Option(help="Rig file to use instead of the folder's rig.toml.")] = None,
     estimator: Annotated[
-        str, typer.Option(help="ftrace, ftrace_plus or package.module:Name.", show_default=True)
+        str, typer.Option(help="Slip estimator: ftrace, ftrace_plus or package.module:Name.", show_default=True)
     ] = "ftrace_plus",
     out: Annotated[
-        Path | None, typer.Option(help="Directory of the results; must not exist yet.", show_default="runs/DIR-N")
+        Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
-    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+    video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
-    """Estimate the slip angle of a rover from images of its wheel's trace.
+    """Estimate the slip angle of a rover from recorded images of its wheel trace.
 
-    Writes slip.csv and .parquet, report.html, a video and summary.json. An image that is missing or broken is
-    dropped and reported.
+    Writes slip.csv and .parquet, report.html, a video and summary.json. Missing and corrupt images are dropped and
+    reported.
     """
     from estimators.context import RoverContext
     from scenarios.catalogue import SLIP_ESTIMATOR, resolve
@@ -158,7 +166,7 @@ def slip(
         results = out or next_run_directory(directory.resolve().name)
         check_run_directory(results)
         if estimator == "truth":
-            raise ValueError("--estimator truth: a recording's images do not hold the truth; use ftrace or ftrace_plus")
+            raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR)
         recording = open_rover_recording(directory, rig)
         source = part.of(RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={}))

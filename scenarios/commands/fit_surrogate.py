@@ -1,4 +1,4 @@
-"""`offtrack fit-surrogate`: the errors of real camera runs, for environments that train without cameras."""
+"""`offtrack fit-surrogate`: fit a model of camera estimation errors, for environments without cameras."""
 
 from __future__ import annotations
 
@@ -15,16 +15,21 @@ EXAMPLES = "Example: offtrack fit-surrogate runs/roundabout-1 runs/figure-of-eig
 
 
 def fit_surrogate(
-    runs: Annotated[list[Path], typer.Argument(help="Directories of runs whose off_tracking looked through cameras.")],
-    out: Annotated[Path | None, typer.Option(help="File to write the parameters to, with their source.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the parameters as JSON, and nothing else.")] = False,
+    runs: Annotated[list[Path], typer.Argument(help="Run directories whose off-tracking estimates came from cameras.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Output file for the parameters and their source; it must not exist yet.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the parameters as JSON and nothing else.")] = False,
 ) -> None:
-    """Fit the surrogate of an off-tracking estimator, for environments, to the errors of real runs."""
+    """Fit a surrogate of an off-tracking estimator to the errors of camera runs.
+
+    Environments with observation=surrogate use it to train without cameras.
+    """
     from scenarios.environments.fitting import fitted, run_errors, surrogate_toml
 
     with one_line_errors():
         if out is not None and out.exists():
-            raise ValueError(f"{out} exists already: choose another name, or remove it first")
+            raise ValueError(f"{out} exists already: choose another file with --out")
         errors = [run_errors(run) for run in runs]
         parameters = fitted(errors)
         frames = sum(len(run.error) for run in errors)

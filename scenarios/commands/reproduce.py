@@ -1,4 +1,4 @@
-"""`offtrack reproduce`: tables and figures of the papers, published beside own."""
+"""`offtrack reproduce`: reproduce tables and figures of papers."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ def reproduce(
     name: Annotated[
         str,
         typer.Argument(
-            help="reina2008-table2, -table3, -table3-plus, -fig6, -fig8; "
+            help="One of reina2008-table2, -table3, -table3-plus, -fig6, -fig8; "
             "desaxe2018-fig6 to -fig9, -fig13 to -fig16; or all."
         ),
     ],
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer images, shorter drives: a minute or few for each.")
+        bool, typer.Option("--quick", help="Use fewer images and shorter drives: a few minutes each.")
     ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Directory for picture, data and numbers; must not exist yet. With all, one folder in it for each.",
+            help="Output directory for picture, data and numbers; it must not exist yet. With all: a folder in it for "
+            "each.",
             show_default="runs/NAME-N",
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON, and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON and nothing else.")] = False,
 ) -> None:
-    """Make a table or figure of a paper again, and print the published numbers beside one's own.
+    """Reproduce a paper's table or figure and print it beside the published numbers.
 
-    Ctrl-C ends all of it; what is finished is kept, also the drives of a figure that others are missing of.
+    Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives.
     """
     from scenarios.reproduce.catalogue import names_of
     from scenarios.reproduce.figure import write_reproduction
@@ -52,18 +53,18 @@ def reproduce(
         directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
         for directory in directories:
             check_run_directory(directory)
-        made = []
+        results: list[Reproduction] = []
         for one, directory in zip(names, directories, strict=True):
-            made.append(_made(one, quick, shown=not (quiet or as_json)))
-            write_reproduction(made[-1], directory, {"quick": quick})
+            results.append(_reproduce(one, quick, shown=not (quiet or as_json)))
+            write_reproduction(results[-1], directory, {"quick": quick})
             if not (quiet or as_json):
-                _print(made[-1], directory)
-            if made[-1].interrupted:
+                _print(results[-1], directory)
+            if results[-1].interrupted:
                 break
         if as_json:
-            plain = [reproduction.as_plain() for reproduction in made]
+            plain = [reproduction.as_plain() for reproduction in results]
             typer.echo(json.dumps(plain if len(names) > 1 else plain[0], indent=2, ensure_ascii=False))
-    if made[-1].interrupted:
+    if results[-1].interrupted:
         raise typer.Exit(INTERRUPTED)
 
 
@@ -71,23 +72,23 @@ def _directory(out: Path | None, name: str, several: bool) -> Path | None:
     return out / name if out and several else out
 
 
-def _made(name: str, quick: bool, *, shown: bool) -> Reproduction:
+def _reproduce(name: str, quick: bool, *, shown: bool) -> Reproduction:
     from scenarios.reproduce.catalogue import maker
 
     with progress_display(shown=shown) as display:
         return maker(name)(quick, progress_bar(display, name))
 
 
-def _print(made: Reproduction, directory: Path) -> None:
-    table = Table(title=f"{made.title} ({made.source})", title_justify="left")
+def _print(result: Reproduction, directory: Path) -> None:
+    table = Table(title=f"{result.title} ({result.source})", title_justify="left")
     table.add_column("quantity")
     for column in ("published", "own"):
         table.add_column(column, justify="right")
     table.add_column("unit")
-    for one in made.comparisons:
+    for one in result.comparisons:
         table.add_row(one.quantity, one.published or "–", one.own_text, one.unit)
     console = Console(highlight=False)
     console.print(table)
-    for note in made.notes:
+    for note in result.notes:
         console.print(note, style="dim", markup=False)
     console.print(f"Picture, data and numbers: {directory}", soft_wrap=True)

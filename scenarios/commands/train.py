@@ -1,4 +1,4 @@
-"""`offtrack train`: a policy that steers a trailer, learnt in the environment, and compared with the laws."""
+"""`offtrack train`: train a policy that steers a trailer, and compare it with steering laws."""
 
 from __future__ import annotations
 
@@ -27,30 +27,41 @@ _DEFAULT_STEPS = 16_000_000
 
 
 def train(
-    observation: Annotated[str, typer.Option(help="What the policy is given: surrogate or truth.")] = "surrogate",
-    vehicle: Annotated[str, typer.Option(help="Name or file; its last trailer is steered.")] = "uk_longer_semitrailer",
+    observation: Annotated[
+        str, typer.Option(help="Observation of the policy: surrogate (with estimation errors) or truth.")
+    ] = "surrogate",
+    vehicle: Annotated[
+        str, typer.Option(help="Name of a vehicle or a TOML file; its last trailer is steered.")
+    ] = "uk_longer_semitrailer",
     steps: Annotated[
-        int, typer.Option(min=1000, help="Control steps of 20 ms of all environments, those of before included.")
+        int,
+        typer.Option(
+            min=1000, help="Total number of control steps of 20 ms over all environments, including earlier ones."
+        ),
     ] = _DEFAULT_STEPS,
     minutes: Annotated[
-        float | None, typer.Option(min=0.05, help="Ends after so long, if not all steps are done before.")
+        float | None, typer.Option(min=0.05, help="Time limit [min]; training ends earlier once all steps are done.")
     ] = None,
-    envs: Annotated[int, typer.Option(min=1, help="Environments that are stepped together.")] = 512,
-    seed: Annotated[int, typer.Option(min=0, help="Of networks, noise and episodes.")] = 1,
-    episodes: Annotated[int, typer.Option(min=1, help="Of every condition of the comparison in the end.")] = 4,
-    threads: Annotated[int | None, typer.Option(min=1, help="Of the learner.", show_default="one per core")] = None,
+    envs: Annotated[int, typer.Option(min=1, help="Number of environments in parallel.")] = 512,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of networks, noise and episodes.")] = 1,
+    episodes: Annotated[int, typer.Option(min=1, help="Episodes per condition of the final comparison.")] = 4,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Threads of the learner.", show_default="one per core")
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Directory; its training is gone on with.", show_default="runs/train-OBSERVATION-SEED"),
+        typer.Option(
+            help="Output directory; an existing training is resumed.", show_default="runs/train-OBSERVATION-SEED"
+        ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
     """Train a policy for offtrack/TrailerSteering-v0 with PPO, and compare it with steering laws.
 
-    Killed or interrupted, the same command goes on from the last checkpoint. Writes policy.npz, which
-    trailer_steering=policy drives with, learning_curve.parquet and .png, checkpoint.zip, and summary.json with the
-    comparison on courses, frictions and speeds that were not trained on. Needs the extra rl.
+    After an interrupt the same command resumes from the last checkpoint. Writes policy.npz (for
+    trailer_steering=policy), learning_curve.parquet and .png, checkpoint.zip, and summary.json with the comparison on
+    courses, frictions and speeds outside the training. Needs the extra rl.
     """
     with one_line_errors():
         _check_extra()
@@ -74,27 +85,27 @@ def train(
             network = keep_network(learned.network, directory)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
         command = shlex.join(["offtrack", *sys.argv[1:]])
-        told = summary(plan, learned.curve, scores, command)
-        keep_summary(told, learned.curve, scores, directory)
+        result = summary(plan, learned.curve, scores, command)
+        keep_summary(result, learned.curve, scores, directory)
     if as_json:
-        typer.echo(json.dumps(told, indent=2))
+        typer.echo(json.dumps(result, indent=2))
     elif not quiet:
-        _print(told, scores, network)
+        _print(result, scores, network)
 
 
 def _check_extra() -> None:
-    """Refuses to begin without the learner.
+    """Check that the learner is installed.
 
     Raises:
-        ValueError: one line, saying how to get it.
+        ValueError: one line that says how to install it.
     """
     for module in ("stable_baselines3", "torch"):
         if importlib.util.find_spec(module) is None:
             raise ValueError(f"training needs {module}; install it with: pip install 'offtrack[rl]'")
 
 
-def _print(told: dict[str, Any], scores: Scores, network: Path) -> None:
-    title = "Off-tracking of the follow point, RMS (largest) in metres; * ended badly"
+def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
+    title = "Off-tracking of the follow point, RMS (largest) in metres; * ended in a mishap"
     table = Table(title=title, title_justify="left")
     table.add_column("")
     for law in next(iter(scores.values())):
@@ -103,7 +114,7 @@ def _print(told: dict[str, Any], scores: Scores, network: Path) -> None:
         marks = [f"{s.rms_m:.3f} ({s.max_m:.2f}){'*' * s.mishaps}" for s in laws.values()]
         table.add_row(name if name == "trained" else f"unseen {name}", *marks)
     console = Console()
-    console.print(f"{told['steps'] / 1e6:.1f} million steps in {told['wall_s'] / 60.0:.1f} min", highlight=False)
+    console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min", highlight=False)
     console.print(table)
     run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
     console.print(f"Run it: {run}", soft_wrap=True, highlight=False)

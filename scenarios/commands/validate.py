@@ -1,4 +1,4 @@
-"""`offtrack validate`: the vehicle model's numbers beside theory, published tables and independent models."""
+"""`offtrack validate`: compare the vehicle model with theory, published tables and independent models."""
 
 from __future__ import annotations
 
@@ -27,15 +27,16 @@ _COLOURS: Final = {"passed": "green", "failed": "red", "skipped": "yellow"}
 
 def validate(
     out: Annotated[
-        Path | None, typer.Option(help="Directory for the page; must not exist yet.", show_default="runs/validate-N")
+        Path | None,
+        typer.Option(help="Output directory for the page; it must not exist yet.", show_default="runs/validate-N"),
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer cases: about half a minute.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as JSON, and nothing else.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Run fewer cases: about half a minute.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print all numbers as JSON and nothing else.")] = False,
 ) -> None:
-    """Check the vehicle model against closed forms, published tables and independent models.
+    """Compare the vehicle model with closed forms, published tables and independent models.
 
-    Prints every number beside its target, tolerance and source, and writes a page with plots. Exit code 1 if one is
-    out.
+    Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
+    number is out of tolerance.
     """
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.validation.check import tally
@@ -44,8 +45,8 @@ def validate(
         directory = out or next_run_directory("validate")
         check_run_directory(directory)
         begin = time.perf_counter()
-        sections = _worked_out(quick, shown=not as_json)
-        _write(sections, directory, _facts(time.perf_counter() - begin, quick))
+        sections = _run_checks(quick, shown=not as_json)
+        _write(sections, directory, _run_information(time.perf_counter() - begin, quick))
         if as_json:
             typer.echo(json.dumps(_plain(sections), indent=2))
         else:
@@ -54,7 +55,7 @@ def validate(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _worked_out(quick: bool, *, shown: bool) -> list[Section]:
+def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
     from scenarios.validation.suite import TASKS
 
     sections = []
@@ -76,7 +77,7 @@ def _write(sections: Sequence[Section], directory: Path, facts: dict[str, str]) 
     (directory / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
-def _facts(seconds: float, quick: bool) -> dict[str, str]:
+def _run_information(seconds: float, quick: bool) -> dict[str, str]:
     versions = ", ".join(f"{name} {version(name)}" for name in ("casadi", "numpy", "scipy"))
     return {
         "offtrack": version("offtrack"),
@@ -88,7 +89,7 @@ def _facts(seconds: float, quick: bool) -> dict[str, str]:
 
 
 def _plain(sections: Sequence[Section]) -> dict[str, Any]:
-    """All checks as plain data, and how many ended how."""
+    """All checks and the number of each verdict, for JSON."""
     from scenarios.validation.check import tally
 
     checks = [
@@ -100,7 +101,7 @@ def _plain(sections: Sequence[Section]) -> dict[str, Any]:
 
 
 def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None  # JSON knows no other numbers
+    return value if value is not None and math.isfinite(value) else None  # JSON has no NaN
 
 
 def _print(sections: Sequence[Section], directory: Path) -> None:
@@ -110,13 +111,13 @@ def _print(sections: Sequence[Section], directory: Path) -> None:
     for part in sections:
         _print_section(console, part)
     counts = tally(sections)
-    told = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    console.print(told, style="bold red" if counts["failed"] else "bold green")
+    verdicts = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    console.print(verdicts, style="bold red" if counts["failed"] else "bold green")
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
 
 
 def _print_section(console: Console, part: Section) -> None:
-    """The section's checks, and under them the sources that their last column numbers."""
+    """Print the checks of a section and, below, the numbered sources."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)
     table.add_column("quantity", ratio=1)

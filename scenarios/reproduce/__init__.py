@@ -1,1 +1,1 @@
-"""Tables and figures of the papers behind this project, published beside own."""
+"""Reproductions of tables and figures of the papers behind this project."""

@@ -1,4 +1,4 @@
-"""The tables and figures that can be made again, by name."""
+"""Catalogue of the tables and figures that can be reproduced."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scenarios.progress import Progress
 from scenarios.reproduce.figure import Reproduction
 from vehicle.parameter_file import nearest
 
-Maker = Callable[[bool, Progress], Reproduction]  # quick: fewer images, and the progress to tell
+Maker = Callable[[bool, Progress], Reproduction]  # arguments: quick (fewer images), and the progress callback
 
 REPRODUCTIONS: Final = {
     "reina2008-table2": "scenarios.reproduce.reina2008_sample:table2",
@@ -30,7 +30,7 @@ REPRODUCTIONS: Final = {
 
 
 def names_of(name: str) -> tuple[str, ...]:
-    """The one of that name, or with ``all`` every one.
+    """Names of the selected tables and figures: this one, or every one with ``all``.
 
     Raises:
         ValueError: one line, naming the nearest known name.
@@ -44,7 +44,7 @@ def names_of(name: str) -> tuple[str, ...]:
 
 
 def maker(name: str) -> Maker:
-    """The function that makes a table or figure again; imported only now."""
+    """Import the function that reproduces a table or figure."""
     module, _, function = REPRODUCTIONS[name].partition(":")
-    made: Maker = getattr(importlib.import_module(module), function)
-    return made
+    result: Maker = getattr(importlib.import_module(module), function)
+    return result

@@ -1,4 +1,4 @@
-"""Fig. 9 of de Saxe 2018: drift comes, and goes again when the trailer has gone its own length.
+"""Fig. 9 of de Saxe 2018: temporary drift, which ends once the trailer has travelled its own length.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018, section 3.2.4.
@@ -17,18 +17,18 @@ from scenarios.progress import Progress
 from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Reproduction, compared
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from vehicle.frames import FloatArray
 
 _POINT: Final = Point(facing="left", baseline=1.5, slip=5.0)
-_SEEDS: Final = (1, 2, 3, 4, 5)  # drift comes by chance: the worst of these is shown
-_LENGTH: Final = 14.0  # of way that the off-tracking rests on [m]
+_SEEDS: Final = (1, 2, 3, 4, 5)  # drift is random: the worst of these is shown
+_LENGTH: Final = 14.0  # of the path that the off-tracking depends on [m]
 
 
 def fig9(quick: bool, progress: Progress) -> Reproduction:
-    """The off-tracking of side-facing cameras over time, and the motion along their optical axis that it rests on."""
+    """Off-tracking of side-facing cameras over time, and the motion along their optical axis."""
     base = _POINT.case(quick=quick)
     cases = [_with_seed(base, seed) for seed in (_SEEDS[:2] if quick else _SEEDS)]
     drives = driven(cases, progress)
@@ -38,20 +38,25 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
         title="Fig. 9: temporary drift, side-facing, 5 degrees of slip, baseline 1.5 m",
         source=SOURCE,
         comparisons=[
-            _line("error in the region of drift", "0.08", metrics.peak(worst.error("viso2"))),
-            _line("noise of the motion along the optical axis, RMS", "", metrics.rms(_axial_error(worst, "viso2"))),
-            _line("share of the error that is the sum of those", "comparable", 100.0 * _explained(worst), "%"),
-            _line("largest error over all drives", "< 0.15", max(metrics.peak(d.error("viso2")) for d in drives)),
-            _line("RMS error over all drives", "", metrics.rms(np.concatenate([d.error("viso2") for d in drives]))),
-            _line(
+            compared("error in the region of drift", "0.08", metrics.peak(worst.error("viso2"))),
+            compared("error of the motion along the optical axis, RMS", "", metrics.rms(_axial_error(worst, "viso2"))),
+            compared(
+                "share of the off-tracking error that these errors explain",
+                "comparable",
+                100.0 * _explained(worst),
+                "%",
+            ),
+            compared("largest error over all drives", "< 0.15", max(metrics.peak(d.error("viso2")) for d in drives)),
+            compared("RMS error over all drives", "", metrics.rms(np.concatenate([d.error("viso2") for d in drives]))),
+            compared(
                 "keyframe: largest error over all drives", "", max(metrics.peak(d.error("keyframe")) for d in drives)
             ),
         ],
         notes=(
-            "Drift comes by chance, in the paper and here: several worlds are driven through, and that with the "
-            "largest error is shown.",
-            "The explained share compares the error with the sum, over the last 14 m, of the errors of the motion "
-            "along the optical axis, as a squared correlation.",
+            "Drift is random, in the paper and here. Of several random worlds, the one with the largest error "
+            "is shown.",
+            "The explained share is the squared correlation of the off-tracking error and the errors of the motion "
+            "along the optical axis, summed over the last 14 m.",
             *unfinished(len(drives), len(cases)),
         ),
         interrupted=len(drives) < len(cases),
@@ -64,56 +69,52 @@ def _with_seed(case: Case, seed: int) -> Case:
     return dataclasses.replace(case, seed=seed)
 
 
-def _line(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
-    return Comparison(quantity=quantity, published=published, own=own, unit=unit)
-
-
 def _axial_error(one: Drive, odometry: str) -> FloatArray:
-    """Estimated less true motion along the optical axis of cameras that look to the left [m]."""
-    return one.tracks[odometry].aside - one.aside
+    """Estimated minus true motion along the optical axis of left-facing cameras [m]."""
+    return one.tracks[odometry].lateral - one.lateral
 
 
 def _summed(one: Drive) -> FloatArray:
-    """Errors of the motion along the optical axis, added up over the last trailer length [m]."""
+    """Errors of the motion along the optical axis, summed over the last trailer length [m]."""
     errors = np.nan_to_num(_axial_error(one, "viso2"))
-    way, total = _way(one), np.cumsum(errors)
-    return total - np.interp(way - _LENGTH, way, total)
+    distance, total = _distance(one), np.cumsum(errors)
+    return total - np.interp(distance - _LENGTH, distance, total)
 
 
-def _way(one: Drive) -> FloatArray:
-    """Way that the trailer has gone by every image [m]."""
+def _distance(one: Drive) -> FloatArray:
+    """Distance that the trailer has travelled at each image [m]."""
     return np.concatenate([[0.0], np.cumsum(np.diff(one.time) * one.speed[1:])])
 
 
 def _region(one: Drive) -> tuple[float, float]:
-    """From when to when [s] the largest error has come up: while the trailer goes its own length."""
+    """Start and end [s] of the last trailer length before the largest error."""
     at = int(np.nanargmax(np.abs(one.error("viso2"))))
-    way = _way(one)
-    return float(np.interp(way[at] - _LENGTH, way, one.time)), float(one.time[at])
+    distance = _distance(one)
+    return float(np.interp(distance[at] - _LENGTH, distance, one.time)), float(one.time[at])
 
 
 def _explained(one: Drive) -> float:
-    """How much of the off-tracking's error the errors of that motion are, as a squared correlation."""
+    """Squared correlation of the off-tracking error and the summed errors of the motion."""
     error, summed = one.error("viso2"), _summed(one)
-    there = np.isfinite(error)
-    if min(np.ptp(error[there]), np.ptp(summed[there])) == 0.0:  # nothing to explain, or nothing that could
+    known = np.isfinite(error)
+    if min(np.ptp(error[known]), np.ptp(summed[known])) == 0.0:  # no variation to explain, or none to explain it
         return math.nan
-    return float(np.corrcoef(error[there], summed[there])[0, 1] ** 2)
+    return float(np.corrcoef(error[known], summed[known])[0, 1] ** 2)
 
 
 _SIGNALS: Final = (
     Signal("time", "s", "time"),
-    Signal("off_tracking_true", "m", "+ left"),
-    Signal("off_tracking_viso2", "m", "estimate"),
-    Signal("off_tracking_keyframe", "m", "estimate"),
-    Signal("axial_true", "m", "motion since the image before along the optical axis"),
-    Signal("axial_viso2", "m", "estimate of it"),
+    Signal("off_tracking_true", "m", "true off-tracking, + left"),
+    Signal("off_tracking_viso2", "m", "estimate of viso2"),
+    Signal("off_tracking_keyframe", "m", "estimate of keyframe"),
+    Signal("axial_true", "m", "motion since the previous image along the optical axis"),
+    Signal("axial_viso2", "m", "estimate of axial_true"),
 )
 
 
 def _log(one: Drive) -> Log:
     estimates = [one.tracks[name].off_tracking for name in ("viso2", "keyframe")]
-    return Log(_SIGNALS, np.column_stack([one.time, one.true, *estimates, one.aside, one.tracks["viso2"].aside]))
+    return Log(_SIGNALS, np.column_stack([one.time, one.true, *estimates, one.lateral, one.tracks["viso2"].lateral]))
 
 
 def _drawn(one: Drive) -> Figure:
@@ -127,8 +128,10 @@ def _drawn(one: Drive) -> Figure:
     above.plot(one.time, one.tracks["keyframe"].off_tracking, ":", color=TRUE, label="keyframe")
     above.set(ylabel="off-tracking [m], + left", title="(a) off-tracking")
     above.legend()
-    below.plot(one.time, one.tracks["viso2"].aside, "-o", color=ESTIMATED, markersize=2.5, linewidth=0.8, label="viso2")
-    below.plot(one.time, one.aside, "--", color=GREY, label="true")
+    below.plot(
+        one.time, one.tracks["viso2"].lateral, "-o", color=ESTIMATED, markersize=2.5, linewidth=0.8, label="viso2"
+    )
+    below.plot(one.time, one.lateral, "--", color=GREY, label="true")
     below.set(xlabel="time [s]", ylabel="per image along $Z_c$ [m]", title="(b) visual odometry")
     below.legend()
     return figure

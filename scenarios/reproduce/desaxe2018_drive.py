@@ -1,7 +1,7 @@
-"""One drive of the trailer, seen by one pair of cameras, and what several odometries make of the same images.
+"""Drives of a trailer with one stereo pair, and the estimates of several odometries from the same images.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018. Nothing is steered by the estimates, so that one drive serves them all.
+Dynamics, 2018. The estimates do not steer the trailer, so one drive serves all odometries.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse
 
-# How the paper concludes that the right camera was turned in the tests (section 4.4): roll, yaw, pitch.
-TURNED: Final = RightRotation(math.radians(-0.15), math.radians(0.10), 0.0)
+# Rotation of the right camera in the field tests, as the paper concludes (section 4.4): roll, yaw, pitch.
+RIGHT_ROTATION: Final = RightRotation(math.radians(-0.15), math.radians(0.10), 0.0)
 
 
 class Straightened:
-    """An odometry that gets right images straightened by a rotation that is told (de Saxe 2018, section 4.4)."""
+    """Odometry on right images that are corrected by a known rotation (de Saxe 2018, section 4.4)."""
 
     def __init__(self, calibration: StereoCalibration, odometry: Viso2Odometry, rotation: RightRotation) -> None:
         self._calibration, self._odometry, self._rotation = calibration, odometry, rotation
 
     def init(self) -> Any:
-        """The odometry's memory before any frame."""
+        """Memory of the odometry before any frame."""
         return self._odometry.init()
 
     def step(self, memory: Any, frame: StereoFrame) -> tuple[Any, Any]:
-        """The odometry's step with the straightened frame."""
+        """Step of the odometry with the corrected frame."""
         right = straightened(self._calibration, frame.right, self._rotation)
         stepped: tuple[Any, Any] = self._odometry.step(memory, dataclasses.replace(frame, right=right))
         return stepped
@@ -63,7 +63,7 @@ class Straightened:
 
 ODOMETRIES: Final[dict[str, Callable[[StereoCalibration], Any]]] = {
     "viso2": Viso2Odometry,
-    "viso2, corrected": lambda c: Straightened(c, Viso2Odometry(c), TURNED),
+    "viso2, corrected": lambda c: Straightened(c, Viso2Odometry(c), RIGHT_ROTATION),
     "keyframe": KeyframeOdometry,
     "keyframe, self-calibrated": lambda c: SelfCalibratedOdometry(c, KeyframeOdometry(c)),
 }
@@ -71,7 +71,7 @@ ODOMETRIES: Final[dict[str, Callable[[StereoCalibration], Any]]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """What is driven and what watches it."""
+    """A drive and the odometries that watch it."""
 
     scenario: str
     settings: tuple[str, ...] = ()
@@ -81,13 +81,13 @@ class Case:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """What one odometry made of a drive: arrays (n,) over its images, NaN where it says nothing."""
+    """Estimates of one odometry in a drive: arrays (n,) over its images, NaN where there is no estimate."""
 
     off_tracking: FloatArray  # [m]
     std: FloatArray  # [m]
     matches: FloatArray
     inliers: FloatArray
-    aside: FloatArray  # motion since the image before, along y of the trailer [m]
+    lateral: FloatArray  # motion since the previous image, along y of the trailer [m]
 
 
 _SIGNALS: Final = ("off_tracking_estimate", "off_tracking_std", "matches", "inliers", "odometry_dy")  # of a Track
@@ -95,26 +95,26 @@ _SIGNALS: Final = ("off_tracking_estimate", "off_tracking_std", "matches", "inli
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """A drive at its images, shape (n,) each."""
+    """A drive, sampled at its images: arrays (n,)."""
 
     case: Case
     time: FloatArray  # [s]
     true: FloatArray  # off-tracking, + left [m]
-    reference: FloatArray  # the same as a GNSS-aided inertial unit has it [m]
-    aside: FloatArray  # true motion since the image before, along y of the trailer [m]
+    reference: FloatArray  # off-tracking as measured by a GNSS-aided inertial unit [m]
+    lateral: FloatArray  # true motion since the previous image, along y of the trailer [m]
     speed: FloatArray  # of the trailer [m/s]
     tracks: dict[str, Track]
     outcome: str
 
     def error(self, odometry: str) -> FloatArray:
-        """Estimate less truth [m]."""
+        """Estimated minus true off-tracking [m]."""
         return self.tracks[odometry].off_tracking - self.true
 
 
-class Beside:
-    """Several estimators that are given the same frames; the first one's answer counts, all are kept.
+class ParallelSources:
+    """Several estimators on the same frames; the first one is used for control, the estimates of all are kept.
 
-    Not frozen, as it stands for what accumulates during a run.
+    Not frozen, as it accumulates estimates during a run.
     """
 
     def __init__(self, sources: Sequence[Any]) -> None:
@@ -122,11 +122,11 @@ class Beside:
         self.kept: list[list[Estimate]] = [[] for _ in sources]
 
     def init(self) -> tuple[Any, ...]:
-        """Everyone's memory before any frame."""
+        """Memories of all estimators before any frame."""
         return tuple(source.init() for source in self._sources)
 
     def step(self, memory: tuple[Any, ...], frame: StereoFrame) -> tuple[tuple[Any, ...], Any]:
-        """Everyone's step; the first one's estimate."""
+        """Step all estimators; returns the estimate of the first."""
         stepped = [source.step(past, frame) for source, past in zip(self._sources, memory, strict=True)]
         for kept, (_, estimate) in zip(self.kept, stepped, strict=True):
             if estimate is not None:
@@ -145,23 +145,23 @@ def drive(case: Case, progress: Progress) -> Drive:
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
     calibration, follow = parts.cameras.calibration, parts.trailers[-1].geometry.follow_distance
-    beside = Beside([VisoOt(calibration, follow, ODOMETRIES[name](calibration)) for name in case.odometries])
-    with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, beside)) as session:
+    sources = ParallelSources([VisoOt(calibration, follow, ODOMETRIES[name](calibration)) for name in case.odometries])
+    with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, sources)) as session:
         while session.outcome is None:
             session.advance()
             progress(session.progress, 1.0)
-    return _gathered(case, session, beside, parts.cameras)
+    return _result(case, session, sources, parts.cameras)
 
 
 def with_estimator(parts: Assembly, cameras: Cameras, estimator: OffTrackingSource) -> Assembly:
-    """The run with another estimator behind the last trailer's cameras."""
+    """The run with another estimator for the last trailer's cameras."""
     rectified = Rectified(estimator, cameras.rectifier) if cameras.rectifier else estimator
     last = parts.trailers[-1]
     watched = dataclasses.replace(last, sensing=dataclasses.replace(last.sensing, estimator=rectified))
     return dataclasses.replace(parts, trailers=(*parts.trailers[:-1], watched))
 
 
-def _gathered(case: Case, session: TrailerSession, beside: Beside, cameras: Cameras) -> Drive:
+def _result(case: Case, session: TrailerSession, sources: ParallelSources, cameras: Cameras) -> Drive:
     parts = session.parts
     truths = [row.truth for row in session.rows]
     last = parts.trailers[-1]
@@ -173,7 +173,7 @@ def _gathered(case: Case, session: TrailerSession, beside: Beside, cameras: Came
     reference = reference_off_tracking(truths, unit=unit, follow_distance=follow, rng=rng)
     tracks: dict[str, Track] = {}
     at = np.array([], dtype=np.intp)
-    for odometry, estimates in zip(case.odometries, beside.kept, strict=True):
+    for odometry, estimates in zip(case.odometries, sources.kept, strict=True):
         track = TrailerTrack(
             name=last.name,
             follow_distance=follow,
@@ -185,59 +185,62 @@ def _gathered(case: Case, session: TrailerSession, beside: Beside, cameras: Came
         units = parts.vehicle.units
         n_front = len(units[0].steered_axles)
         log = run_log(session.rows, [track], units=[unit.name for unit in units], n_front=n_front)
-        at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for everyone
+        at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for all odometries
         tracks[odometry] = Track(*(log[signal][at] for signal in _SIGNALS))
     return Drive(
         case=case,
         time=np.array([truth.tick * TICK for truth in truths])[at],
         true=true[at],
         reference=reference[at],
-        aside=_aside(bodies, at),
+        lateral=_lateral(bodies, at),
         speed=np.array([truth.velocities[unit][0] for truth in truths])[at],
         tracks=tracks,
         outcome=session.outcome or "",
     )
 
 
-def _aside(bodies: FloatArray, at: NDArray[np.intp]) -> FloatArray:
-    """Motion along the trailer's y from each image to the next, at the later one [m]; the first has none."""
+def _lateral(bodies: FloatArray, at: NDArray[np.intp]) -> FloatArray:
+    """Motion along the trailer's y since the previous image [m]; NaN at the first."""
     ends = [np.nan] + [float((inverse(bodies[i]) @ bodies[j])[1, 3]) for i, j in pairwise(at.tolist())]
     return np.array(ends)
 
 
-_DRIVEN: dict[Case, Drive] = {}  # figures share drives: with all of them made at once, each is driven once
+_DRIVES: dict[Case, Drive] = {}  # cache: figures share drives
 
 
 def driven(cases: Sequence[Case], progress: Progress) -> list[Drive]:
-    """The drives of all cases, in several processes if there are several cores.
+    """Drive all cases, in several processes if there are several cores.
 
-    An interrupt ends it early and keeps those before the first that is not finished, if there is one.
+    After an interrupt only the drives before the first unfinished one are returned.
+
+    Raises:
+        KeyboardInterrupt: if the first drive is not finished.
     """
-    missing = [case for case in dict.fromkeys(cases) if case not in _DRIVEN]
+    missing = [case for case in dict.fromkeys(cases) if case not in _DRIVES]
     jobs = min(default_jobs(), len(missing))
     try:
         if jobs > 1:
             _drive_together(missing, progress, jobs)
         else:
             for k, case in enumerate(missing):
-                _DRIVEN[case] = drive(
+                _DRIVES[case] = drive(
                     case, part_of(progress, k, len(missing), f"{case.scenario}, drive {k + 1} of {len(missing)}")
                 )
     except KeyboardInterrupt:
-        if cases[0] not in _DRIVEN:
+        if cases[0] not in _DRIVES:
             raise
     progress(100 * len(missing), 100 * len(missing), "")
-    return [_DRIVEN[case] for case in takewhile(_DRIVEN.__contains__, cases)]
+    return [_DRIVES[case] for case in takewhile(_DRIVES.__contains__, cases)]
 
 
 def _drive_together(cases: Sequence[Case], progress: Progress, jobs: int) -> None:
-    """Drives all cases and keeps each as soon as it is finished; told after each."""
+    """Drive all cases in parallel and keep each result as soon as it is finished."""
     progress(0, 100 * len(cases), f"{len(cases)} drives in {jobs} processes")
-    for k, (case, found) in enumerate(as_finished(partial(drive, progress=no_progress), cases, jobs=jobs), start=1):
-        _DRIVEN[case] = found
+    for k, (case, result) in enumerate(as_finished(partial(drive, progress=no_progress), cases, jobs=jobs), start=1):
+        _DRIVES[case] = result
         progress(100 * k, 100 * len(cases), f"{case.scenario}, {k} of {len(cases)} drives in {jobs} processes")
 
 
 def unfinished(done: int, of: int) -> tuple[str, ...]:
-    """A note if an interrupt has left some out."""
-    return () if done == of else (f"Interrupted: {done} of {of} drives are finished, and only they are here.",)
+    """Note on missing drives after an interrupt."""
+    return () if done == of else (f"Interrupted: {done} of {of} drives are finished; the others are missing here.",)

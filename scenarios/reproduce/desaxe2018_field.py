@@ -1,7 +1,7 @@
-"""Figs 14 to 16 of de Saxe 2018: the field tests, with cameras on a mount that had been bent since its calibration.
+"""Figs 14 to 16 of de Saxe 2018: field tests, with a camera mount that was bent after its calibration.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 4. The paper's off-tracking is + right and its graphs show that; here it is + left.
+Dynamics, 2018, section 4. The paper's off-tracking is + right; here it is + left.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from scenarios.progress import Progress
 from scenarios.report.drawing import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import ENOUGH, SOURCE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction, compared
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal
 from vehicle.frames import FloatArray
 
 Facing = Literal["rear", "left"]
-MANOEUVRES: Final = {  # as the paper's rows are
+MANOEUVRES: Final = {  # in the order of the paper's rows
     "figure-of-eight": "field-figure-of-eight",
     "left roundabout": "field-roundabout-left",
     "right roundabout": "field-roundabout-right",
@@ -34,12 +34,11 @@ _CORRECTED: Final = "viso2, corrected"
 _SIDES: Final[dict[Facing, str]] = {"rear": "rear", "left": "side"}
 _BASELINES: Final = (0.5, 0.7, 0.9)
 _THIRD: Final = "#5b8c3a"
-# Of the off-tracking's peak, judged apart in Fig. 16: the paper's bias is on one side only.
-_CLEARLY: Final = 1.0  # [m]
+_CLEARLY: Final = 1.0  # off-tracking beyond which the bias of each side is evaluated in Fig. 16 [m]
 
 
 def field_case(manoeuvre: str, facing: Facing, baseline: float, *, quick: bool) -> Case:
-    """A drive of the field tests; with ``quick`` one turn of the three, or one figure of eight."""
+    """A drive of the field tests; ``quick``: one of the three turns, or one figure of eight."""
     settings = [f"rig.facing={facing}", f"rig.baseline={baseline}"]
     if quick and manoeuvre == "figure-of-eight":
         turn = '{{direction = "{}", radius = 11.35, turn_deg = 225.6, straight = {}}}'
@@ -63,7 +62,7 @@ def fig14(quick: bool, progress: Progress) -> Reproduction:
         published = published if manoeuvre == "left roundabout" else ("", "generally < 0.5, some to 1")
         comparisons += _errors(f"{manoeuvre}, {_SIDES[facing]}", one, published)
         matches = metrics.mean(one.tracks["viso2"].matches)
-        comparisons.append(_line(f"{manoeuvre}, {_SIDES[facing]}: mean matches", "400–800", matches, "-"))
+        comparisons.append(compared(f"{manoeuvre}, {_SIDES[facing]}: mean matches", "400–800", matches, "-"))
     return Reproduction(
         name="desaxe2018-fig14",
         title="Fig. 14: off-tracking in the field tests over time, baseline 0.5 m",
@@ -86,7 +85,7 @@ def fig15(quick: bool, progress: Progress) -> Reproduction:
         published = ("0.11–0.12", "0.31–0.44") if facing == "rear" else ("0.14–0.59", "0.36–1.16")
         name = f"{_SIDES[facing]}, {baseline} m"
         comparisons += _errors(name, one, published)
-        comparisons.append(_line(f"{name}: mean matches", "400–800", metrics.mean(one.tracks["viso2"].matches), "-"))
+        comparisons.append(compared(f"{name}: mean matches", "400–800", metrics.mean(one.tracks["viso2"].matches), "-"))
     return Reproduction(
         name="desaxe2018-fig15",
         title="Fig. 15: errors in the left roundabout",
@@ -94,8 +93,8 @@ def fig15(quick: bool, progress: Progress) -> Reproduction:
         comparisons=comparisons,
         notes=(
             *_NOTES,
-            "The paper's ranges are over its baselines and repeated tests. Its mount was bent otherwise after every "
-            "change of the baseline; here it is bent the same way throughout.",
+            "The paper's ranges cover its baselines and repeated tests. Its mount was bent differently after every "
+            "change of the baseline; here the rotation is the same throughout.",
             *unfinished(len(drives), len(keys)),
         ),
         interrupted=len(drives) < len(keys),
@@ -105,7 +104,7 @@ def fig15(quick: bool, progress: Progress) -> Reproduction:
 
 
 def fig16(quick: bool, progress: Progress) -> Reproduction:
-    """The three manoeuvres, rear-facing, with the right images straightened by what the camera is turned by."""
+    """The three manoeuvres, rear-facing, with right images corrected for the rotation of their camera."""
     drives = driven([field_case(name, "rear", _BASELINES[0], quick=quick) for name in MANOEUVRES], progress)
     shown = list(zip(MANOEUVRES, drives, strict=False))
     comparisons = []
@@ -113,18 +112,18 @@ def fig16(quick: bool, progress: Progress) -> Reproduction:
         for odometry in ("viso2", _CORRECTED, OWN):
             for side, bias in zip(("left", "right"), _biases(one, odometry), strict=True):
                 if math.isfinite(bias):
-                    comparisons.append(_line(f"{manoeuvre}, {odometry}: bias where the path is {side}", "", bias))
+                    comparisons.append(compared(f"{manoeuvre}, {odometry}: bias where the path is {side}", "", bias))
             published = "as uncorrected left roundabout, 0.11–0.12" if odometry == _CORRECTED else ""
-            comparisons.append(_line(f"{manoeuvre}, {odometry}: RMS error", published, _rms(one, odometry)))
+            comparisons.append(compared(f"{manoeuvre}, {odometry}: RMS error", published, _rms(one, odometry)))
     return Reproduction(
         name="desaxe2018-fig16",
-        title="Fig. 16: the effect of turning the right camera's images back, rear-facing, baseline 0.5 m",
+        title="Fig. 16: effect of correcting the right camera's rotation, rear-facing, baseline 0.5 m",
         source=SOURCE,
         comparisons=comparisons,
         notes=(
             *_NOTES,
-            "Bias: mean error where the off-tracking is beyond 1 m to that side. The correction is by the very angles "
-            "that the camera is turned by, which the paper found by trying.",
+            "Bias: mean error where the off-tracking exceeds 1 m to that side. The correction uses the exact rotation "
+            "of the camera; the paper found it by trial.",
             *unfinished(len(drives), len(MANOEUVRES)),
         ),
         interrupted=len(drives) < len(MANOEUVRES),
@@ -134,21 +133,17 @@ def fig16(quick: bool, progress: Progress) -> Reproduction:
 
 
 _NOTES: Final = (
-    "Cameras are calibrated with rendered checkerboards. Afterwards the right one is turned by roll -0.15 and yaw "
-    "+0.10 degrees, as the paper concludes that it was; viso2 does not know, keyframe with self-calibration finds out. "
-    "Errors of viso2 are against the reference unit, as in the paper, those of keyframe against the exact "
-    "off-tracking.",
-    "Assumed, as the paper does not say or shows it in pictures only: the trailer's lengths, the lenses, the courses' "
-    "straights, how rough and patched the tarmac is, and how far the mount follows the chassis' twist.",
+    "Cameras are calibrated with rendered checkerboards. Then the right one is rotated by -0.15 degrees in roll and "
+    "+0.10 degrees in yaw, as the paper concludes. viso2 does not know this rotation; keyframe estimates it by "
+    "self-calibration. Errors of viso2 are against the reference unit, as in the paper; errors of keyframe are against "
+    "the exact off-tracking.",
+    "Assumed, as the paper has no numbers: the trailer's lengths, the lenses, the straights of the courses, roughness "
+    "and patches of the tarmac, and the twist of the mount with the chassis.",
 )
 
 
-def _line(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
-    return Comparison(quantity=quantity, published=published, own=own, unit=unit)
-
-
 def _error(one: Drive, odometry: str) -> FloatArray:
-    """Estimate less what it is judged by [m]: see the notes."""
+    """Estimate minus its reference [m]: see the notes."""
     return one.error(odometry) if odometry == OWN else one.tracks[odometry].off_tracking - one.reference
 
 
@@ -158,15 +153,15 @@ def _rms(one: Drive, odometry: str) -> float:
 
 def _errors(name: str, one: Drive, published: tuple[str, str]) -> list[Comparison]:
     return [
-        _line(f"{name}: RMS error", published[0], _rms(one, "viso2")),
-        _line(f"{name}: largest error", published[1], metrics.peak(_error(one, "viso2"))),
-        _line(f"{name}: keyframe, RMS error", "", _rms(one, OWN)),
-        _line(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN))),
+        compared(f"{name}: RMS error", published[0], _rms(one, "viso2")),
+        compared(f"{name}: largest error", published[1], metrics.peak(_error(one, "viso2"))),
+        compared(f"{name}: keyframe, RMS error", "", _rms(one, OWN)),
+        compared(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN))),
     ]
 
 
 def _biases(one: Drive, odometry: str) -> tuple[float, float]:
-    """Mean error [m] where the hitch's path is clearly to the left and to the right of the follow point."""
+    """Mean errors [m] where the hitch's path is clearly to the left, and to the right, of the follow point."""
     error = _error(one, odometry)
     return metrics.mean(error[one.true > _CLEARLY]), metrics.mean(error[one.true < -_CLEARLY])
 
@@ -233,7 +228,7 @@ def _histories(shown: Sequence[tuple[tuple[str, Facing], Drive]]) -> Figure:
         errors.axhline(0.0, color=GREY, linewidth=0.5)
         errors.set(ylabel="error [m]", ylim=(-1.0, 1.0))
     for ax in axes.flat:
-        ax.set_visible(bool(ax.lines))  # what an interrupt has left out stays white
+        ax.set_visible(bool(ax.lines))  # panels of missing drives stay empty
     for ax in axes[-1]:
         ax.set_xlabel("time [s]")
     _legend_below(figure, axes[0, 0])
@@ -248,7 +243,7 @@ def _history(ax: Axes, one: Drive, odometries: Sequence[str]) -> None:
 
 
 def _bars(shown: Sequence[tuple[tuple[Facing, float], Drive]]) -> Figure:
-    """The paper's three panels over the baselines; its ranges are grey."""
+    """Draw the paper's three panels over the baselines, with its ranges in grey."""
     figure = Figure(figsize=(10.5, 3.4), layout="constrained")
     panels = figure.subplots(1, 3)
     published: dict[Facing, tuple[tuple[float, float], ...]] = {
@@ -257,13 +252,21 @@ def _bars(shown: Sequence[tuple[tuple[Facing, float], Drive]]) -> Figure:
     }
     titles = ("(a) RMS error [m]", "(b) largest error [m]", "(c) mean matches")
     for k, (ax, title) in enumerate(zip(panels, titles, strict=True)):
-        for place, ((facing, _), one) in enumerate(shown):
+        for position, ((facing, _), one) in enumerate(shown):
             low, high = published[facing][k]
-            ax.bar(place, high - low, 0.95, bottom=low, color=GREY, alpha=0.35, label="published" if not place else "")
+            ax.bar(
+                position,
+                high - low,
+                0.95,
+                bottom=low,
+                color=GREY,
+                alpha=0.35,
+                label="published" if not position else "",
+            )
             for shift, odometry, colour in ((-0.2, "viso2", ESTIMATED), (0.2, OWN, _THIRD)):
                 matches = metrics.mean(one.tracks[odometry].matches)
                 value = (_rms(one, odometry), metrics.peak(_error(one, odometry)), matches)[k]
-                ax.bar(place + shift, value, 0.36, color=colour, label=odometry if not place else "")
+                ax.bar(position + shift, value, 0.36, color=colour, label=odometry if not position else "")
         ax.set_title(title)
         names = [f"{_SIDES[facing]}\n{baseline} m" for (facing, baseline), _ in shown]
         ax.set_xticks(range(len(shown)), names, fontsize=8.0)
@@ -272,13 +275,13 @@ def _bars(shown: Sequence[tuple[tuple[Facing, float], Drive]]) -> Figure:
 
 
 def _legend_below(figure: Figure, ax: Axes) -> None:
-    """One legend for all panels, where it hides none of their curves."""
+    """Draw one legend for all panels below them."""
     handles, labels = ax.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8.0)
 
 
 def _corrections(shown: Sequence[tuple[str, Drive]]) -> Figure:
-    """As the paper's: corrected off-tracking and its error; the uncorrected error beside it."""
+    """Draw corrected off-tracking and its error as in the paper, and the uncorrected error."""
     figure = Figure(figsize=(9.6, 9.0), layout="constrained")
     axes = figure.subplots(6, 1, height_ratios=(2.4, 1.2) * 3)
     for k, ((manoeuvre, one), letter) in enumerate(zip(shown, "abc", strict=False)):
@@ -290,7 +293,7 @@ def _corrections(shown: Sequence[tuple[str, Drive]]) -> Figure:
         errors.axhline(0.0, color=GREY, linewidth=0.5)
         errors.set(ylabel="error [m]", ylim=(-0.6, 0.6))
     for ax in axes:
-        ax.set_visible(bool(ax.lines))  # what an interrupt has left out stays white
+        ax.set_visible(bool(ax.lines))  # panels of missing drives stay empty
     axes[0].legend(fontsize=8.0)
     axes[1].legend(fontsize=8.0, ncols=3)
     axes[-1].set_xlabel("time [s]")

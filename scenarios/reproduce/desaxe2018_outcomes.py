@@ -1,4 +1,4 @@
-"""Drives of Figs 6 to 8 of de Saxe 2018, what odometries made of them, and the paper's four panels of that.
+"""Errors and matches over the drives of Figs 6 to 8 of de Saxe 2018, and the paper's four panels.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018, section 3.
@@ -23,7 +23,7 @@ from scenarios.results.log import Log, Signal
 SOURCE: Final = "de Saxe & Cebon, Vehicle System Dynamics 2018"
 ENOUGH: Final = 250.0  # matches below which the paper's errors grow
 _ODOMETRIES: Final = ("viso2", "keyframe")
-_SHORT: Final = "course.length=40"  # with --quick: the off-tracking is known over 26 m of it
+_SHORT: Final = "course.length=40"  # with --quick; the off-tracking is known over 26 m of it
 
 Facing = Literal["rear", "left"]
 
@@ -37,7 +37,7 @@ class Point(NamedTuple):
     density: float = 1.0  # of the scenery
 
     def case(self, *, quick: bool) -> Case:
-        """Its drive."""
+        """The drive as a case."""
         settings = (
             f"rig.facing={self.facing}",
             f"rig.baseline={self.baseline}",
@@ -48,7 +48,7 @@ class Point(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an odometry made of a drive."""
+    """Errors and matches of an odometry in a drive."""
 
     point: Point
     odometry: str
@@ -56,11 +56,11 @@ class Outcome(NamedTuple):
     mean: float  # [m]
     largest: float  # [m]
     matches: float  # mean number
-    inliers: float  # mean share of them [%]
+    inliers: float  # mean share of the matches [%]
 
 
 def outcomes(points: Sequence[Point], *, quick: bool, progress: Progress) -> list[Outcome]:
-    """The points driven, and what each odometry made of each; fewer after an interrupt."""
+    """Drive all points and evaluate every odometry; fewer outcomes after an interrupt."""
     drives = driven([point.case(quick=quick) for point in points], progress)
     return [_outcome(point, one, name) for point, one in zip(points, drives, strict=False) for name in _ODOMETRIES]
 
@@ -81,68 +81,68 @@ def _outcome(point: Point, one: Drive, odometry: str) -> Outcome:
 Choice = Callable[[Point], bool]
 
 
-def _values(got: Sequence[Outcome], quantity: str, chosen: Choice, odometry: str = "viso2") -> list[float]:
-    """Magnitudes of a quantity over the chosen drives."""
-    return [abs(getattr(one, quantity)) for one in got if one.odometry == odometry and chosen(one.point)]
+def _values(results: Sequence[Outcome], quantity: str, chosen: Choice, odometry: str = "viso2") -> list[float]:
+    """Magnitudes of a quantity in the chosen drives."""
+    return [abs(getattr(one, quantity)) for one in results if one.odometry == odometry and chosen(one.point)]
 
 
-def most(got: Sequence[Outcome], quantity: str, chosen: Choice, odometry: str = "viso2") -> float:
-    """The largest magnitude of a quantity; NaN if no drive is chosen, as for the others."""
-    return max(_values(got, quantity, chosen, odometry), default=math.nan)
+def most(results: Sequence[Outcome], quantity: str, chosen: Choice, odometry: str = "viso2") -> float:
+    """Largest magnitude of a quantity; this and the functions below give NaN if no drive is chosen."""
+    return max(_values(results, quantity, chosen, odometry), default=math.nan)
 
 
-def least(got: Sequence[Outcome], chosen: Choice) -> float:
-    """The smallest RMS error of viso2 [m]."""
-    return min(_values(got, "rms", chosen), default=math.nan)
+def least(results: Sequence[Outcome], chosen: Choice) -> float:
+    """Smallest RMS error of viso2 [m]."""
+    return min(_values(results, "rms", chosen), default=math.nan)
 
 
-def fewest(got: Sequence[Outcome], chosen: Choice) -> float:
-    """The smallest mean number of matches of viso2."""
-    return min(_values(got, "matches", chosen), default=math.nan)
+def fewest(results: Sequence[Outcome], chosen: Choice) -> float:
+    """Smallest mean number of matches of viso2."""
+    return min(_values(results, "matches", chosen), default=math.nan)
 
 
-def average(got: Sequence[Outcome], chosen: Choice) -> float:
-    """The mean number of matches of viso2 over all chosen drives."""
-    counts = _values(got, "matches", chosen)
+def average(results: Sequence[Outcome], chosen: Choice) -> float:
+    """Mean number of matches of viso2 over the chosen drives."""
+    counts = _values(results, "matches", chosen)
     return sum(counts) / len(counts) if counts else math.nan
 
 
-def over(got: Sequence[Outcome], one: Choice, other: Choice) -> float:
-    """RMS error of viso2 in all drives of one kind together over that of another kind."""
-    above, below = (np.array(_values(got, "rms", chosen)) for chosen in (one, other))
+def over(results: Sequence[Outcome], one: Choice, other: Choice) -> float:
+    """RMS error of viso2 over all drives of one kind, divided by that of another kind."""
+    above, below = (np.array(_values(results, "rms", chosen)) for chosen in (one, other))
     return metrics.rms(above) / metrics.rms(below) if len(above) and np.any(below) else math.nan
 
 
-def matches_at(got: Sequence[Outcome], facing: str, baseline: float) -> float:
-    """The mean number of matches of viso2 at that baseline [m]."""
-    return most(got, "matches", lambda p: p.facing == facing and p.baseline == baseline)
+def matches_at(results: Sequence[Outcome], facing: str, baseline: float) -> float:
+    """Mean number of matches of viso2 at a baseline [m]."""
+    return most(results, "matches", lambda p: p.facing == facing and p.baseline == baseline)
 
 
-def first_short(got: Sequence[Outcome], facing: str) -> float:
-    """The smallest baseline at which there are not enough matches [m]."""
-    viso2 = (one for one in got if one.odometry == "viso2" and one.point.facing == facing)
+def first_short(results: Sequence[Outcome], facing: str) -> float:
+    """Smallest baseline with too few matches [m]."""
+    viso2 = (one for one in results if one.odometry == "viso2" and one.point.facing == facing)
     return min((one.point.baseline for one in viso2 if one.matches < ENOUGH), default=math.nan)
 
 
 _SIGNALS: Final = (
     Signal("facing", "-", "0 to the rear, 1 to the left"),
-    Signal("baseline", "m", "of the stereo cameras"),
+    Signal("baseline", "m", "stereo baseline"),
     Signal("slip", "deg", "slip angle of the trailer"),
-    Signal("density", "-", "of the scenery"),
+    Signal("density", "-", "density of the scenery"),
     Signal("odometry", "-", "0 viso2, 1 keyframe"),
     Signal("rms", "m", "RMS error of the off-tracking"),
     Signal("mean", "m", "mean error, + left"),
     Signal("largest", "m", "largest magnitude of the error"),
     Signal("matches", "-", "mean number of matches"),
-    Signal("inliers", "%", "mean share of inliers among them"),
+    Signal("inliers", "%", "mean share of inliers among the matches"),
 )
 
 
-def log_of(got: Sequence[Outcome]) -> Log:
-    """One row for each drive and odometry."""
+def log_of(results: Sequence[Outcome]) -> Log:
+    """Table with one row per drive and odometry."""
     rows = [
         [float(one.point.facing == "left"), *one.point[1:], float(_ODOMETRIES.index(one.odometry)), *one[2:]]
-        for one in got
+        for one in results
     ]
     return Log(_SIGNALS, np.array(rows, dtype=np.float64).reshape(-1, len(_SIGNALS)))
 
@@ -155,8 +155,8 @@ _PANELS: Final = (
 )
 
 
-def drawn(
-    got: Sequence[Outcome],
+def draw_panels(
+    results: Sequence[Outcome],
     along: str,
     xlabel: str,
     groups: Sequence[tuple[str, Choice, str]],
@@ -164,7 +164,7 @@ def drawn(
     band: tuple[float, float] | None = None,
     limit: float | None = None,
 ) -> Figure:
-    """The paper's four panels; what its text says of RMS errors and matches is grey."""
+    """Draw the paper's four panels; RMS errors and matches from its text are grey."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     for ax, (quantity, title) in zip(figure.subplots(2, 2).flat, _PANELS, strict=True):
         if quantity == "rms" and band:
@@ -175,7 +175,7 @@ def drawn(
             ax.axvline(limit, color=GREY, linestyle="--", linewidth=1.0)
         for label, chosen, colour in groups:
             for odometry, line in zip(_ODOMETRIES, ("-o", ":^"), strict=True):
-                _plot(ax, got, along, quantity, chosen, odometry, line=line, colour=colour, label=label)
+                _plot(ax, results, along, quantity, chosen, odometry, line=line, colour=colour, label=label)
         ax.set(title=title, xlabel=xlabel)
         if quantity != "mean":
             ax.set_ylim(bottom=0.0)
@@ -186,7 +186,7 @@ def drawn(
 
 def _plot(
     ax: Axes,
-    got: Sequence[Outcome],
+    results: Sequence[Outcome],
     along: str,
     quantity: str,
     chosen: Choice,
@@ -198,7 +198,7 @@ def _plot(
 ) -> None:
     shown = sorted(
         (getattr(one.point, along), getattr(one, quantity))
-        for one in got
+        for one in results
         if one.odometry == odometry and chosen(one.point)
     )
     if shown:

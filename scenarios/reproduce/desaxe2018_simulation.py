@@ -1,7 +1,7 @@
-"""Figs 6 to 8 of de Saxe 2018: what the off-tracking's error depends on, in a rendered world with perfect cameras.
+"""Figs 6 to 8 of de Saxe 2018: sensitivities of the off-tracking error, in a rendered world with perfect cameras.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
-Dynamics, 2018, section 3: the trailer is dragged 100 m straight on at 5 m/s and a constant slip angle.
+Dynamics, 2018, section 3: the trailer moves 100 m straight ahead at 5 m/s and a constant slip angle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scenarios.reproduce.desaxe2018_outcomes import (
     Facing,
     Point,
     average,
-    drawn,
+    draw_panels,
     fewest,
     first_short,
     least,
@@ -30,7 +30,7 @@ from scenarios.reproduce.desaxe2018_outcomes import (
     outcomes,
     over,
 )
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Reproduction, compared
 
 _THIRD: Final = "#5b8c3a"
 
@@ -39,33 +39,33 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
     """Errors and matches over the stereo baseline, rear- and side-facing, at 14 degrees of slip."""
     baselines = (0.5, 2.5, 5.0) if quick else tuple(0.5 * k for k in range(1, 11))
     points = [Point(facing=facing, baseline=b) for facing in ("rear", "left") for b in baselines]
-    got = outcomes(points, quick=quick, progress=progress)
+    results = outcomes(points, quick=quick, progress=progress)
     comparisons = [
-        _line("rear, up to 2.5 m: largest RMS error", "0.01–0.04", most(got, "rms", _near)),
-        _line("rear, up to 2.5 m: largest mean error", "0.01", most(got, "mean", _near)),
-        _line("side, up to 2.5 m: largest RMS error", "0.01–0.04", most(got, "rms", _near_side)),
-        _line("rear, beyond 2.5 m: largest RMS error", "", most(got, "rms", _far)),
-        _line("side, beyond 2.5 m: largest RMS error", "above the rear's", most(got, "rms", _far_side)),
-        _line("side over rear, beyond 2.5 m: RMS error over all", "> 1", over(got, _far_side, _far), "-"),
-        _line("rear, 0.5 m: matches", "380", matches_at(got, "rear", 0.5), "-"),
-        _line("side, 0.5 m: matches", "", matches_at(got, "left", 0.5), "-"),
-        _line("rear, 5 m: matches", "", matches_at(got, "rear", 5.0), "-"),
-        _line("side, 5 m: matches", "fewer than the rear's", matches_at(got, "left", 5.0), "-"),
-        _line("rear: first baseline with under 250 matches", "2.5", first_short(got, "rear")),
-        _line("side: first baseline with under 250 matches", "2.5", first_short(got, "left")),
-        _line("keyframe, rear, up to 2.5 m: largest RMS error", "", most(got, "rms", _near, "keyframe")),
-        _line("keyframe, side, up to 2.5 m: largest RMS error", "", most(got, "rms", _near_side, "keyframe")),
+        compared("rear, up to 2.5 m: largest RMS error", "0.01–0.04", most(results, "rms", _near)),
+        compared("rear, up to 2.5 m: largest mean error", "0.01", most(results, "mean", _near)),
+        compared("side, up to 2.5 m: largest RMS error", "0.01–0.04", most(results, "rms", _near_side)),
+        compared("rear, beyond 2.5 m: largest RMS error", "", most(results, "rms", _far)),
+        compared("side, beyond 2.5 m: largest RMS error", "above the rear's", most(results, "rms", _far_side)),
+        compared("side over rear, beyond 2.5 m: RMS error over all", "> 1", over(results, _far_side, _far), "-"),
+        compared("rear, 0.5 m: matches", "380", matches_at(results, "rear", 0.5), "-"),
+        compared("side, 0.5 m: matches", "", matches_at(results, "left", 0.5), "-"),
+        compared("rear, 5 m: matches", "", matches_at(results, "rear", 5.0), "-"),
+        compared("side, 5 m: matches", "fewer than the rear's", matches_at(results, "left", 5.0), "-"),
+        compared("rear: first baseline with under 250 matches", "2.5", first_short(results, "rear")),
+        compared("side: first baseline with under 250 matches", "2.5", first_short(results, "left")),
+        compared("keyframe, rear, up to 2.5 m: largest RMS error", "", most(results, "rms", _near, "keyframe")),
+        compared("keyframe, side, up to 2.5 m: largest RMS error", "", most(results, "rms", _near_side, "keyframe")),
     ]
     return Reproduction(
         name="desaxe2018-fig6",
         title="Fig. 6: sensitivity to the stereo baseline at 14 degrees of slip",
         source=SOURCE,
         comparisons=comparisons,
-        notes=(_SIGN, _RANGE, *unfinished(len(got) // 2, len(points))),
-        interrupted=len(got) // 2 < len(points),
-        data=log_of(got),
-        draw=lambda: drawn(
-            got,
+        notes=(_SIGN, _RANGE, *unfinished(len(results) // 2, len(points))),
+        interrupted=len(results) // 2 < len(points),
+        data=log_of(results),
+        draw=lambda: draw_panels(
+            results,
             "baseline",
             "stereo baseline [m]",
             [("rear", _rear, TRUE), ("side", _side, ESTIMATED)],
@@ -79,7 +79,7 @@ def fig7(quick: bool, progress: Progress) -> Reproduction:
     slips = (0.0, 8.0, 16.0) if quick else (*np.arange(0.0, 17.0, 2.0).tolist(), 20.0, 30.0, 45.0, 60.0)
     baselines = (0.5, 1.5, 2.5)
     points = [Point(baseline=b, slip=slip) for b in baselines for slip in slips]
-    got = outcomes(points, quick=quick, progress=progress)
+    results = outcomes(points, quick=quick, progress=progress)
     published = {
         0.5: ("0.01–0.03", "0.01", "380"),
         1.5: ("0.01–0.03", "0.01", "325"),
@@ -92,11 +92,11 @@ def fig7(quick: bool, progress: Progress) -> Reproduction:
             return p.baseline == b and p.slip <= 16.0
 
         comparisons += [
-            _line(f"{b} m, up to 16 deg: smallest RMS error", rms.partition("–")[0], least(got, usual)),
-            _line(f"{b} m, up to 16 deg: largest RMS error", rms.partition("–")[2], most(got, "rms", usual)),
-            _line(f"{b} m, up to 16 deg: largest mean error", mean, most(got, "mean", usual)),
-            _line(f"{b} m, up to 16 deg: mean matches", matches, average(got, usual), "-"),
-            _line(f"{b} m, up to 16 deg: keyframe, largest RMS", "", most(got, "rms", usual, "keyframe")),
+            compared(f"{b} m, up to 16 deg: smallest RMS error", rms.partition("–")[0], least(results, usual)),
+            compared(f"{b} m, up to 16 deg: largest RMS error", rms.partition("–")[2], most(results, "rms", usual)),
+            compared(f"{b} m, up to 16 deg: largest mean error", mean, most(results, "mean", usual)),
+            compared(f"{b} m, up to 16 deg: mean matches", matches, average(results, usual), "-"),
+            compared(f"{b} m, up to 16 deg: keyframe, largest RMS", "", most(results, "rms", usual, "keyframe")),
         ]
     colours = dict(zip(baselines, (TRUE, ESTIMATED, _THIRD), strict=True))
     groups = [(f"{b} m", partial(_has_baseline, b), colour) for b, colour in colours.items()]
@@ -105,58 +105,58 @@ def fig7(quick: bool, progress: Progress) -> Reproduction:
         title="Fig. 7: sensitivity to the slip angle, rear-facing",
         source=SOURCE,
         comparisons=comparisons,
-        notes=(_SIGN, *unfinished(len(got) // 2, len(points))),
-        interrupted=len(got) // 2 < len(points),
-        data=log_of(got),
-        draw=lambda: drawn(got, "slip", "trailer slip angle [°]", groups, band=(0.01, 0.03), limit=16.0),
+        notes=(_SIGN, *unfinished(len(results) // 2, len(points))),
+        interrupted=len(results) // 2 < len(points),
+        data=log_of(results),
+        draw=lambda: draw_panels(results, "slip", "trailer slip angle [°]", groups, band=(0.01, 0.03), limit=16.0),
     )
 
 
 def fig8(quick: bool, progress: Progress) -> Reproduction:
     """Errors and matches over the density of the scenery, rear- and side-facing."""
     points = [Point(facing=facing, density=d) for facing in ("rear", "left") for d in (0.0, 0.5, 1.0)]
-    got = outcomes(points, quick=quick, progress=progress)
+    results = outcomes(points, quick=quick, progress=progress)
 
     def rms(facing: Facing, density: float, odometry: str = "viso2") -> float:
-        return most(got, "rms", lambda p: p.facing == facing and p.density == density, odometry)
+        return most(results, "rms", lambda p: p.facing == facing and p.density == density, odometry)
 
     def ratio(facing: Facing) -> float:
         full = rms(facing, 1.0)
         return rms(facing, 0.0) / full if full > 0.0 else math.nan
 
     comparisons = [
-        _line("rear, 100 %: RMS error", "0.01–0.03", rms("rear", 1.0)),
-        _line("rear, 0 %: RMS error", "about the same", rms("rear", 0.0)),
-        _line("side, 100 %: RMS error", "", rms("left", 1.0)),
-        _line("side, 0 %: RMS error", "", rms("left", 0.0)),
-        _line("rear: RMS error at 0 % over that at 100 %", "1", ratio("rear"), "-"),
-        _line("side: RMS error at 0 % over that at 100 %", "2", ratio("left"), "-"),
-        _line("fewest matches at 0 %", "> 250", fewest(got, lambda p: p.density == 0.0), "-"),
-        _line("keyframe, rear, 0 %: RMS error", "", rms("rear", 0.0, "keyframe")),
-        _line("keyframe, side, 0 %: RMS error", "", rms("left", 0.0, "keyframe")),
-        _line("keyframe, side, 100 %: RMS error", "", rms("left", 1.0, "keyframe")),
+        compared("rear, 100 %: RMS error", "0.01–0.03", rms("rear", 1.0)),
+        compared("rear, 0 %: RMS error", "about the same", rms("rear", 0.0)),
+        compared("side, 100 %: RMS error", "", rms("left", 1.0)),
+        compared("side, 0 %: RMS error", "", rms("left", 0.0)),
+        compared("rear: RMS error at 0 % over that at 100 %", "1", ratio("rear"), "-"),
+        compared("side: RMS error at 0 % over that at 100 %", "2", ratio("left"), "-"),
+        compared("fewest matches at 0 %", "> 250", fewest(results, lambda p: p.density == 0.0), "-"),
+        compared("keyframe, rear, 0 %: RMS error", "", rms("rear", 0.0, "keyframe")),
+        compared("keyframe, side, 0 %: RMS error", "", rms("left", 0.0, "keyframe")),
+        compared("keyframe, side, 100 %: RMS error", "", rms("left", 1.0, "keyframe")),
     ]
     return Reproduction(
         name="desaxe2018-fig8",
         title="Fig. 8: sensitivity to the density of the scenery",
         source=SOURCE,
         comparisons=comparisons,
-        notes=(_SIGN, *unfinished(len(got) // 2, len(points))),
-        interrupted=len(got) // 2 < len(points),
-        data=log_of(got),
-        draw=lambda: drawn(
-            got, "density", "density of the scenery [-]", [("rear", _rear, TRUE), ("side", _side, ESTIMATED)]
+        notes=(_SIGN, *unfinished(len(results) // 2, len(points))),
+        interrupted=len(results) // 2 < len(points),
+        data=log_of(results),
+        draw=lambda: draw_panels(
+            results, "density", "density of the scenery [-]", [("rear", _rear, TRUE), ("side", _side, ESTIMATED)]
         ),
     )
 
 
 _SIGN: Final = (
-    "Errors are against the exact off-tracking. Numbers without a name are those of viso2, the paper's stages; "
-    "keyframe is this project's own, from the same images. Side-facing cameras look to the left."
+    "Errors are against the exact off-tracking. Numbers without a name belong to viso2, the paper's odometry. keyframe "
+    "is this project's own odometry on the same images. Side-facing cameras look to the left."
 )
 _RANGE: Final = (
-    "viso2 looks for disparities of up to 200 px, so for nothing that is nearer than 2.8 baselines: 14 m at 5 m. "
-    "Buckets of 50 x 50 px with two matches each hold 432 of them at most."
+    "viso2 searches disparities up to 200 px, so it sees nothing nearer than 2.8 baselines: 14 m at a baseline of 5 m. "
+    "Buckets of 50 x 50 px with two matches each limit the number of matches to 432."
 )
 
 
@@ -186,7 +186,3 @@ def _rear(p: Point) -> bool:
 
 def _side(p: Point) -> bool:
     return p.facing == "left"
-
-
-def _line(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
-    return Comparison(quantity=quantity, published=published, own=own, unit=unit)

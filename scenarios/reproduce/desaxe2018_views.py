@@ -1,4 +1,4 @@
-"""Fig. 13 of de Saxe 2018: what the cameras saw in the field tests, and the features that were matched in it.
+"""Fig. 13 of de Saxe 2018: camera images of the field tests with matched features.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018, section 4.2.
@@ -32,14 +32,14 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.clock import TICK
 
-_WHEN: Final = 20.0  # in the roundabout [s]
-_PAIRS: Final = 4  # the last of these is shown
-_QUICK: Final = 3.0  # on the straight before it [s]
+_TIME: Final = 20.0  # of the pair that is shown, in the roundabout [s]
+_PAIRS: Final = 4  # stereo pairs that are kept; the last one is shown
+_QUICK: Final = 3.0  # time with --quick, on the straight before the roundabout [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class View:
-    """A stereo pair, rectified, and the features that were matched in it and in the pair before."""
+    """A rectified stereo pair, and the features matched in it and in the previous pair."""
 
     facing: Facing
     left: GreyImage
@@ -49,9 +49,9 @@ class View:
 
 def fig13(quick: bool, progress: Progress) -> Reproduction:
     """One stereo pair of the left roundabout, rear- and side-facing, with matched features."""
-    until = _QUICK if quick else _WHEN
+    until = _QUICK if quick else _TIME
     sides: tuple[Facing, ...] = ("rear", "left")
-    views = [_seen(facing, until, part_of(progress, k, len(sides), "driving")) for k, facing in enumerate(sides)]
+    views = [_view(facing, until, part_of(progress, k, len(sides), "driving")) for k, facing in enumerate(sides)]
     progress(100, 100, "")
     return Reproduction(
         name="desaxe2018-fig13",
@@ -67,53 +67,53 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
             for name, view in zip(("rear", "side"), views, strict=True)
         ],
         notes=(
-            "Left roundabout, baseline 0.5 m. The published range is that of most manoeuvres, by the text. Two matches "
-            "in each bucket of 50 x 50 px are 432 at most in images of 1344 x 391 px, the size of the paper's "
-            "simulations; that of its field tests is not given.",
+            "Left roundabout, baseline 0.5 m. The published range is that of most manoeuvres, from the text. With two "
+            "matches per bucket of 50 x 50 px there are at most 432 in images of 1344 x 391 px, the size in the "
+            "paper's simulations. The size in its field tests is not published.",
         ),
         data=_log(views),
         draw=lambda: _drawn(views),
     )
 
 
-class Latest:
-    """In the place of an off-tracking estimator, keeps the newest frames; nothing is steered by it.
+class NewestFrames:
+    """Replaces an off-tracking estimator and keeps the newest frames; it gives no estimates.
 
-    Not frozen, as it stands for what changes during a run.
+    Not frozen, as it changes during a run.
     """
 
     def __init__(self) -> None:
         self.frames: deque[StereoFrame] = deque(maxlen=_PAIRS)
 
     def init(self) -> None:
-        """There is no memory but the frames."""
+        """No memory apart from the frames."""
 
     def step(self, memory: None, frame: StereoFrame) -> tuple[None, None]:
-        """Keeps the frame."""
+        """Keep the frame."""
         self.frames.append(frame)
         return None, None
 
 
-def _seen(facing: Facing, until: float, progress: Progress) -> View:
-    """The last pair of the roundabout's first ``until`` seconds."""
+def _view(facing: Facing, until: float, progress: Progress) -> View:
+    """View of the last stereo pair in the roundabout's first ``until`` seconds."""
     case = field_case("left roundabout", facing, 0.5, quick=True)
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
     calibration = parts.cameras.calibration
-    latest = Latest()
+    latest = NewestFrames()
     with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, latest)) as session:
         while session.outcome is None and session.tick * TICK < until:
             session.advance()
             progress(min(session.tick * TICK, until), until)
     if len(latest.frames) < _PAIRS:
-        raise ValueError(f"{len(latest.frames)} stereo pairs were seen within {until} s, less than {_PAIRS}")
+        raise ValueError(f"{len(latest.frames)} stereo pairs within {until} s; at least {_PAIRS} are needed")
     newest = latest.frames[-1]
     return View(facing=facing, left=newest.left, right=newest.right, matches=_matched(calibration, list(latest.frames)))
 
 
 def _matched(calibration: StereoCalibration, frames: Sequence[StereoFrame]) -> Matches:
-    """What viso2 matches in the last two frames, knowing the velocity from those before."""
+    """Matches of viso2 in the last two frames, predicted with the velocity from the frames before."""
     odometry = Viso2Odometry(calibration)
     memory, motion = odometry.init(), None
     for frame in frames:
@@ -125,10 +125,10 @@ def _matched(calibration: StereoCalibration, frames: Sequence[StereoFrame]) -> M
 
 _SIGNALS: Final = (
     Signal("facing", "-", "0 to the rear, 1 to the left"),
-    Signal("u_before", "px", "column in the left image before"),
-    Signal("v_before", "px", "row there"),
+    Signal("u_before", "px", "column in the previous left image"),
+    Signal("v_before", "px", "row in the previous left image"),
     Signal("u", "px", "column in the left image"),
-    Signal("v", "px", "row there, mean of both images"),
+    Signal("v", "px", "row, mean of both images"),
     Signal("u_right", "px", "column in the right image"),
 )
 
@@ -143,7 +143,7 @@ def _log(views: Sequence[View]) -> Log:
 
 
 def _drawn(views: Sequence[View]) -> Figure:
-    """Left and right image side by side as in the paper, the matched features on both; how they moved, on the left."""
+    """Draw left and right images with the matched features, and their motion in the left image."""
     figure = Figure(figsize=(12.0, 1.0 + 1.9 * len(views)), layout="constrained")
     axes = figure.subplots(len(views), 2, squeeze=False)
     for pair, view, letter in zip(axes, views, "ab", strict=False):

@@ -1,4 +1,4 @@
-"""A table or figure of a paper, made again: own numbers beside the published ones, its data, and a picture."""
+"""A reproduced table or figure: own and published numbers, data, and a picture."""
 
 from __future__ import annotations
 
@@ -22,36 +22,41 @@ _DPI: Final = 150
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """One number of the paper beside one's own."""
+    """A published number and its reproduction."""
 
     quantity: str
-    published: str  # as printed; "" where the paper has none
+    published: str  # as printed; "" if the paper has no such number
     own: float
     unit: str
 
     @property
     def own_text(self) -> str:
-        """One's own as it is shown."""
+        """Own number as text."""
         if not math.isfinite(self.own):
             return "–"
         return f"{self.own:.0f}" if abs(self.own) >= 100.0 else f"{self.own:.3g}"
 
 
+def compared(quantity: str, published: str, own: float, unit: str = "m") -> Comparison:
+    """A comparison, of lengths unless a unit is given."""
+    return Comparison(quantity=quantity, published=published, own=own, unit=unit)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reproduction:
-    """What came of it."""
+    """Result of a reproduction."""
 
     name: str
     title: str
     source: str
     comparisons: Sequence[Comparison]
-    notes: Sequence[str]  # definitions, and how it differs from the paper's experiment
+    notes: Sequence[str]  # definitions, and differences from the paper's experiment
     data: Log
-    draw: Callable[[], Figure]  # in the style of the house, see ``write_reproduction``
-    interrupted: bool = False  # only a part of it is made
+    draw: Callable[[], Figure]  # called with the project's matplotlib style
+    interrupted: bool = False  # True if it is incomplete
 
     def as_plain(self) -> dict[str, Any]:
-        """For JSON: null stands for what could not be measured."""
+        """Contents for JSON; null where a number could not be measured."""
         return {
             "name": self.name,
             "title": self.title,
@@ -70,16 +75,16 @@ class Reproduction:
         }
 
 
-def write_reproduction(made: Reproduction, directory: Path, facts: Mapping[str, Any]) -> None:
-    """Writes picture (PNG), data (Parquet) and numbers (JSON, ``facts`` with them), all at once or not at all.
+def write_reproduction(reproduction: Reproduction, directory: Path, settings: Mapping[str, Any]) -> None:
+    """Write picture (PNG), data (Parquet) and numbers with settings (JSON): all of them or nothing.
 
     Raises:
-        ValueError: if the directory can not take them.
+        ValueError: if the directory exists and is not empty.
     """
     with appearing_at_once(directory) as folder:
         with matplotlib.rc_context(STYLE):
-            made.draw().savefig(folder / f"{made.name}.png", dpi=_DPI)
-        write_log(made.data, folder / f"{made.name}.parquet")
-        content = {**made.as_plain(), **facts, "versions": versions()}
+            reproduction.draw().savefig(folder / f"{reproduction.name}.png", dpi=_DPI)
+        write_log(reproduction.data, folder / f"{reproduction.name}.parquet")
+        content = {**reproduction.as_plain(), **settings, "versions": versions()}
         text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
-        (folder / f"{made.name}.json").write_text(text + "\n", encoding="utf-8")
+        (folder / f"{reproduction.name}.json").write_text(text + "\n", encoding="utf-8")

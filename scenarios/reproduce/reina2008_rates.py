@@ -1,7 +1,7 @@
-"""Table III of Reina 2008: how often FTrace sees a trace that is not there, misses one, or takes another for it.
+"""Table III of Reina 2008: false positives, false negatives and misidentified traces of FTrace.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
-and planetary rovers", ICRA 2008. What the rates count is said in ``trace_statistics``.
+and planetary rovers", ICRA 2008. The rates are defined in ``trace_statistics``.
 """
 
 from __future__ import annotations
@@ -20,40 +20,40 @@ from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import TraceStatistics
 
-_SEEDS: Final = (61, 62, 63, 64)  # none of them was looked at when FTrace's breakpoints were chosen
-_SEEDS_A: Final = (66, 67)  # the same; longer sequences, as each begins on a crust that takes no trace
-_LENGTH: Final = 288  # images of one sequence of set B: 58 s, as long as Fig. 8 is from its onset of slip
+_SEEDS: Final = (61, 62, 63, 64)  # not used when FTrace's breakpoints were chosen
+_SEEDS_A: Final = (66, 67)  # likewise; fewer but longer sequences, as each begins on a crust that takes no trace
+_LENGTH: Final = 288  # images per sequence of set B: 58 s, as long as Fig. 8 from the onset of slip
 
 SETS: Final = (
     TraceSet(name="A", kinds=PLAIN, seeds=_SEEDS_A, frames=260, profile="none", slope=0.0),
     TraceSet(name="B", kinds=PLAIN, seeds=_SEEDS, frames=_LENGTH, profile="slow", slope=SLOPE),
 )
-BESIDE: Final = tuple(
+DIFFICULT: Final = tuple(
     TraceSet(name=kind, kinds=(kind,), seeds=_SEEDS[:2], frames=_LENGTH, profile="slow", slope=SLOPE) for kind in HARD
 )
 _FRAMES: Final = {"A": "1560", "B": "3456"}
 # False positives, false negatives, misidentified [%].
 _PUBLISHED: Final[Mapping[str, tuple[str, str, str]]] = {"A": ("0.0", "1.5", "0.0"), "B": ("0.8", "2.7", "1.7")}
-_NOTHING: Final = ("", "", "")
+_UNPUBLISHED: Final = ("", "", "")
 _NOTE: Final = (
-    "Sets A and B have the paper's numbers of images, over sand of Fig. 2 a to c; A is flat and without slip, B on a "
-    "slope of 5 degrees with a slip as slow as in Fig. 8. A quarter of the way is crust that takes no imprint. The "
-    "sets of Fig. 2 d to f are beside them; the paper does not say how its images were shared out."
+    "Sets A and B have the paper's numbers of images, on sand as in Fig. 2 a to c. A is flat and without slip; B is on "
+    "a slope of 5 degrees with slowly varying slip as in Fig. 8. A quarter of the path is a crust without an imprint. "
+    "The sets of Fig. 2 d to f are listed too; the paper does not say how its images were distributed."
 )
 
 
 def table3(quick: bool, progress: Progress) -> Reproduction:
-    """FTrace on 5016 images of sets A and B, and beside them on the light and the imprints that are hard for it."""
+    """Rates of FTrace on 5016 images of sets A and B, and on shadows and foreign imprints."""
     table = Table(
         name="reina2008-table3",
         title="Table III: rates of the FTrace system",
         note=_NOTE,
         estimator="ftrace",
-        sets=(*SETS, *BESIDE),
-        compared=_comparisons,
-        drawn=_drawn,
+        sets=(*SETS, *DIFFICULT),
+        compare=_comparisons,
+        draw=_draw,
     )
-    return table.made(quick, progress)
+    return table.reproduce(quick, progress)
 
 
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
@@ -64,7 +64,7 @@ def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
     ]
     lines += [
         Comparison(quantity=f"set {one.name}: {name}", published=published, own=rate, unit="%")
-        for name, published, rate in zip(names, _PUBLISHED.get(one.name, _NOTHING), rates, strict=True)
+        for name, published, rate in zip(names, _PUBLISHED.get(one.name, _UNPUBLISHED), rates, strict=True)
     ]
     published_rms = "< 2" if one.name in _FRAMES else ""
     slip = Comparison(
@@ -73,7 +73,7 @@ def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
     return [*lines, slip]
 
 
-def _drawn(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
+def _draw(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")
     for ax, name in zip(figure.subplots(1, 3), ("false_positives", "false_negatives", "misidentified"), strict=True):
         _bars(ax, name, results)
@@ -82,7 +82,7 @@ def _drawn(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
 
 
 def _bars(ax: Axes, name: str, results: Sequence[tuple[TraceSet, TraceStatistics]]) -> None:
-    """One rate of every set, published beside own."""
+    """Draw one rate of every set: published and own."""
     column = ("false_positives", "false_negatives", "misidentified").index(name)
     published = [float(_PUBLISHED[one.name][column]) if one.name in _PUBLISHED else math.nan for one, _ in results]
     x = np.arange(len(results))

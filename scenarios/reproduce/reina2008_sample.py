@@ -1,4 +1,4 @@
-"""Fig. 6 and Table II of Reina 2008: one image as FTrace understands it, and its confidence in every candidate.
+"""Fig. 6 and Table II of Reina 2008: the stages of FTrace on one image, and its confidence in every candidate.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008.
@@ -26,58 +26,58 @@ from vehicle.rover.description import load_rover
 PUBLISHED: Final = (2.1, 1.1, 70.4, 81.7, 24.3, 75.4, 87.0, 10.3, 18.7, 20.2)  # Table II, L1 to L10 [%]
 _SOURCE: Final = "Reina et al., ICRA 2008"
 _KIND, _SEED = "uniform", 1  # a clearly defined imprint without slip, as in Fig. 6
-_FRAME: Final = 30  # the one that is shown: by then FTrace has a pose of the image before
+_FRAME: Final = 30  # number of the image that is shown; FTrace needs the poses of earlier ones
 _NOTES: Final = (
-    "A simulated image stands for the paper's, so only the spread of the confidences can be compared: they are sorted.",
-    "A candidate is the midline between two edges that may be the walls of a rut; the paper does not say how its "
-    "centre line comes from edges. Breakpoints of the membership functions were not published, either.",
+    "A simulated image replaces the paper's. Only the distribution of the confidences is comparable; they are sorted.",
+    "A candidate is the midline between two edges that may be the walls of a rut. The paper does not say how it finds "
+    "the centre line from edges, and does not publish the breakpoints of the membership functions.",
 )
 
 
 def table2(quick: bool, progress: Progress) -> Reproduction:
-    """Confidences of the candidates of one image."""
-    seen, ground = _explained(quick, progress)
+    """Confidences of the candidates in one image."""
+    explanation, ground = _explained(quick, progress)
     own = np.full(CANDIDATES, math.nan)
-    own[: len(seen.confidences)] = 100.0 * np.sort(seen.confidences)[::-1]
+    own[: len(explanation.confidences)] = 100.0 * np.sort(explanation.confidences)[::-1]
     published = np.sort(PUBLISHED)[::-1]
     return Reproduction(
         name="reina2008-table2",
-        title="Table II: confidence match of the candidates of one image, the best first",
+        title="Table II: confidence match of the candidates in one image, best first",
         source=_SOURCE,
         comparisons=[
             Comparison(quantity=f"candidate {k + 1}", published=f"{published[k]:.1f}", own=float(own[k]), unit="%")
             for k in range(CANDIDATES)
         ],
         notes=_NOTES,
-        data=_data(seen, ground),
+        data=_data(explanation, ground),
         draw=lambda: _ranking(published, own),
     )
 
 
 def fig6(quick: bool, progress: Progress) -> Reproduction:
-    """The steps from an image to the trace."""
-    seen, ground = _explained(quick, progress)
-    best = 100.0 * float(seen.confidences.max(initial=0.0))
-    d, theta, beside = ground[seen.best].tolist() if seen.best is not None else (math.nan,) * 3
+    """Stages from an image to the trace."""
+    explanation, ground = _explained(quick, progress)
+    best = 100.0 * float(explanation.confidences.max(initial=0.0))
+    d, theta, offset = ground[explanation.best].tolist() if explanation.best is not None else (math.nan,) * 3
     return Reproduction(
         name="reina2008-fig6",
         title="Fig. 6: FTrace on one image",
         source=_SOURCE,
         comparisons=[
-            Comparison(quantity="candidates", published="10", own=len(seen.confidences), unit="-"),
+            Comparison(quantity="candidates", published="10", own=len(explanation.confidences), unit="-"),
             Comparison(quantity="confidence of the trace", published="87", own=best, unit="%"),
             Comparison(quantity="angle of the trace", published="0 (no slip)", own=math.degrees(theta), unit="deg"),
             Comparison(quantity="distance of the trace from G", published="", own=d, unit="m"),
-            Comparison(quantity="distance of the trace from the wheel's centre", published="", own=beside, unit="m"),
+            Comparison(quantity="distance of the trace from the wheel's centre", published="", own=offset, unit="m"),
         ],
         notes=_NOTES,
-        data=_data(seen, ground),
-        draw=lambda: _panels(seen, ground),
+        data=_data(explanation, ground),
+        draw=lambda: _panels(explanation, ground),
     )
 
 
 def _explained(quick: bool, progress: Progress) -> tuple[Explanation, FloatArray]:
-    """How FTrace understands the sample image, and the candidates' d [m], theta [rad], Y [m]."""
+    """Explanation of the sample image by FTrace, and d [m], theta [rad] and Y [m] of the candidates."""
     frames = _FRAME // 3 if quick else _FRAME
     rover = load_rover("el_dorado_ii")
     ftrace = FTrace(nominal_rig(rover))
@@ -90,21 +90,21 @@ def _explained(quick: bool, progress: Progress) -> tuple[Explanation, FloatArray
         before, last = memory, view
         memory, _ = ftrace.step(memory, view)
     progress(frames, frames, "")
-    seen = ftrace.explain(before, last)
-    return seen, seen.candidates.ground
+    explanation = ftrace.explain(before, last)
+    return explanation, explanation.candidates.ground
 
 
-def _data(seen: Explanation, ground: FloatArray) -> Log:
+def _data(explanation: Explanation, ground: FloatArray) -> Log:
     signals = (
         Signal("rho", "px", "distance of the candidate from the first pixel"),
-        Signal("phi", "rad", "direction of its normal in the image"),
+        Signal("phi", "rad", "direction of the candidate's normal in the image"),
         Signal("d", "m", "distance on the ground from R's origin, + left"),
         Signal("theta", "rad", "direction on the ground, + left"),
-        Signal("Y", "m", "beside the wheel's centre, + left"),
-        Signal("votes", "-", "edge pixels on both of its edges"),
-        Signal("confidence", "-", "that it is the trace"),
+        Signal("Y", "m", "lateral offset from the wheel's centre, + left"),
+        Signal("votes", "-", "edge pixels on both edges"),
+        Signal("confidence", "-", "confidence that the candidate is the trace"),
     )
-    columns = (seen.candidates.image, ground, seen.candidates.votes, seen.confidences)
+    columns = (explanation.candidates.image, ground, explanation.candidates.votes, explanation.confidences)
     return Log(signals, np.column_stack(columns))
 
 
@@ -120,23 +120,25 @@ def _ranking(published: FloatArray, own: FloatArray) -> Figure:
     return figure
 
 
-def _panels(seen: Explanation, ground: FloatArray) -> Figure:
-    """(a) image, (b) edges, (c) candidates, (d) the trace."""
+def _panels(explanation: Explanation, ground: FloatArray) -> Figure:
+    """Draw (a) image, (b) edges, (c) candidates, (d) trace."""
     figure = Figure(figsize=(9.6, 7.6), layout="constrained")
     axes = figure.subplots(2, 2).ravel()
     titles = ("(a) original scene", "(b) Canny's edges", "(c) candidates", "(d) trace")
-    for ax, title, picture in zip(axes, titles, (seen.image, seen.edges, seen.image, seen.image), strict=True):
+    for ax, title, picture in zip(
+        axes, titles, (explanation.image, explanation.edges, explanation.image, explanation.image), strict=True
+    ):
         ax.imshow(picture, cmap="gray", vmin=0, vmax=255, interpolation="antialiased")
         ax.set(title=title, xticks=[], yticks=[], xlim=(0, picture.shape[1] - 1), ylim=(picture.shape[0] - 1, 0))
-    for k, (line, certain) in enumerate(zip(seen.candidates.image, seen.confidences, strict=True)):
+    for k, (line, certain) in enumerate(zip(explanation.candidates.image, explanation.confidences, strict=True)):
         _line(axes[2], line, ESTIMATED, 1.0)
-        place = _at_row(line, 20.0 + 42.0 * k)
-        axes[2].text(*place, f"{100.0 * certain:.0f} %", color="white", fontsize=8, clip_on=True)
-    if seen.best is not None:
-        for edge in seen.candidates.edges[seen.best]:
+        position = _at_row(line, 20.0 + 42.0 * k)
+        axes[2].text(*position, f"{100.0 * certain:.0f} %", color="white", fontsize=8, clip_on=True)
+    if explanation.best is not None:
+        for edge in explanation.candidates.edges[explanation.best]:
             _line(axes[3], edge, TRUE, 1.0)
-        _line(axes[3], seen.candidates.image[seen.best], ESTIMATED, 2.5)
-        d, theta, _ = ground[seen.best].tolist()
+        _line(axes[3], explanation.candidates.image[explanation.best], ESTIMATED, 2.5)
+        d, theta, _ = ground[explanation.best].tolist()
         text = f"$d_t$ = {d:.3f} m, $\\theta_t$ = {math.degrees(theta):.1f}°"
         axes[3].text(12.0, 30.0, text, color="white", fontsize=11)
     return figure
@@ -148,6 +150,6 @@ def _line(ax: Axes, line: FloatArray, colour: str, width: float) -> None:
 
 
 def _at_row(line: FloatArray, v: float) -> tuple[float, float]:
-    """Where a line that runs up the image crosses a row [px]."""
+    """Point where a line crosses an image row [px]."""
     rho, phi = float(line[0]), float(line[1])
     return (rho - v * math.sin(phi)) / math.cos(phi), v

@@ -1,9 +1,9 @@
-"""Fig. 8 of Reina 2008: the slip angle of a rover that is driven straight on and comes to a sandy slope of 5 degrees.
+"""Fig. 8 of Reina 2008: slip angle of a rover that drives straight onto a sandy slope of 5 degrees.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
-and planetary rovers", ICRA 2008. In the paper the rover goes without lateral drift for 60 s, and then drifts; 7 m in
-all. Here the ground is level at first, and its side slope begins so that this is so. Terramechanics makes the drift,
-the wheels of the same run make the trace, and the camera sees that.
+and planetary rovers", ICRA 2008. In the paper the rover travels 7 m: 60 s without lateral drift, then with drift. Here
+the ground is level for the first 60 s, and then becomes a side slope. The drift follows from terramechanics; the wheels
+of the same run make the trace in the camera images.
 """
 
 from __future__ import annotations
@@ -37,57 +37,64 @@ from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
 _SPEED: Final = 0.08  # (section III) [m/s]
-_LENGTH: Final = 7.0  # travel in all (section III) [m]
+_LENGTH: Final = 7.0  # total distance (section III) [m]
 _CALM: Final = 60.0  # before the sideslip begins (section III) [s]
 _SLOPE: Final = math.tan(math.radians(5.0))  # (section III)
-_EASING: Final = 0.8  # way over which the ground goes from level to slope, a little over the wheelbase; assumed [m]
+_EASING: Final = 0.8  # length of the transition from level ground to slope, a little over the wheelbase; assumed [m]
 _RATE: Final = 5.0  # of the camera (section III) [Hz]
-_LEAD: Final = 9.0  # before the first image, on level sand: the trace fills the view [s]
+_LEAD: Final = 9.0  # driven before the first image, on level sand, until the trace fills the view [s]
 _SPACING: Final = 0.1  # of the height map [m]
 _SEED: Final = 1
 _SIGNALS: Final = (
-    Signal("time", "s", "since the first image"),
-    Signal("slip_angle_true", "rad", "of the body, + left"),
-    Signal("slip_angle_ftrace", "rad", "by FTrace and eq. 2; nothing: no trace seen"),
-    Signal("slip_angle_laser", "rad", "by laser tracker and compass, eqs 5 and 6, half its span ago"),
-    Signal("x", "m", "of R's origin in W"),
-    Signal("y", "m", "of R's origin in W"),
+    Signal("time", "s", "time since the first image"),
+    Signal("slip_angle_true", "rad", "true slip angle of the body, + left"),
+    Signal("slip_angle_ftrace", "rad", "slip angle by FTrace and eq. 2; NaN: no trace detected"),
+    Signal(
+        "slip_angle_laser", "rad", "slip angle by laser tracker and compass, eqs 5 and 6, delayed by half their span"
+    ),
+    Signal("x", "m", "x of R's origin in W"),
+    Signal("y", "m", "y of R's origin in W"),
 )
 
 
 def fig8(quick: bool, progress: Progress) -> Reproduction:
-    """Slip angle by FTrace beside the laser tracker's and the true one."""
+    """Slip angle by FTrace and by the laser tracker, and the true one."""
     calm, length = (12.0, 2.4) if quick else (_CALM, _LENGTH)
     rows = np.array(list(_driven(calm, length, progress)))
-    time, true, seen, laser = rows[:, :4].T
+    time, true, ftrace, laser = rows[:, :4].T
     return Reproduction(
         name="reina2008-fig8",
-        title="Fig. 8: slip angle on a sandy slope of 5 degrees, driven straight on",
+        title="Fig. 8: slip angle on a sandy slope of 5 degrees, driven straight ahead",
         source="Reina et al., ICRA 2008",
         comparisons=[
-            Comparison(quantity="RMS against laser and compass", published="< 2", own=_rms(seen, laser), unit="deg"),
-            Comparison(quantity="RMS against the truth", published="1.4", own=_rms(seen, true), unit="deg"),
+            Comparison(quantity="RMS against laser and compass", published="< 2", own=_rms(ftrace, laser), unit="deg"),
+            Comparison(quantity="RMS against the truth", published="1.4", own=_rms(ftrace, true), unit="deg"),
             Comparison(
-                quantity="images with an estimate", published="> 98", own=100.0 * np.isfinite(seen).mean(), unit="%"
+                quantity="images with an estimate", published="> 98", own=100.0 * np.isfinite(ftrace).mean(), unit="%"
             ),
             Comparison(quantity="largest true slip angle", published="", own=_largest(true), unit="deg"),
             Comparison(
                 quantity="true slip in the first stage, RMS", published="0", own=_calm(time, true, calm), unit="deg"
             ),
-            Comparison(quantity="drift beside the line ahead", published="", own=abs(float(rows[-1, 5])), unit="m"),
+            Comparison(
+                quantity="lateral drift from the initial heading line",
+                published="",
+                own=abs(float(rows[-1, 5])),
+                unit="m",
+            ),
         ],
         notes=(
-            "The paper does not say why there is no drift in the first 60 s; here the ground is level until then.",
-            "Laser and compass are read over the last 4 s, so that their slip angle is that of 2 s before; it is "
-            "compared with FTrace's of the same image, which is a mean over some 7 s of way.",
+            "The paper does not explain why there is no drift in the first 60 s; here the ground is level until then.",
+            "Laser and compass are evaluated over the last 4 s, so their slip angle is delayed by 2 s. It is compared "
+            "with FTrace's estimate from the same image, which is a mean over some 7 s of travel.",
         ),
         data=Log(_SIGNALS, rows),
-        draw=lambda: _drawn(rows, calm),
+        draw=lambda: _draw(rows, calm),
     )
 
 
 def _driven(calm: float, length: float, progress: Progress) -> Iterator[list[float]]:
-    """A row of the table for every image."""
+    """Drive, estimate, and yield a row of the table for every image."""
     rover = load_rover("el_dorado_ii")
     terrain = _ground(calm * _SPEED + 0.5 * rover.wheelbase, length)
     truths = _truths(RoverPlant(rover, terrain, load_soil("beach_sand")), rover, length)
@@ -111,7 +118,7 @@ def _value(estimate: SlipAngle) -> float:
 
 
 def _ground(begin: float, length: float) -> Terrain:
-    """Level sand that becomes a slope, up to the left, from ``begin`` [m] after the first image's place on."""
+    """Level sand that becomes a side slope, rising to the left, ``begin`` [m] after the position of the first image."""
     x = np.arange(-2.0, length + 3.0, _SPACING)
     y = np.arange(-3.0, 3.0, _SPACING)
     part = np.clip((x - begin) / _EASING, 0.0, 1.0)
@@ -122,7 +129,7 @@ def _ground(begin: float, length: float) -> Terrain:
 
 
 def _truths(plant: RoverPlant, rover: Rover, length: float) -> list[RoverTruth]:
-    """The run at every image, wheels straight at a constant speed, until the way is done or time for it is over."""
+    """Truth at every image, wheels straight at a constant speed, until the distance is covered or time is up."""
     period, n = Schedule.at_rate(_RATE).period, len(rover.wheels)
     command = RoverCommand(wheel_speed=(_SPEED / rover.radius,) * n, steer=(0.0,) * n)
     state = plant.initial_state(Pose2(-_LEAD * _SPEED, 0.0, 0.0), _SPEED)
@@ -146,13 +153,13 @@ def _calm(time: FloatArray, slip: FloatArray, until: float) -> float:
     return math.degrees(float(np.sqrt(np.mean(slip[time < until - 5.0] ** 2))))
 
 
-def _drawn(rows: FloatArray, calm: float) -> Figure:
+def _draw(rows: FloatArray, calm: float) -> Figure:
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     ax = figure.subplots()
-    time, (true, seen, laser) = rows[:, 0], np.degrees(rows[:, 1:4].T)
+    time, (true, ftrace, laser) = rows[:, 0], np.degrees(rows[:, 1:4].T)
     ax.axvline(calm, color=GREY, linewidth=0.8, linestyle=":")
     ax.plot(time, laser, color=GREY, linewidth=1.0, label="laser and compass, eqs 5 and 6")
-    ax.plot(time, seen, ".", color=ESTIMATED, markersize=3.0, label="FTrace, eq. 2")
+    ax.plot(time, ftrace, ".", color=ESTIMATED, markersize=3.0, label="FTrace, eq. 2")
     ax.plot(time, true, color=TRUE, label="true")
     ax.set(xlabel="time [s]", ylabel="slip angle [°], + left")
     ax.legend(loc="best")

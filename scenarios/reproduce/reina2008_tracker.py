@@ -1,4 +1,4 @@
-"""What FTrace left open (Reina 2008, sections IV and V), judged like its Table III: ``ftrace_plus`` on all of Fig. 2.
+"""Rates of ``ftrace_plus`` as in Table III of Reina 2008, on all kinds of sand of Fig. 2.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008.
@@ -21,18 +21,18 @@ from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics
 from sensors.sand.rover_pass import SlipProfile
 
 _SEEDS: Final = (1, 2, 3, 4, 5)  # the tracker was tuned on seeds from 100 on
-_LENGTH: Final = 400  # images of a sequence, 80 s: some 20 s of it until the slip sets in
-_SLOPES: Final[Mapping[SlipProfile, float]] = {"slow": SLOPE, "fast": 0.0}  # the ground's, by how the slip changes
+_LENGTH: Final = 400  # images per sequence: 80 s, of which the first 20 s are without slip
+_SLOPES: Final[Mapping[SlipProfile, float]] = {"slow": SLOPE, "fast": 0.0}  # slope of the ground by slip profile [-]
 SETS: Final = tuple(
     TraceSet(name=f"{kind}, {profile}", kinds=(kind,), seeds=_SEEDS, frames=_LENGTH, profile=profile, slope=slope)
     for profile, slope in _SLOPES.items()
     for kind in (*PLAIN, *HARD)
 )
 _NOTE: Final = (
-    "The paper's Table III is of FTrace on its own images, over all of Fig. 2 but with shares that it does not tell; "
-    "its slip is slow. Slow: as in Fig. 8, on a slope of 5 degrees; fast: varies by 1.6 degrees within 5 s. A quarter "
-    "of the way is crust that takes no imprint. Two seconds late: the same tracker's estimate of what was two seconds "
-    "before the newest image."
+    "The paper's Table III is of FTrace on its own images of all kinds of Fig. 2, in unpublished proportions and with "
+    "slowly varying slip. Slow: as in Fig. 8, on a slope of 5 degrees. Fast: varies by 1.6 degrees within 5 s. A "
+    "quarter of the path is a crust without an imprint. Two seconds late: the tracker's estimate of the slip two "
+    "seconds before the newest image."
 )
 
 
@@ -44,10 +44,10 @@ def table3_plus(quick: bool, progress: Progress) -> Reproduction:
         note=_NOTE,
         estimator="ftrace_plus",
         sets=SETS,
-        compared=_comparisons,
-        drawn=_drawn,
+        compare=_comparisons,
+        draw=_draw,
     )
-    return table.made(quick, progress)
+    return table.reproduce(quick, progress)
 
 
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
@@ -63,18 +63,18 @@ def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
         (f"errors within {SIGMAS} standard deviations", "", got.within, "%"),
     )
     return [
-        Comparison(quantity=f"{one.name}: {what}", published=published, own=own, unit=unit)
-        for what, published, own, unit in rows
+        Comparison(quantity=f"{one.name}: {quantity}", published=published, own=own, unit=unit)
+        for quantity, published, own, unit in rows
     ]
 
 
-def _drawn(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
-    """Slip errors of every kind of sand, at once and two seconds late, beside the paper's."""
+def _draw(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:
+    """Draw slip errors for every kind of sand, immediate and two seconds late, and the published ones."""
     figure = Figure(figsize=(9.6, 3.2), layout="constrained")
     for ax, profile in zip(figure.subplots(1, len(_SLOPES), sharey=True), _SLOPES, strict=True):
         shown = [(one, got) for one, got in results if one.profile == profile]
         x = np.arange(len(shown))
-        ax.bar(x - 0.2, [math.degrees(got.rms) for _, got in shown], 0.38, color=ESTIMATED, label="at once")
+        ax.bar(x - 0.2, [math.degrees(got.rms) for _, got in shown], 0.38, color=ESTIMATED, label="immediate")
         ax.bar(x + 0.2, [math.degrees(got.lagged_rms) for _, got in shown], 0.38, color=TRUE, label="two seconds late")
         if profile == "slow":
             ax.axhspan(1.4, 2.0, color=GREY, alpha=0.3, label="published")

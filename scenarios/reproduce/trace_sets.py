@@ -1,4 +1,4 @@
-"""Sets of image sequences that slip estimators are judged on, and their judgement in several processes."""
+"""Sets of image sequences, and the evaluation of slip estimators on them in several processes."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from vehicle.rover.terrain import Terrain
 SOURCE: Final = "Reina et al., ICRA 2008"
 PLAIN: Final = ("uniform", "ripples", "pebbles")  # Fig. 2 a to c
 HARD: Final = ("shadows", "mast_shadows", "foreign")  # Fig. 2 d to f
-SLOPE: Final = math.tan(math.radians(5.0))  # of set B's ground, across the way (Reina 2008, section III)
-_BARE: Final = 0.25  # share of the way whose crust takes no imprint: the images without a trace; assumed
-_QUICK: Final = 120  # images of a sequence, of which there is one for each kind
+SLOPE: Final = math.tan(math.radians(5.0))  # of set B's ground, across the path (Reina 2008, section III)
+_BARE: Final = 0.25  # share of the path with a crust that takes no imprint: the images without a trace; assumed
+_QUICK: Final = 120  # images per sequence with --quick, one sequence per kind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceSet:
-    """Sequences that are counted together."""
+    """Sequences that are evaluated together."""
 
     name: str
     kinds: Sequence[str]
@@ -50,115 +50,122 @@ class TraceSet:
 
     @property
     def size(self) -> int:
-        """Images in all."""
+        """Total number of images."""
         return len(self.kinds) * len(self.seeds) * self.frames
 
     def shortened(self) -> TraceSet:
-        """For a first look."""
+        """Shorter set for ``--quick``."""
         return dataclasses.replace(self, seeds=self.seeds[:1], frames=_QUICK)
 
 
 class Crossing(NamedTuple):
     """One sequence of one of the sets."""
 
-    trace_set: int  # its number
+    trace_set: int  # number of the set
     kind: str
     seed: int
 
 
 _SIGNALS: Final = (
-    Signal("set", "-", "its number, in the order of the table"),
-    Signal("kind", "-", "of sand: 0 uniform, 1 ripples, 2 pebbles, 3 shadows, 4 mast_shadows, 5 foreign"),
-    Signal("seed", "-", "of the sequence"),
-    Signal("frame", "-", "in the sequence"),
-    Signal("present", "-", "1: with a trace, 0: without, nothing: it begins or ends"),
+    Signal("set", "-", "number of the set, in the order of the table"),
+    Signal("kind", "-", "kind of sand: 0 uniform, 1 ripples, 2 pebbles, 3 shadows, 4 mast_shadows, 5 foreign"),
+    Signal("seed", "-", "seed of the sequence"),
+    Signal("frame", "-", "number in the sequence"),
+    Signal("present", "-", "1: with a trace, 0: without, NaN: it begins or ends"),
     Signal("detected", "-", "1: a trace was reported"),
-    Signal("misplaced", "-", "1: the reported line lies off the rut"),
-    Signal("error", "rad", "estimated less true slip angle"),
-    Signal("sigmas", "-", "the same over the stated standard deviation"),
-    Signal("lagged_error", "rad", "of the later estimate of an earlier moment, less the true slip angle then"),
+    Signal("misplaced", "-", "1: the reported line is off the rut"),
+    Signal("error", "rad", "estimated minus true slip angle"),
+    Signal("sigmas", "-", "error over the stated standard deviation"),
+    Signal("lagged_error", "rad", "later estimate of an earlier slip angle, minus the true slip angle at that time"),
 )
 _NOTES: Final = (
-    "An image is with a trace if the wheel's own imprint covers 80 % or more of the visible length behind the wheel, "
-    "without if 10 % or less; between, it counts for nothing.",
-    "False positives in percent of the images without, false negatives and misidentified in percent of those with a "
-    "trace. Misidentified: the line is on average more than half a wheel's width off the middle of the rut.",
+    "An image is with a trace if the wheel's own imprint covers at least 80 % of the visible length behind the wheel, "
+    "and without if at most 10 %. Other images are not counted.",
+    "False positives are in percent of the images without a trace; false negatives and misidentified traces in percent "
+    "of those with one. Misidentified: the mean distance of the line from the middle of the rut exceeds half a "
+    "wheel's width.",
 )
 
 Judged = Mapping[Crossing, Sequence[Judgement]]
 
 
 def _crossings(sets: Sequence[TraceSet]) -> list[Crossing]:
-    """All sequences of the sets, in their order."""
+    """All sequences of the sets in order."""
     return [Crossing(k, kind, seed) for k, one in enumerate(sets) for kind in one.kinds for seed in one.seeds]
 
 
 def _all_judged(sets: Sequence[TraceSet], estimator: str, progress: Progress) -> Judged:
-    """What a slip estimator makes of every sequence, in several processes if there are several cores.
+    """Evaluate a slip estimator on every sequence, in several processes if there are several cores.
 
-    An interrupt ends it early and keeps the sequences that are finished, if there are any.
+    After an interrupt only the finished sequences are returned.
 
     Raises:
-        KeyboardInterrupt: if none is finished.
-        ValueError: one line, if there is no such estimator.
+        KeyboardInterrupt: if no sequence is finished.
+        ValueError: one line, if the estimator is unknown.
     """
     resolve("slip_estimator", estimator, SLIP_ESTIMATOR)
     wanted = _crossings(sets)
     done, total = 0, sum(one.size for one in sets)
-    found: dict[Crossing, list[Judgement]] = {}
+    results: dict[Crossing, list[Judgement]] = {}
     jobs = min(default_jobs(), len(wanted))
     progress(0, total, f"{len(wanted)} sequences, {jobs} at a time")
     work = partial(_judged, tuple(sets), estimator)
     try:
         for one, judgements in as_finished(work, wanted, jobs=jobs):
-            found[one] = judgements
+            results[one] = judgements
             done += len(judgements)
             progress(done, total, f"set {sets[one.trace_set].name}, {one.kind}, seed {one.seed}")
     except KeyboardInterrupt:
-        if not found:
+        if not results:
             raise
-    return {one: found[one] for one in wanted if one in found}
+    return {one: results[one] for one in wanted if one in results}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """What is made of sets, and how it is shown."""
+    """Definition of a reproduced table: its sets, and functions to compare and draw them."""
 
     name: str
     title: str
-    note: str  # what the sets are
+    note: str  # description of the sets
     estimator: str
     sets: Sequence[TraceSet]
-    compared: Callable[[TraceSet, TraceStatistics], list[Comparison]]
-    drawn: Callable[[Sequence[tuple[TraceSet, TraceStatistics]]], Figure]
+    compare: Callable[[TraceSet, TraceStatistics], list[Comparison]]
+    draw: Callable[[Sequence[tuple[TraceSet, TraceStatistics]]], Figure]
 
-    def made(self, quick: bool, progress: Progress) -> Reproduction:
-        """The reproduction; of an interrupted one, of the sequences that are finished."""
+    def reproduce(self, quick: bool, progress: Progress) -> Reproduction:
+        """Evaluate the sets; after an interrupt, only the finished sequences."""
         sets = [one.shortened() if quick else one for one in self.sets]
-        got = _all_judged(sets, self.estimator, progress)
-        results = [(one, _statistics(k, got)) for k, one in enumerate(sets)]
-        missing = _unfinished(sets, got)
+        judged_sets = _all_judged(sets, self.estimator, progress)
+        results = [(one, _statistics(k, judged_sets)) for k, one in enumerate(sets)]
+        missing = _unfinished(sets, judged_sets)
         return Reproduction(
             name=self.name,
             title=self.title,
             source=SOURCE,
-            comparisons=[line for one, numbers in results for line in self.compared(one, numbers)],
+            comparisons=[line for one, numbers in results for line in self.compare(one, numbers)],
             notes=(*_NOTES, self.note, *missing),
             interrupted=bool(missing),
-            data=Log(_SIGNALS, np.array([row for one, judgements in got.items() for row in _rows(one, judgements)])),
-            draw=lambda: self.drawn(results),
+            data=Log(
+                _SIGNALS, np.array([row for one, judgements in judged_sets.items() for row in _rows(one, judgements)])
+            ),
+            draw=lambda: self.draw(results),
         )
 
 
-def _unfinished(sets: Sequence[TraceSet], got: Judged) -> tuple[str, ...]:
-    """A note if an interrupt has left some out."""
+def _unfinished(sets: Sequence[TraceSet], judged_sets: Judged) -> tuple[str, ...]:
+    """Note on missing sequences after an interrupt."""
     of = len(_crossings(sets))
-    return () if len(got) == of else (f"Interrupted: {len(got)} of {of} sequences are finished, and only they count.",)
+    return (
+        ()
+        if len(judged_sets) == of
+        else (f"Interrupted: {len(judged_sets)} of {of} sequences are finished; the others are missing here.",)
+    )
 
 
-def _statistics(number: int, got: Judged) -> TraceStatistics:
-    """Rates and errors over one of the sets."""
-    return statistics(each for one, judgements in got.items() if one.trace_set == number for each in judgements)
+def _statistics(number: int, judged_sets: Judged) -> TraceStatistics:
+    """Rates and errors of one set."""
+    return statistics(each for one, judgements in judged_sets.items() if one.trace_set == number for each in judgements)
 
 
 def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float]]:
@@ -168,7 +175,7 @@ def _rows(one: Crossing, judgements: Sequence[Judgement]) -> Iterator[list[float
 
 
 def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Judgement]:
-    """The estimator on one sequence."""
+    """Evaluate the estimator on one sequence."""
     of = sets[one.trace_set]
     rover = load_rover("el_dorado_ii")
     rig = nominal_rig(rover)

@@ -1,17 +1,17 @@
-"""How good a slip estimator is that watches a wheel's trace: the rates of Reina 2008, Table III, and errors of slip.
+"""Quality of a slip estimator that watches a wheel's trace: the rates of Reina 2008, Table III, and slip errors.
 
-Every image falls into one of three kinds by what is really in it. It is *with a trace* if the wheel's own imprint
-covers at least ``WITH`` of the ground in view behind the wheel, *without* if at most ``WITHOUT``. Between them a trace
-begins or ends: such images count for nothing, as nobody can say what the right answer is.
+Every image belongs to one of three kinds, by its true content. It is *with a trace* if the wheel's own imprint covers
+at least ``WITH`` of the visible ground behind the wheel, *without* if at most ``WITHOUT``. Between them a trace begins
+or ends; such images are not counted, as there is no single right answer.
 
-- False positive: an image without a trace, and an estimate. In percent of the images without.
-- False negative: an image with a trace, and no estimate. In percent of the images with.
-- Misidentification: an image with a trace and an estimate whose line lies elsewhere: over the trace in view it is on
-  average farther than half a wheel's width from the middle of the rut, so that most of it is off the rut. In percent
-  of the images with. (Judging the angle instead would call good lines wrong wherever the trace is curved.)
+- False positive: an image without a trace, but an estimate. In percent of the images without.
+- False negative: an image with a trace, but no estimate. In percent of the images with.
+- Misidentification: an image with a trace, and an estimate whose mean distance from the middle of the visible rut
+  exceeds half a wheel's width, so that most of the line is off the rut. In percent of the images with. (A criterion on
+  the angle would reject good lines wherever the trace is curved.)
 
-Errors of the slip angle are taken against that of the body at the very moment, over the images with a trace where it
-was identified; ``detected_rms`` has the misidentified ones in it, too.
+Errors of the slip angle are relative to the body's slip angle at the time of the image, over the images with an
+identified trace; ``detected_rms`` also includes the misidentified ones.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from sensors.sand.trace import TraceTruth
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray, wrap
 
-WITH: Final = 0.8  # share of the visible length from which there is a trace to be seen
-WITHOUT: Final = 0.1  # share up to which there is none
-SIGMAS: Final = 2.5  # within which 95 % of the errors shall be (98.8 % of a Gaussian's are)
-_LEAST_STD: Final = 1e-9  # below which a standard deviation says: exact [rad]
+WITH: Final = 0.8  # smallest share of the visible length of an image with a trace
+WITHOUT: Final = 0.1  # largest share of an image without
+SIGMAS: Final = 2.5  # bound for 95 % of the errors, in standard deviations (98.8 % of Gaussian errors are within)
+_LEAST_STD: Final = 1e-9  # smaller standard deviations mean exact [rad]
 
 
 class Judgement(NamedTuple):
-    """One estimate beside the truth; errors are NaN where there is nothing to compare."""
+    """Comparison of one estimate with the truth; errors are NaN where there is nothing to compare."""
 
-    present: bool | None  # whether there is a trace; None: one that begins or ends
+    present: bool | None  # True: with a trace; None: it begins or ends
     detected: bool
-    misplaced: bool  # the estimate's line lies elsewhere than the trace
+    misplaced: bool  # True if the line of the estimate is off the trace
     error: float  # of the slip angle [rad]
-    sigmas: float  # the same over the stated standard deviation [-]
-    lagged_error: float  # of the later, better estimate of an earlier moment [rad]
+    sigmas: float  # error over the stated standard deviation [-]
+    lagged_error: float  # of the later, better estimate of an earlier slip angle [rad]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceStatistics:
-    """Rates in percent and errors of the slip angle, NaN where there was nothing to judge."""
+    """Rates in percent and errors of the slip angle; NaN where there is no image to count."""
 
     frames: int
     without: int  # images without a trace
@@ -65,13 +65,12 @@ class TraceStatistics:
 def judged(
     estimates: Sequence[SlipAngle], truths: Sequence[TraceTruth], rig: TraceRig, steer: Sequence[float] | None = None
 ) -> list[Judgement]:
-    """Every estimate of a sequence beside the truth of the same image.
+    """Compare every estimate of a sequence with the truth at the same image.
 
-    ``steer`` is, at every image, the angle of the watched wheel that its slip angle is stated against, + left [rad];
-    None: always straight.
+    ``steer`` is the steer angle of the watched wheel at every image, + left [rad]; None: always straight.
 
     Raises:
-        ValueError: if they do not belong together.
+        ValueError: if numbers or ticks differ.
     """
     steer = [0.0] * len(truths) if steer is None else steer
     if [estimate.tick for estimate in estimates] != [truth.tick for truth in truths] or len(steer) != len(truths):
@@ -84,33 +83,32 @@ def judged(
 
 
 def statistics(judgements: Iterable[Judgement]) -> TraceStatistics:
-    """Rates and errors over all the judgements, of one sequence or of many."""
+    """Rates and errors over judgements of one or several sequences."""
     table = list(judgements)
     absent = [one for one in table if one.present is False]
     present = [one for one in table if one.present]
-    seen = [one for one in present if one.detected]
-    right = [one for one in seen if not one.misplaced]
-    errors = np.array([one.error for one in right])
+    detected = [one for one in present if one.detected]
+    identified = [one for one in detected if not one.misplaced]
+    errors = np.array([one.error for one in identified])
     return TraceStatistics(
         frames=len(table),
         without=len(absent),
         present=len(present),
         false_positives=_percent(sum(one.detected for one in absent), len(absent)),
-        false_negatives=_percent(len(present) - len(seen), len(present)),
-        misidentified=_percent(len(seen) - len(right), len(present)),
+        false_negatives=_percent(len(present) - len(detected), len(present)),
+        misidentified=_percent(len(detected) - len(identified), len(present)),
         rms=_rms(errors),
-        detected_rms=_rms(np.array([one.error for one in seen])),
+        detected_rms=_rms(np.array([one.error for one in detected])),
         bias=float(errors.mean()) if len(errors) else math.nan,
-        lagged_rms=_rms(np.array([one.lagged_error for one in right])),
-        within=_percent(sum(abs(one.sigmas) <= SIGMAS for one in right), len(right)),
+        lagged_rms=_rms(np.array([one.lagged_error for one in identified])),
+        within=_percent(sum(abs(one.sigmas) <= SIGMAS for one in identified), len(identified)),
     )
 
 
 def line_distance(slip: float, offset: float, truth: TraceTruth, rig: TraceRig) -> float:
-    """Mean distance [m], across the rover, of a straight line from the middle of the rut where there is one.
+    """Mean lateral distance [m] of a straight line from the middle of the visible rut.
 
-    The line passes ``offset`` to the left of the wheel, and the wheel came along it from the direction ``slip`` [rad]
-    in R.
+    The line passes ``offset`` [m] to the left of the wheel, and its direction in R is ``slip`` [rad].
     """
     x, y = truth.line[truth.there].T
     line = rig.wheel[1] + offset + math.tan(slip) * (x - rig.wheel[0])
@@ -124,13 +122,13 @@ def _judgement(
     present = True if share >= WITH else False if share <= WITHOUT else None
     if estimate.health is Health.LOST:
         return Judgement(present, False, False, math.nan, math.nan, math.nan)
-    off = line_distance(estimate.wheel_slip + steer, estimate.trace_offset, truth, rig)
+    distance = line_distance(estimate.wheel_slip + steer, estimate.trace_offset, truth, rig)
     error = wrap(estimate.value - truth.slip_angle)
     earlier = None if estimate.lagged_tick is None else slips.get(estimate.lagged_tick)
     return Judgement(
         present=present,
         detected=True,
-        misplaced=off > 0.5 * rig.wheel_width,
+        misplaced=distance > 0.5 * rig.wheel_width,
         error=error,
         sigmas=error / max(estimate.std, _LEAST_STD),
         lagged_error=math.nan if earlier is None else wrap(estimate.lagged_value - earlier),

@@ -60,7 +60,7 @@ def test_a_folder_of_pairs_becomes_a_rig_that_can_be_rectified(photos: Path, tmp
     np.testing.assert_allclose(rig.X_SC[:3, 2], [-1.0, 0.0, 0.0], atol=1e-12)  # looks to the rear
     assert Rectifier(rig).calibration.baseline == rig.baseline
     assert (tmp_path / "my_rig_coverage.png").stat().st_size > 10_000
-    for told in ("left/00.png", "right/15.png", "fx [px]", "angles known to", str(out.name)):
+    for told in ("left/00.png", "right/15.png", "fx [px]", "angles +-", str(out.name)):
         assert told in result.output.replace("\n", "")
     assert "assumed" not in result.output
 

@@ -12,6 +12,7 @@ import typer
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
 from scenarios.commands.reproduce import reproduce
 from scenarios.progress import Progress
@@ -23,7 +24,6 @@ from scenarios.reproduce.reina2008_sample import PUBLISHED
 from scenarios.reproduce.trace_sets import Table, TraceSet
 from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
-from sensors.sand.trace_rig import TraceRig
 
 APP = typer.Typer(pretty_exceptions_enable=False)
 APP.command()(reproduce)
@@ -55,33 +55,35 @@ def test_sets_have_the_papers_numbers_of_images() -> None:
 def test_trace_sets_are_counted_apart_and_every_image_is_kept() -> None:
     """Two short ones with a tracker of one's own that sees no trace anywhere: nothing false, everything missed."""
     short = TraceSet(name="short", kinds=("uniform",), seeds=(101,), frames=4, profile="none", slope=0.0)
-    told: list[tuple[int, int, str]] = []
+    steps: list[tuple[float, float, str]] = []
     table = Table(
         name="table",
         title="",
         note="made up",
         estimator=f"{__name__}:Blind",
         sets=(short, replace(short, name="longer", frames=6)),
-        compared=lambda one, got: [Comparison(quantity=one.name, published="", own=got.frames, unit="-")],
-        drawn=lambda results: Figure(),
+        compare=lambda one, got: [Comparison(quantity=one.name, published="", own=got.frames, unit="-")],
+        draw=lambda results: Figure(),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trace_sets, "default_jobs", lambda: 1)
-        made = table.made(False, lambda *step: told.append(step))
+        made = table.reproduce(False, lambda *step: steps.append(step))
     assert [one.own for one in made.comparisons] == [4, 6]
     assert not made.interrupted
     assert "made up" in made.notes
     assert made.data["frame"].tolist() == [*range(4), *range(6)]
     assert made.data["set"].tolist() == [0] * 4 + [1] * 6
     assert not made.data["detected"].any()
-    assert told[-1][:2] == (10, 10)
+    assert steps[-1][:2] == (10, 10)
 
 
 class Blind:
     """Sees nothing."""
 
-    def __init__(self, rig: TraceRig) -> None:
-        self.rig = rig
+    @classmethod
+    def of(cls, context: RoverContext) -> Blind:
+        """Nothing to know."""
+        return cls()
 
     def init(self) -> None:
         """Nothing to remember."""

@@ -38,20 +38,20 @@ def made_up(case: Case, error: Callable[[FloatArray], FloatArray]) -> Drive:
     """A drive of 20 s at 4 m/s with an off-tracking that swings by 3 m, and estimates that are off by ``error``."""
     time = 0.1 * np.arange(200.0)
     true = 3.0 * np.sin(time)
-    aside = np.gradient(error(time))
+    lateral = np.gradient(error(time))
     track = Track(
         off_tracking=true + error(time),
         std=np.full(200, 0.01),
         matches=np.full(200, 300.0),
         inliers=np.full(200, 240.0),
-        aside=aside,
+        lateral=lateral,
     )
     return Drive(
         case=case,
         time=time,
         true=true,
         reference=true,
-        aside=np.zeros(200),
+        lateral=np.zeros(200),
         speed=np.full(200, 4.0),
         tracks=dict.fromkeys(case.odometries, track),
         outcome="completed",
@@ -70,7 +70,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[Case]:
 
     monkeypatch.setattr(drives, "drive", drive)
     monkeypatch.setattr(drives, "default_jobs", lambda: 1)  # workers would not know of it
-    monkeypatch.setattr(drives, "_DRIVEN", {})
+    monkeypatch.setattr(drives, "_DRIVES", {})
     return asked
 
 
@@ -145,7 +145,7 @@ def test_drives_in_several_processes_come_back_in_order(monkeypatch: pytest.Monk
     """Whatever is finished first, and every case once."""
     monkeypatch.setattr(drives, "drive", lambda case, progress: 10 * case.seed)
     monkeypatch.setattr(drives, "default_jobs", lambda: 2)
-    monkeypatch.setattr(drives, "_DRIVEN", {})
+    monkeypatch.setattr(drives, "_DRIVES", {})
     cases = [Case(scenario="constant-slip", seed=seed) for seed in (3, 1, 2, 1)]
     steps: list[tuple[int, int]] = []
     assert drives.driven(cases, lambda done, total, note="": steps.append((done, total))) == [30, 10, 20, 10]
@@ -166,7 +166,7 @@ def test_views_show_the_matches_on_both_images(tmp_path: Path, monkeypatch: pyte
     assert np.mean(matches.current[:, 0] - matches.current[:, 2] == 8.0) > 0.99
     assert np.mean(np.all(matches.current == matches.previous, axis=1)) > 0.99
     view = desaxe2018_views.View(facing="rear", left=frames[0].left, right=frames[0].right, matches=matches)
-    monkeypatch.setattr(desaxe2018_views, "_seen", lambda facing, until, progress: view)
+    monkeypatch.setattr(desaxe2018_views, "_view", lambda facing, until, progress: view)
     made = make("desaxe2018-fig13")
     write_reproduction(made, tmp_path / "made", {})
     data = read_log(tmp_path / "made" / "desaxe2018-fig13.parquet")
@@ -181,7 +181,7 @@ def test_drift_is_explained_by_the_motion_it_adds_up_from() -> None:
     burst[50:60] = 0.008
     summed = np.cumsum(burst) - np.cumsum(np.concatenate([np.zeros(35), burst[:-35]]))
     drive = made_up(case, lambda time: summed)
-    track = dataclasses.replace(drive.tracks["viso2"], aside=burst)
+    track = dataclasses.replace(drive.tracks["viso2"], lateral=burst)
     drive = dataclasses.replace(drive, tracks={"viso2": track, "keyframe": track})
     assert desaxe2018_drift._explained(drive) > 0.99  # 14 m are 35 images; rounding of the way remains
     assert desaxe2018_outcomes._outcome(Point(), drive, "viso2").largest == pytest.approx(0.08)
