@@ -1,1 +1,1 @@
-"""Estimates in, commands out: pure init/step."""
+"""Controllers: estimates in, commands out, each a pure ``init`` and ``step``."""

@@ -1,4 +1,4 @@
-"""A driver who puts one point of his tractor, a front corner or the front's middle, on a path."""
+"""Tractor drivers: their interface, and the preview driver, who guides one point of the tractor along a path."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _COMFORTABLE: Final = 0.7  # planned braking and speeding up: half of the limit,
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TractorGeometry:
-    """What a driver knows of his tractor: its size, the point he guides, and how its steering answers."""
+    """The driver's data sheet of the tractor: size, guided point and steering actuator."""
 
     wheelbase: float  # [m]
     x_ref: float  # guided point in T [m]
@@ -41,10 +41,10 @@ class TractorGeometry:
 
 
 class DriverCommand(NamedTuple):
-    """What the driver demands of his tractor."""
+    """The driver's demands."""
 
     steer: float  # road-wheel angle [rad]
-    acceleration: float  # above 0 drives the way the gear does, below 0 brakes [m/s2]
+    acceleration: float  # positive: driving in the gear's direction; negative: braking [m/s2]
     gear: float = 1.0  # +1 forward, -1 backward
 
 
@@ -75,16 +75,13 @@ class DriverMemory(NamedTuple):
     tick: int | None  # of the last step; None before the first
     station: float  # guided point along the path [m]
     demand: float  # last steer demand [rad]
-    steer: float  # where his own steering should be by now [rad]
+    steer: float  # predicted steer angle now [rad]
     front_slip: float  # slip angle of the front axle, low-passed [rad]
     speed_integral: float  # [m/s2]
 
 
 class PreviewDriver(Driver[DriverMemory]):
-    """Path-preview driver: exact inverse kinematics of the guided point's direction of travel.
-
-    He looks ahead to where the tractor will be when the steering has answered, and asks there for the direction
-    along the path plus a turn back towards it. Slip of both axles, seen in the tractor's own motion, is made up for.
+    """Path-preview driver: keeps the guided point on a path at a set speed (equations in `preview_law`).
 
     Raises:
         ValueError: if the speed or the gain is not positive.
@@ -106,8 +103,8 @@ class PreviewDriver(Driver[DriverMemory]):
     ) -> None:
         """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m].
 
-        At speed he turns back more gently: the lateral error decays at the rate gain times speed. He slows down in time
-        for turns that would take more than ``max_lateral_acceleration`` [m/s2].
+        The gain falls with speed, which limits the bandwidth. The driver slows down in time for turns that would exceed
+        ``max_lateral_acceleration`` [m/s2].
         """
         if not speed > 0.0:
             raise ValueError(f"speed = {speed} m/s must be positive")
@@ -136,7 +133,7 @@ class PreviewDriver(Driver[DriverMemory]):
 
     @property
     def duration(self) -> float:
-        """How long he means to take for the path [s]."""
+        """Planned duration of the drive along the path [s]."""
         return self._path.length / self._speed if self._profile is None else self._profile.duration
 
     def init(self) -> DriverMemory:
@@ -159,8 +156,8 @@ class PreviewDriver(Driver[DriverMemory]):
         after = DriverMemory(tick, station, demand, steer, front_slip, integral)
         return after, DriverCommand(steer=demand, acceleration=acceleration)
 
-    def led(self, memory: DriverMemory, tick: int, ego: EgoState, demand: float) -> DriverMemory:
-        """Memory when somebody else drives on, steering by ``demand`` [rad]; he starts anew from where that leads."""
+    def following(self, memory: DriverMemory, tick: int, ego: EgoState, demand: float) -> DriverMemory:
+        """Memory while another driver steers with ``demand`` [rad]; the filters and the integral start anew."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
         point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self._tractor.x_ref, self._tractor.y_ref, 0.0)

@@ -1,4 +1,4 @@
-"""A driver who does what was recorded: steer angle and speed, or acceleration, over time, whatever comes of them."""
+"""A driver who repeats a recording: steer angle and speed, or acceleration, over time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vehicle.frames import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriverTrace:
-    """A recorded drive; between its samples all goes on linearly, after the last one nothing changes any more.
+    """A recorded drive, linear between its samples and constant after the last one.
 
     Raises:
         ValueError: if the times do not increase from 0 s on, or lengths differ.
@@ -24,8 +24,8 @@ class DriverTrace:
 
     time: FloatArray  # (n,) [s]
     steer: FloatArray  # (n,) road-wheel angle, + left [rad]
-    speed: FloatArray | None = None  # (n,) [m/s]; None: the acceleration counts
-    acceleration: FloatArray | None = None  # (n,) [m/s2]; beside a speed it is added to what this needs
+    speed: FloatArray | None = None  # (n,) [m/s]; None: the acceleration is used
+    acceleration: FloatArray | None = None  # (n,) [m/s2]; with a speed: feedforward
 
     def __post_init__(self) -> None:
         if len(self.time) < 2 or self.time[0] != 0.0 or not np.all(np.diff(self.time) > 0.0):
@@ -43,26 +43,26 @@ class DriverTrace:
 
 
 class TraceMemory(NamedTuple):
-    """What the driver carries from one step to the next."""
+    """State of the driver between two steps."""
 
     tick: int | None  # of the last step; None before the first
     integral: float  # of the speed control [m/s2]
 
 
 class TraceDriver(Driver[TraceMemory]):
-    """Steers open loop; a recorded speed is held by an acceleration that he chooses himself."""
+    """Steers open loop; a recorded speed is kept by feedback."""
 
     def __init__(self, trace: DriverTrace) -> None:
         self._trace = trace
 
     @property
     def duration(self) -> float:
-        """How long the recorded drive takes [s]."""
+        """Duration of the recorded drive [s]."""
         return self._trace.duration
 
     @property
     def start_speed(self) -> float | None:
-        """Speed at which it starts [m/s]; None if it does not say."""
+        """Speed at the start [m/s]; None if the recording has no speed."""
         return None if self._trace.speed is None else float(self._trace.speed[0])
 
     def init(self) -> TraceMemory:
@@ -83,7 +83,7 @@ class TraceDriver(Driver[TraceMemory]):
         return TraceMemory(tick, integral), DriverCommand(steer=steer, acceleration=acceleration)
 
     def _recorded_acceleration(self, now: float) -> float:
-        """As recorded, or the slope of the recorded speed [m/s2]; nothing after the end."""
+        """Acceleration as recorded, or the slope of the recorded speed [m/s2]; zero after the end."""
         time, speed, acceleration = self._trace.time, self._trace.speed, self._trace.acceleration
         if acceleration is not None:
             return float(np.interp(now, time, acceleration, right=0.0))

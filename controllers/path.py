@@ -20,7 +20,7 @@ _PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess
 
 
 class Segment(NamedTuple):
-    """A stretch of path whose curvature goes linearly from start to end."""
+    """A part of a path whose curvature changes linearly from start to end."""
 
     length: float  # [m]
     start_curvature: float  # + left [1/m]
@@ -53,7 +53,7 @@ def arc(length: float, curvature: float) -> Segment:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A path whose heading is continuous; it goes on straight before its start and after its end.
+    """A path with continuous heading, extended by straight lines before its start and after its end.
 
     Raises:
         ValueError: if there is no segment, one has no length, or one turns by more than 4 pi.
@@ -61,7 +61,9 @@ class Path:
 
     start: Pose2
     segments: tuple[Segment, ...]
-    stations: tuple[float, ...] = field(init=False, repr=False, compare=False)  # where each begins, and the end [m]
+    stations: tuple[float, ...] = field(
+        init=False, repr=False, compare=False
+    )  # of each segment's start, and of the end [m]
     knots: tuple[Pose2, ...] = field(init=False, repr=False, compare=False)  # the poses there
 
     def __post_init__(self) -> None:
@@ -90,7 +92,7 @@ class Path:
         return self.segments[i].advance(self.knots[i], s - self.stations[i])
 
     def curvature(self, s: float) -> float:
-        """Curvature at the arc length s [m], + left [1/m]; where it jumps, the one ahead."""
+        """Curvature at the arc length s [m], + left [1/m]; at a jump, the value ahead."""
         if not 0.0 <= s < self.length:
             return 0.0
         i = bisect.bisect_right(self.stations, s) - 1
@@ -106,7 +108,7 @@ class Path:
             c, sin = math.cos(pose.psi), math.sin(pose.psi)
             along = c * (x - pose.x) + sin * (y - pose.y)
             across = c * (y - pose.y) - sin * (x - pose.x)
-            # Newton on along(s) = 0; beyond half the way to the centre of curvature the slope is held.
+            # Newton on along(s) = 0; the slope is limited beyond half the distance to the centre of curvature.
             step = along / max(1.0 - self.curvature(s) * across, 0.5)
             s += step
             if abs(step) < 1e-10:

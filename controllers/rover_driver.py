@@ -1,8 +1,8 @@
-"""A rover's path following: the direction of travel that the path asks for, from wheels that slip.
+"""Rover drivers: their interface, and path following on wheels that slip.
 
-The rover travels ``drift`` off where its wheels point. ``heading`` turns the whole body against the drift, which every
-rover can. ``crab`` keeps the body along the path and points the wheels against the drift, which needs all wheels
-steered. ``none`` ignores the drift.
+The rover travels at the angle ``drift`` to the direction of its wheels. ``heading`` turns the whole body against the
+drift, which every rover can. ``crab`` keeps the body along the path and points the wheels against the drift, which
+needs steering on all wheels. ``none`` ignores the drift.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ from vehicle.rover.command import RoverCommand
 Compensation = Literal["none", "heading", "crab"]
 
 _STEEPEST: Final = 0.6  # turn towards the path at most [rad]
-_TIGHTEST: Final = 0.6  # radius that a yaw demand may ask for at least: the wheelbase [m]
-_STEER_RATE: Final = 0.5  # of the demands to the wheels [rad/s]
-
+_TIGHTEST: Final = 0.6  # least radius of a yaw demand: the wheelbase [m]
+_STEER_RATE: Final = 0.5  # of the demanded wheel angles [rad/s]
 
 Memory = TypeVar("Memory")
 
@@ -65,7 +64,7 @@ class RoverDriverPart(RoverDriverLike[Memory], Protocol[Memory]):
 
 
 class RoverDriverMemory(NamedTuple):
-    """What is carried from one step to the next."""
+    """State of the driver between two steps."""
 
     tick: int | None
     station: float  # along the path [m]
@@ -76,8 +75,8 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
     """Keeps R's origin on a path at a set speed.
 
     Raises:
-        ValueError: if the speed is not positive or more than the wheels can do, or wheels that are not steered are to
-            crab.
+        ValueError: if the speed is not positive or above that of the wheels, if crab is demanded of wheels that are not
+            steered, or if an option is outside its limits.
     """
 
     options: ClassVar[tuple[Option, ...]] = (
@@ -104,11 +103,13 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
             raise ValueError("slip_compensation = crab needs steered wheels, all of them; use heading")
         fastest = rover.max_wheel_speed * rover.wheel_radius
         if not 0.0 < speed <= fastest:
-            raise ValueError(f"speed = {speed:g} m/s must be positive and within what the wheels do, {fastest:.3g} m/s")
+            raise ValueError(
+                f"speed = {speed:g} m/s must be positive and at most {fastest:.3g} m/s, the limit of the wheels"
+            )
         self._rover, self._path, self._speed = rover, path, speed
-        self._places = rover.places().tolist()
-        fixed = [x for (x, _), most in zip(self._places, rover.max_steer, strict=True) if most <= 0.0]
-        self._fixed_x = sum(fixed) / len(fixed) if fixed else 0.0  # of the wheels that can not turn aside [m]
+        self._wheels = rover.places().tolist()
+        fixed = [x for (x, _), most in zip(self._wheels, rover.max_steer, strict=True) if most <= 0.0]
+        self._fixed_x = sum(fixed) / len(fixed) if fixed else 0.0  # mean position of the wheels without steering [m]
         self._approach, self._heading_gain = approach, heading_gain
         self._heading, self._crab = compensation == "heading", compensation == "crab"
 
@@ -127,16 +128,16 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
 
     def init(self) -> RoverDriverMemory:
         """At the start of the path, wheels straight."""
-        return RoverDriverMemory(tick=None, station=0.0, steer=(0.0,) * len(self._places))
+        return RoverDriverMemory(tick=None, station=0.0, steer=(0.0,) * len(self._wheels))
 
     def step(self, memory: RoverDriverMemory, pose: RoverPose) -> tuple[RoverDriverMemory, RoverCommand]:
         """New memory and command at the pose's tick."""
         station = self._path.project(pose.x, pose.y, memory.station)
         on_path = self._path.pose(station)
         to_path = math.cos(on_path.psi) * (on_path.y - pose.y) - math.sin(on_path.psi) * (on_path.x - pose.x)
-        towards = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / self._approach)))
-        crab = towards - pose.drift if self._crab else 0.0
-        aim = on_path.psi + (0.0 if self._crab else towards) - (pose.drift if self._heading else 0.0)
+        approach = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / self._approach)))
+        crab = approach - pose.drift if self._crab else 0.0
+        aim = on_path.psi + (0.0 if self._crab else approach) - (pose.drift if self._heading else 0.0)
         yaw_rate = self._path.curvature(station) * self._speed + self._heading_gain * wrap(aim - pose.psi)
         fastest = self._speed / _TIGHTEST
         command = self._command(crab, max(-fastest, min(fastest, yaw_rate)))
@@ -145,20 +146,20 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         return RoverDriverMemory(pose.tick, station, command.steer), command
 
     def _command(self, crab: float, yaw_rate: float) -> RoverCommand:
-        """The wheels' turns and angles for going off by ``crab`` [rad] from the heading and turning at a rate [rad/s].
+        """Wheel speeds and angles for travel at the angle ``crab`` [rad] to the heading and a yaw rate [rad/s].
 
-        Steered wheels roll without slip in the rigid motion, and so do others on one line across the rover. Without
-        any steering the rover turns by the difference of its sides' speeds.
+        Steered wheels roll without slip in the rigid motion, and so do unsteered ones on one transverse line. Without
+        any steering the rover turns by the difference between the speeds of its sides.
         """
         r, limit = self._rover, self._rover.max_wheel_speed
         if not r.steered:
             half = 0.5 * r.effective_track * yaw_rate
             sides = (self._speed - half, self._speed + half)
             left, right = (max(-limit, min(limit, side / r.wheel_radius)) for side in sides)
-            speeds = tuple(left if y > 0.0 else right for _, y in self._places)
+            speeds = tuple(left if y > 0.0 else right for _, y in self._wheels)
             return RoverCommand(wheel_speed=speeds, steer=(0.0,) * len(speeds))
         v_x, v_y = self._speed * math.cos(crab), self._speed * math.sin(crab) - yaw_rate * self._fixed_x
-        velocities = [(v_x - yaw_rate * y, v_y + yaw_rate * x) for x, y in self._places]
+        velocities = [(v_x - yaw_rate * y, v_y + yaw_rate * x) for x, y in self._wheels]
         return RoverCommand(
             wheel_speed=tuple(min(limit, math.hypot(*velocity) / r.wheel_radius) for velocity in velocities),
             steer=tuple(
@@ -169,5 +170,5 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
 
 
 def _reachable(last: tuple[float, ...], wanted: tuple[float, ...], reach: float) -> tuple[float, ...]:
-    """The wanted angles as far as they can be reached [rad]."""
+    """The wanted angles, changed by at most ``reach`` from the last ones [rad]."""
     return tuple(old + max(-reach, min(reach, new - old)) for old, new in zip(last, wanted, strict=True))

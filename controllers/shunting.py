@@ -1,7 +1,7 @@
-"""A driver who stops on his way, waits, goes back some of it and goes on.
+"""A driver who stops along the path, waits, reverses some distance and drives on.
 
-Forwards he drives as ``PreviewDriver`` does. Backwards he takes his last trailer's axle along the way that it came, as
-he has it in his mirrors, at a walking pace.
+Forwards the preview driver drives. In reverse the last trailer's axle is steered back along the path on which it came,
+at walking pace; the driver reads the articulation in the mirrors.
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
 
-_PACE: Final = 1.2  # backwards: brisk walking [m/s]
-_GENTLY: Final = 0.5  # he sets off and plans to stop with it [m/s2]
-_AT_ONCE: Final = 0.15  # of a stop: what is left is for the brakes [m]
-_STOPPING: Final = 0.5  # asked of the brakes there: as planned, so that the combination hardly rocks [m/s2]
-_HOLDING: Final = 1.5  # asked of the brakes while he waits: a hill of 15 % [m/s2]
-_STANDING: Final = 0.03  # slower is no motion [m/s]
-_TRACK: Final = 0.25  # between the points of the way that he remembers [m]
-_REMEMBERED: Final = 400  # of them: 100 m
+_REVERSE_SPEED: Final = 1.2  # brisk walking [m/s]
+_GENTLE: Final = 0.5  # planned acceleration for setting off and stopping [m/s2]
+_BRAKE_DISTANCE: Final = 0.15  # before a stop, from which on only the brakes act [m]
+_STOPPING: Final = 0.5  # braking there: as planned, so that the combination hardly rocks [m/s2]
+_HOLDING: Final = 1.5  # braking at a standstill: holds on a hill of 15 % [m/s2]
+_STANDING: Final = 0.03  # slower counts as standing [m/s]
+_TRACK_SPACING: Final = 0.25  # of the recorded points [m]
+_TRACK_POINTS: Final = 400  # recorded at most: 100 m
 
 
 class Stop(NamedTuple):
-    """Where he stops, and what he does there."""
+    """A stop along the path."""
 
     station: float  # of the guided point along the path [m]
-    wait: float  # how long he stands [s]
-    back: float = 0.0  # how far he goes back then, before he stands as long again and goes on [m]
+    wait: float  # standing time [s]
+    back: float = 0.0  # distance reversed after that, followed by the same wait [m]
 
 
 class Leg(NamedTuple):
-    """A stretch in one gear."""
+    """A part of the drive in one gear."""
 
     gear: float  # +1 forward, -1 backward
-    end: float  # forwards: station where it ends; backwards: how far back [m]
+    end: float  # forwards: station of its end; in reverse: distance [m]
     wait: float  # at its end [s]
 
 
 class Reversing(NamedTuple):
-    """A leg backwards under way."""
+    """A leg in reverse."""
 
     reference: ReverseReference
     station: float  # of the last axle [m]
@@ -55,22 +55,23 @@ class Reversing(NamedTuple):
 
 
 class ShuntMemory(NamedTuple):
-    """What he carries from one step to the next."""
+    """State of the driver between two steps."""
 
-    forward: DriverMemory  # its steering is kept up backwards, too
+    forward: DriverMemory  # also updated in reverse
     leg: int
     since: int | None  # tick at which the leg began; None before the first step
-    waiting: int | None  # tick since which he stands at the leg's end; None on the way
-    integral: float  # of the speed control backwards [m/s2]
-    track: tuple[tuple[float, float], ...]  # the last axle's way, the newest point last [m]
+    waiting: int | None  # tick of the standstill at the leg's end; None while driving
+    integral: float  # of the speed control in reverse [m/s2]
+    track: tuple[tuple[float, float], ...]  # path of the last axle, the newest point last [m]
     reversing: Reversing | None
 
 
 class ShuntingDriver(Driver[ShuntMemory]):
-    """Follows a path with stops and legs backwards.
+    """Follows a path with stops and legs in reverse.
 
     Raises:
-        ValueError: if the stops are not in the path's order, off it, or a leg backwards is longer than its way there.
+        ValueError: if the stops are not in the path's order or not on it, or if a leg in reverse is longer than the
+            path before it.
     """
 
     def __init__(self, forward: PreviewDriver, chain: RollingChain, stops: Sequence[Stop]) -> None:
@@ -81,14 +82,14 @@ class ShuntingDriver(Driver[ShuntMemory]):
 
     @property
     def duration(self) -> float:
-        """How long he means to take for the path, with all that he does on it [s]."""
-        stopping = self._forward.speed / _GENTLY + _PACE / _GENTLY  # more than braking and setting off take
-        found = self._forward.duration
+        """Planned duration of the drive with its stops and legs in reverse [s]."""
+        stopping = self._forward.speed / _GENTLE + _REVERSE_SPEED / _GENTLE  # longer than braking and setting off take
+        duration = self._forward.duration
         for stop in self._stops:
-            found += stop.wait + stopping
+            duration += stop.wait + stopping
             if stop.back > 0.0:
-                found += stop.wait + stopping + stop.back / _PACE + stop.back / self._forward.speed
-        return found
+                duration += stop.wait + stopping + stop.back / _REVERSE_SPEED + stop.back / self._forward.speed
+        return duration
 
     @property
     def start_speed(self) -> float:
@@ -109,13 +110,13 @@ class ShuntingDriver(Driver[ShuntMemory]):
         if memory.waiting is not None:
             return self._held(memory, tick, ego, memory.forward.demand, -_HOLDING)
         if leg.gear > 0.0:
-            return self._ahead(memory, tick, ego, leg.end - memory.forward.station)
-        return self._back(memory, tick, ego, last)
+            return self._drive_forward(memory, tick, ego, leg.end - memory.forward.station)
+        return self._drive_back(memory, tick, ego, last)
 
     def _next_leg(self, memory: ShuntMemory, tick: int, last: Pose2) -> ShuntMemory:
-        """Memory at the beginning of the next leg, if the wait is over."""
-        if memory.since is None:  # he comes along at speed: setting off is behind him
-            return memory._replace(since=tick - round(self._forward.speed / _GENTLY / TICK))
+        """Memory at the start of the next leg if the wait is over, else the same."""
+        if memory.since is None:  # the run starts at speed
+            return memory._replace(since=tick - round(self._forward.speed / _GENTLE / TICK))
         if memory.waiting is None or (tick - memory.waiting) * TICK < self._legs[memory.leg].wait:
             return memory
         memory = memory._replace(leg=memory.leg + 1, since=tick, waiting=None, integral=0.0, reversing=None)
@@ -123,47 +124,51 @@ class ShuntingDriver(Driver[ShuntMemory]):
         if coming.gear > 0.0:
             return memory
         reference = ReverseReference.of(self._chain, np.array(memory.track))
-        station = reference.project(last.x, last.y, _TRACK * (len(memory.track) - 1))
+        station = reference.project(last.x, last.y, _TRACK_SPACING * (len(memory.track) - 1))
         return memory._replace(track=(), reversing=Reversing(reference, station, station - coming.end))
 
-    def _ahead(self, memory: ShuntMemory, tick: int, ego: EgoState, left: float) -> tuple[ShuntMemory, DriverCommand]:
-        """Forwards, with so much of the leg left [m]."""
-        if left <= _AT_ONCE:
+    def _drive_forward(
+        self, memory: ShuntMemory, tick: int, ego: EgoState, left: float
+    ) -> tuple[ShuntMemory, DriverCommand]:
+        """Forward step with ``left`` [m] to the end of the leg."""
+        if left <= _BRAKE_DISTANCE:
             return self._held(memory, tick, ego, memory.forward.demand, -_STOPPING)
         limit = _speed_limit(memory, tick, left)
         forward, command = self._forward.step(memory.forward, tick, ego, limit)
         return memory._replace(forward=forward), command
 
-    def _back(self, memory: ShuntMemory, tick: int, ego: EgoState, last: Pose2) -> tuple[ShuntMemory, DriverCommand]:
-        """Backwards along the reference."""
-        way = memory.reversing
-        if way is None:
-            raise ValueError("memory: a leg backwards without its way is that of another driver")
-        station = way.reference.project(last.x, last.y, way.station)
-        demand = self._law.steer(last, np.array(ego.articulation), way.reference.at(station))
-        memory, left = memory._replace(reversing=way._replace(station=station)), station - way.end
-        if left <= _AT_ONCE:
+    def _drive_back(
+        self, memory: ShuntMemory, tick: int, ego: EgoState, last: Pose2
+    ) -> tuple[ShuntMemory, DriverCommand]:
+        """Reverse step along the reference."""
+        leg = memory.reversing
+        if leg is None:
+            raise ValueError("memory: a leg in reverse without its reference belongs to another driver")
+        station = leg.reference.project(last.x, last.y, leg.station)
+        demand = self._law.steer(last, np.array(ego.articulation), leg.reference.at(station))
+        memory, left = memory._replace(reversing=leg._replace(station=station)), station - leg.end
+        if left <= _BRAKE_DISTANCE:
             return self._held(memory, tick, ego, demand, -_STOPPING)
-        error = min(_PACE, _speed_limit(memory, tick, left)) + ego.v_x
+        error = min(_REVERSE_SPEED, _speed_limit(memory, tick, left)) + ego.v_x
         elapsed = 0.0 if memory.forward.tick is None else (tick - memory.forward.tick) * TICK
         integral, acceleration = speed_control(memory.integral, error, elapsed)
-        forward = self._forward.led(memory.forward, tick, ego, demand)
+        forward = self._forward.following(memory.forward, tick, ego, demand)
         command = DriverCommand(demand, acceleration, gear=-1.0)
         return memory._replace(forward=forward, integral=integral), command
 
     def _held(
         self, memory: ShuntMemory, tick: int, ego: EgoState, demand: float, braking: float
     ) -> tuple[ShuntMemory, DriverCommand]:
-        """On the brakes; once he stands, the wait begins."""
-        forward = self._forward.led(memory.forward, tick, ego, demand)
+        """Braked step; the wait begins at the standstill."""
+        forward = self._forward.following(memory.forward, tick, ego, demand)
         stands = memory.waiting is None and abs(ego.v_x) < _STANDING
         memory = memory._replace(forward=forward, waiting=tick if stands else memory.waiting)
         return memory, DriverCommand(demand, braking, self._legs[memory.leg].gear)
 
 
 def _legs(stops: Sequence[Stop], length: float) -> tuple[Leg, ...]:
-    """The stretches between the stops."""
-    found: list[Leg] = []
+    """Legs between the stops."""
+    legs: list[Leg] = []
     reached = 0.0
     for k, stop in enumerate(stops):
         if not reached < stop.station < length:
@@ -173,21 +178,21 @@ def _legs(stops: Sequence[Stop], length: float) -> tuple[Leg, ...]:
             )
         if not 0.0 <= stop.back <= stop.station:
             raise ValueError(f"stops.{k}: back = {stop.back:g} m must be between 0 and the station, {stop.station:g} m")
-        found.append(Leg(1.0, stop.station, stop.wait))
+        legs.append(Leg(1.0, stop.station, stop.wait))
         if stop.back > 0.0:
-            found.append(Leg(-1.0, stop.back, stop.wait))
+            legs.append(Leg(-1.0, stop.back, stop.wait))
         reached = stop.station - stop.back
-    return (*found, Leg(1.0, math.inf, 0.0))
+    return (*legs, Leg(1.0, math.inf, 0.0))
 
 
 def _recorded(track: tuple[tuple[float, float], ...], last: Pose2) -> tuple[tuple[float, float], ...]:
-    """The track with where the last axle is, if that is further on."""
-    if track and math.hypot(last.x - track[-1][0], last.y - track[-1][1]) < _TRACK:
+    """Track with the last axle's position, if it has moved far enough."""
+    if track and math.hypot(last.x - track[-1][0], last.y - track[-1][1]) < _TRACK_SPACING:
         return track
-    return (*track[-_REMEMBERED:], (last.x, last.y))
+    return (*track[-_TRACK_POINTS:], (last.x, last.y))
 
 
 def _speed_limit(memory: ShuntMemory, tick: int, left: float) -> float:
-    """The speed [m/s] that setting off gently and stopping gently, ``left`` [m] on, allow."""
+    """Speed [m/s] at which the planned acceleration allows a stop after ``left`` [m]; it rises after setting off."""
     since = tick if memory.since is None else memory.since
-    return min(_GENTLY * (tick - since) * TICK + _STANDING, math.sqrt(2.0 * _GENTLY * max(left, 0.0)))
+    return min(_GENTLE * (tick - since) * TICK + _STANDING, math.sqrt(2.0 * _GENTLE * max(left, 0.0)))

@@ -1,4 +1,4 @@
-"""How fast a path can be driven: slow enough for its turns, and braking and speeding up in time, comfortably."""
+"""Speed profiles of paths: limits of lateral and longitudinal acceleration."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class SpeedProfile:
             if not limit > 0.0:
                 raise ValueError(f"{name} = {limit} must be positive")
         stations = np.linspace(0.0, path.length, max(2, math.ceil(path.length / _SPACING) + 1))
-        bends = np.array([abs(path.curvature(float(s))) for s in stations])
-        # Where a limit is at a point between two, both of these have to keep it.
-        bends[:-1] = np.maximum(bends[:-1], bends[1:])
-        squares = np.minimum(speed**2, max_lateral_acceleration / np.maximum(bends, 1e-9))
+        curvatures = np.array([abs(path.curvature(float(s))) for s in stations])
+        # A limit between two points applies to both.
+        curvatures[:-1] = np.maximum(curvatures[:-1], curvatures[1:])
+        squares = np.minimum(speed**2, max_lateral_acceleration / np.maximum(curvatures, 1e-9))
         gain = 2.0 * max_acceleration * float(stations[1])
         for k in range(len(squares) - 2, -1, -1):
             squares[k] = min(squares[k], squares[k + 1] + gain)
@@ -45,10 +45,10 @@ class SpeedProfile:
 
     @property
     def duration(self) -> float:
-        """How long the path takes at these speeds [s]."""
+        """Duration of the drive along the path [s]."""
         middles = 0.5 * (self.speeds[1:] + self.speeds[:-1])
         return float(np.sum(np.diff(self.stations) / middles))
 
     def at(self, station: float) -> float:
-        """The speed at this arc length [m/s]."""
+        """Speed at an arc length [m/s]."""
         return float(np.interp(station, self.stations, self.speeds))

@@ -1,4 +1,4 @@
-"""What a trailer's controller knows of its own trailer, what it commands, and the shape of every such controller."""
+"""Interface of trailer steering laws: data sheets in, commands out."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from vehicle.option import Option
 
 
 class Linkage(NamedTuple):
-    """Steered axles that one actuator turns."""
+    """Steered axles that share one actuator."""
 
-    axles: tuple[int, ...]  # by their place among the steered ones, front to rear
+    axles: tuple[int, ...]  # indices among the steered axles, front to rear
     ratios: tuple[float, ...]  # angle of each over the actuator's [-]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrailerGeometry:
-    """The steered trailer's own data sheet; nothing of the tractor is in it."""
+    """Data sheet of the steered trailer, without the tractor."""
 
     follow_distance: float  # hitch to follow point [m]
     axle_distances: tuple[float, ...]  # hitch to each axle, front to rear [m]
-    steered: tuple[bool, ...]  # which of them are steered
+    steered: tuple[bool, ...]  # of each axle
     max_steer: float  # limit of the actuators' angle [rad]
     max_steer_rate: float  # [rad/s]
     actuator_lag: float  # first-order time constant of the steering actuators [s]
-    linkages: tuple[Linkage, ...] = ()  # steered axles that are in none of them have an actuator of their own
+    linkages: tuple[Linkage, ...] = ()  # a steered axle in none of them has its own actuator
 
     @property
     def steered_distances(self) -> tuple[float, ...]:
@@ -38,7 +38,7 @@ class TrailerGeometry:
 
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
-        """Steered axles, by their place among the steered ones, that share an actuator; in the order of their first."""
+        """Indices of the steered axles that share an actuator, in the order of their first axles."""
         linked = {axle for linkage in self.linkages for axle in linkage.axles}
         groups = [linkage.axles for linkage in self.linkages]
         groups.extend((axle,) for axle in range(sum(self.steered)) if axle not in linked)
@@ -53,13 +53,13 @@ class TrailerGeometry:
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """The nominal data sheet of the whole combination, for laws that build their own model of it.
+    """Nominal data sheet of the whole combination, for laws that build a model of it.
 
-    A law whose constructor has a keyword named ``combination`` is given it.
+    A law whose constructor has the keyword ``combination`` receives it.
     """
 
     vehicle: Vehicle
-    unit: int  # which of its units the law steers
+    unit: int  # index of the steered unit; the tractor is 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,9 +75,8 @@ Memory = TypeVar("Memory")
 class TrailerSteering(Protocol, Generic[Memory]):
     """A trailer steering law: pure, memory in and memory out, so that a run can be snapshotted and replayed.
 
-    It is constructed with the trailer's geometry and, by keyword, its own parameters:
-    ``Name(trailer: TrailerGeometry, **parameters)``; one that asks for it by the keyword ``combination`` is told
-    what the trailer is part of, too.
+    It is constructed as ``Name(trailer: TrailerGeometry, **parameters)``. A law with the keyword ``combination`` also
+    receives the data sheet of the whole combination.
     """
 
     def init(self) -> Memory:

@@ -1,1 +1,1 @@
-"""Backwards along a path: what a driver knows of his combination, the way he means to take, and how he steers it."""
+"""Reversing along a path: model of the combination, reference and steering law."""

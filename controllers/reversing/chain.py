@@ -1,4 +1,4 @@
-"""A combination that rolls where its wheels point: what a driver needs to know of it to push it backwards."""
+"""Kinematic model of a combination without tyre slip, for reversing."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vehicle.frames import FloatArray, Pose2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RollingChain:
-    """Lengths of a tractor and the units that it tows, each on one axle, their steered axles straight."""
+    """Lengths of a tractor and its towed units, each on one axle without steering."""
 
     wheelbase: float  # of the tractor [m]
     max_steer: float  # of its front wheels [rad]
-    hitches: tuple[float, ...]  # of every unit but the last: how far ahead of its axle the next one hangs [m]
+    hitches: tuple[float, ...]  # of every unit but the last: from its axle forward to its rear hitch [m]
     lengths: tuple[float, ...]  # of every towed unit: hitch to axle [m]
 
     @classmethod
@@ -40,7 +40,7 @@ class RollingChain:
         )
 
     def last_axle(self, X_WT: Pose2, articulation: Sequence[float]) -> Pose2:
-        """Where the last unit's axle is, and where that unit points; articulation (N,) at each hitch [rad]."""
+        """Pose of the last unit's axle for the articulation (N,) at each hitch [rad]."""
         x, y, psi = X_WT
         for hitch, length, gamma in zip(self.hitches, self.lengths, articulation, strict=True):
             ahead, psi = psi, psi - gamma
@@ -49,33 +49,33 @@ class RollingChain:
         return Pose2(x, y, psi)
 
     def rates(self, articulation: FloatArray, curvature: float) -> tuple[FloatArray, FloatArray]:
-        """Speeds (N + 1,) and yaw rates (N + 1,) of all axles per metre that the tractor's goes on a ``curvature``."""
+        """Speeds (N + 1,) and yaw rates (N + 1,) of all axles per metre of the tractor's on a ``curvature`` [1/m]."""
         speeds, yaw_rates = np.ones(1 + len(self.lengths)), np.full(1 + len(self.lengths), curvature)
         for k, (hitch, length) in enumerate(zip(self.hitches, self.lengths, strict=True), start=1):
             c, s = math.cos(articulation[k - 1]), math.sin(articulation[k - 1])
-            ahead, aside = speeds[k - 1], hitch * yaw_rates[k - 1]
-            speeds[k], yaw_rates[k] = c * ahead - s * aside, (s * ahead + c * aside) / length
+            v_x, v_y = speeds[k - 1], hitch * yaw_rates[k - 1]
+            speeds[k], yaw_rates[k] = c * v_x - s * v_y, (s * v_x + c * v_y) / length
         return speeds, yaw_rates
 
     def steady(self, curvature: float) -> tuple[FloatArray, float]:
-        """Articulation (N,) [rad] and curvature of the tractor's way [1/m] when the last axle's has this one.
+        """Articulation (N,) [rad] and the tractor's curvature [1/m] for a curvature of the last axle's path [1/m].
 
-        An axle of way curvature k carries its hitch, d away from it, at d k to its direction; the distance of the
-        turning centre from a hitch is the same seen from both of its units.
+        On a path of curvature k a hitch at the distance d from its axle travels at the angle atan(d k) to the unit. The
+        distance from a hitch to the turning centre is the same for both of its units.
         """
-        found: list[float] = []
+        articulation: list[float] = []
         for hitch, length in zip(reversed(self.hitches), reversed(self.lengths), strict=True):
             ahead = curvature / math.sqrt(1.0 + curvature**2 * (length**2 - hitch**2))
-            found.insert(0, math.atan(length * curvature) - math.atan(hitch * ahead))
+            articulation.insert(0, math.atan(length * curvature) - math.atan(hitch * ahead))
             curvature = ahead
-        return np.array(found), curvature
+        return np.array(articulation), curvature
 
 
 def _rolling_axle(unit: Unit) -> float:
-    """Where the one axle is that would roll as a unit's group does [m].
+    """Position of the single axle that is equivalent to a unit's axle group [m].
 
-    A hitch asks for any side force and for no moment: sum x F = 0 with forces in proportion to slip, hence
+    The hitch transmits any side force but no moment: sum x F = 0 with forces in proportion to slip, hence
     r = -u sum x / sum x^2.
     """
-    places = [axle.x for axle in unit.axles]
-    return sum(x * x for x in places) / sum(places)
+    positions = [axle.x for axle in unit.axles]
+    return sum(x * x for x in positions) / sum(positions)

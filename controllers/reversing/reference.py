@@ -1,4 +1,4 @@
-"""The way back: where the last axle is to go, and how all units ahead of it stand when it goes there without slip."""
+"""Reference for reversing: path of the last axle and the articulation of all units on it, without tyre slip."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from controllers.reversing.chain import RollingChain
 from vehicle.frames import FloatArray, Pose2
 
 _SPACING: Final = 0.1  # of the reference's points [m]
-_SMOOTHING: Final = 0.6  # of the points given: a curve of 10 m radius is cut by 2 cm [m]
-_BEYOND: Final = 8.0  # it goes on at both ends [m]
-_LAST: Final = 3.0  # ... as its last stretch went [m]
-_LEAST: Final = 1.0  # to make a way of [m]
-_PROJECTION_STEPS: Final = 4  # Newton from the step before, a centimetre away
-_NO_LEVER: Final = 0.02  # a hitch nearer to its axle goes where the axle does [m]
+_SMOOTHING: Final = 0.6  # of the given points: cuts a curve of 10 m radius by 2 cm [m]
+_EXTENSION: Final = 8.0  # at both ends [m]
+_END: Final = 3.0  # length whose arc is continued there [m]
+_LEAST: Final = 1.0  # length of the given points [m]
+_PROJECTION_STEPS: Final = 4  # Newton from the previous step, a centimetre away
+_NO_LEVER: Final = 0.02  # a hitch closer to its axle moves as the axle does [m]
 
 
 class ReferencePoint(NamedTuple):
-    """The reference at a station."""
+    """A point of the reference."""
 
     pose: Pose2  # of the last axle, pointing forwards; the heading counts full turns
-    curvature: float  # of its way, + left [1/m]
+    curvature: float  # of the last axle's path, + left [1/m]
     articulation: FloatArray  # (N,) at each hitch [rad]
     tractor_curvature: float  # of the tractor's rear axle [1/m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReverseReference:
-    """A way of the last axle, by its stations: they grow forwards, so that reversing goes down in them."""
+    """Path of the last axle by station; stations grow forwards and fall in reverse."""
 
     stations: FloatArray  # (n,) [m]
-    way: FloatArray  # (n, 2) [m]
+    path: FloatArray  # (n, 2) [m]
     headings: FloatArray  # (n,) [rad]
     curvatures: FloatArray  # (n,) [1/m]
     articulations: FloatArray  # (n, N) [rad]
@@ -43,31 +43,31 @@ class ReverseReference:
 
     @classmethod
     def of(cls, chain: RollingChain, points: FloatArray) -> ReverseReference:
-        """The reference through points (n, 2) [m] of the last axle's way, in the order of driving forwards.
+        """The reference through points (n, 2) [m] of the last axle's path, in the order of forward travel.
 
         Station 0 is at the first point.
 
         Raises:
             ValueError: if the points span less than 1 m.
         """
-        way, first = _resampled(points)
-        headings = _directions(way)
-        stations: FloatArray = np.linspace(-first, _SPACING * (len(way) - 1) - first, len(way))
-        axle, psi = way, headings
-        ahead: list[FloatArray] = []
+        path, first = _resampled(points)
+        headings = _directions(path)
+        stations: FloatArray = np.linspace(-first, _SPACING * (len(path) - 1) - first, len(path))
+        axle, psi = path, headings
+        articulations: list[FloatArray] = []
         for hitch, length in zip(reversed(chain.hitches), reversed(chain.lengths), strict=True):
-            hung = axle + length * _along(psi)
-            towing = _towing(hung, hitch)
-            ahead.insert(0, towing - psi)
-            axle, psi = hung - hitch * _along(towing), towing
-        tractor_way = np.hypot(*np.gradient(axle, axis=0).T)
+            hitch_path = axle + length * _along(psi)
+            towing = _towing(hitch_path, hitch)
+            articulations.insert(0, towing - psi)
+            axle, psi = hitch_path - hitch * _along(towing), towing
+        tractor_steps = np.hypot(*np.gradient(axle, axis=0).T)
         return cls(
             stations=stations,
-            way=way,
+            path=path,
             headings=headings,
             curvatures=np.gradient(headings, _SPACING),
-            articulations=np.column_stack(ahead),
-            tractor_curvatures=np.gradient(psi) / tractor_way,
+            articulations=np.column_stack(articulations),
+            tractor_curvatures=np.gradient(psi) / tractor_steps,
         )
 
     def at(self, station: float) -> ReferencePoint:
@@ -77,10 +77,10 @@ class ReverseReference:
         share = k - i
 
         def between(values: FloatArray) -> FloatArray:
-            mixed: FloatArray = values[i] + share * (values[i + 1] - values[i])
-            return mixed
+            interpolated: FloatArray = values[i] + share * (values[i + 1] - values[i])
+            return interpolated
 
-        x, y = between(self.way).tolist()
+        x, y = between(self.path).tolist()
         return ReferencePoint(
             pose=Pose2(x, y, float(between(self.headings))),
             curvature=float(between(self.curvatures)),
@@ -100,57 +100,57 @@ class ReverseReference:
 
 
 def _resampled(points: FloatArray) -> tuple[FloatArray, float]:
-    """Smoothed points at equal spacing, going on beyond both ends, and how far in the first one given is [m]."""
+    """Smoothed and extended points at equal spacing, and the arc length of the first given one [m]."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     kept = np.concatenate([[True], steps > 1e-6])
     points, s = points[kept], np.concatenate([[0.0], np.cumsum(steps[kept[1:]])])
     if s[-1] < _LEAST:
-        raise ValueError(f"points span {s[-1]:.2f} m: a way back needs {_LEAST:g} m at least")
-    beyond = np.arange(_SPACING, _BEYOND, _SPACING)
-    before, behind = _carried_on(points[::-1], s[-1] - s[::-1], beyond)[::-1], _carried_on(points, s, beyond)
+        raise ValueError(f"points span {s[-1]:.2f} m: reversing needs {_LEAST:g} m at least")
+    beyond = np.arange(_SPACING, _EXTENSION, _SPACING)
+    before, behind = _extension(points[::-1], s[-1] - s[::-1], beyond)[::-1], _extension(points, s, beyond)
     s = np.concatenate([-beyond[::-1], s, s[-1] + beyond])
     stations = np.arange(s[0], s[-1], _SPACING)
     line = np.column_stack([np.interp(stations, s, column) for column in np.vstack([before, points, behind]).T])
     smooth = gaussian_filter1d(line, _SMOOTHING / _SPACING, axis=0, mode="nearest", truncate=3.0)
-    bent = math.ceil(3.0 * _SMOOTHING / _SPACING) + 1  # the filter reaches beyond the very ends
-    return smooth[bent:-bent], -s[0] - bent * _SPACING
+    margin = math.ceil(3.0 * _SMOOTHING / _SPACING) + 1  # within reach of the filter's ends
+    return smooth[margin:-margin], -s[0] - margin * _SPACING
 
 
-def _carried_on(points: FloatArray, s: FloatArray, beyond: FloatArray) -> FloatArray:
-    """Points so far ``beyond`` the end (m,) [m] of a way, on the arc of its last stretch."""
-    low = max(0.0, s[-1] - _LAST)
+def _extension(points: FloatArray, s: FloatArray, beyond: FloatArray) -> FloatArray:
+    """Points at distances ``beyond`` (m,) [m] after the end of a path, on the arc of its last part."""
+    low = max(0.0, s[-1] - _END)
     a, b, c = (np.array([np.interp(at, s, column) for column in points.T]) for at in (low, 0.5 * (low + s[-1]), s[-1]))
     first, second = (math.atan2(*(chord[::-1])) for chord in (b - a, c - b))
     half = 0.5 * (s[-1] - low)
     curvature = math.remainder(second - first, math.tau) / half
     headings = second + curvature * (0.5 * half + beyond - 0.5 * _SPACING)
-    onward: FloatArray = c + _SPACING * np.cumsum(_along(headings), axis=0)
-    return onward
+    extension: FloatArray = c + _SPACING * np.cumsum(_along(headings), axis=0)
+    return extension
 
 
-def _directions(way: FloatArray) -> FloatArray:
-    """Direction of the way at each of its points [rad], continuous."""
-    tangents = np.gradient(way, axis=0)
+def _directions(path: FloatArray) -> FloatArray:
+    """Direction of a path at each of its points [rad], continuous."""
+    tangents = np.gradient(path, axis=0)
     directions: FloatArray = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
     return directions
 
 
-def _towing(hung: FloatArray, hitch: float) -> FloatArray:
-    """Heading [rad] of the unit whose hitch, ``hitch`` [m] ahead of its axle, goes along the points (n, 2).
+def _towing(hitch_path: FloatArray, hitch: float) -> FloatArray:
+    """Heading [rad] of the unit whose hitch, ``hitch`` [m] ahead of its axle, moves along the points (n, 2).
 
-    Between two points the hitch goes straight on, and half the angle's tangent to that falls by e every ``hitch``; a
-    hitch behind the axle is steady only the other way.
+    Between two points the hitch moves straight, and the tangent of half the heading's angle to that line falls by the
+    factor e every ``hitch``. With a hitch behind the axle this is stable only in the opposite direction.
     """
-    directions = _directions(hung)
+    directions = _directions(hitch_path)
     if abs(hitch) < _NO_LEVER:
         return directions
-    fading = np.exp(-np.hypot(*np.diff(hung, axis=0).T) / abs(hitch))
-    order = range(1, len(hung)) if hitch > 0.0 else range(len(hung) - 2, -1, -1)
+    decay = np.exp(-np.hypot(*np.diff(hitch_path, axis=0).T) / abs(hitch))
+    order = range(1, len(hitch_path)) if hitch > 0.0 else range(len(hitch_path) - 2, -1, -1)
     headings = directions.copy()
     for k in order:
-        before, faded = (k - 1, fading[k - 1]) if hitch > 0.0 else (k + 1, fading[k])
+        before, factor = (k - 1, decay[k - 1]) if hitch > 0.0 else (k + 1, decay[k])
         middle = 0.5 * (directions[before] + directions[k])
-        headings[k] = middle + 2.0 * math.atan(faded * math.tan(0.5 * (headings[before] - middle)))
+        headings[k] = middle + 2.0 * math.atan(factor * math.tan(0.5 * (headings[before] - middle)))
     return headings
 
 

@@ -1,7 +1,7 @@
-"""One law for all speeds: a low-speed law for the manoeuvres of towns and yards, the LQR for the open road.
+"""One law for all speeds: a low-speed law for towns and yards, the LQR for the open road.
 
-What the low-speed law asks for fades out over one band of speeds, the LQR fades in over another; their sum is the
-command. In between, where a low-speed law would swing and a trailer is damped well by itself, hardly any is needed.
+The low-speed law fades out over one band of speeds and the LQR fades in over another; the command is their sum. Between
+the bands little steering is needed: a low-speed law would oscillate there, and the trailer itself is well damped.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _LOW_SPEED_OPTION: Final = Option(
     "low_speed", "path_preview", "name of the law at low speed", choices=tuple(_LOW_SPEED)
 )
 
-# assumed: between a tight turn's speed and a road's; path preview, command steer and the like swing at 50 km/h [m/s].
-_WHOLE, _GONE = 25.0 * KMH, 45.0 * KMH
+# assumed, between the speed of a tight turn and that of a road; the low-speed laws oscillate at 50 km/h [m/s].
+_FULL_UP_TO, _NONE_FROM = 25.0 * KMH, 45.0 * KMH
 
 
 class CombinedMemory(NamedTuple):
-    """What the law carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
     low: Any  # memory of the low-speed law
@@ -48,7 +48,7 @@ class CombinedMemory(NamedTuple):
 
 
 class Combined(SteeringLaw[CombinedMemory]):
-    """A low-speed law and the LQR, each at its speeds."""
+    """Sum of a low-speed law and the LQR, each in its range of speeds."""
 
     options: ClassVar[tuple[Option, ...]] = (_LOW_SPEED_OPTION, *Lqr.options)
 
@@ -63,7 +63,7 @@ class Combined(SteeringLaw[CombinedMemory]):
         off_tracking_weight: float = 0.04,
         acceleration_weight: float = 0.03,
     ) -> None:
-        """A controller for the trailer; all but ``low_speed``, the law's name, are the parameters of `Lqr`.
+        """A controller for the trailer; ``low_speed`` is a law's name, the other parameters are those of `Lqr`.
 
         Raises:
             ValueError: if the trailer has no steered axle, a law is unknown, or a parameter is outside its limits.
@@ -90,13 +90,13 @@ class Combined(SteeringLaw[CombinedMemory]):
     ) -> tuple[CombinedMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        share = min(1.0, max(0.0, (_GONE - signals.speed) / (_GONE - _WHOLE)))  # of the low-speed law
+        share = min(1.0, max(0.0, (_NONE_FROM - signals.speed) / (_NONE_FROM - _FULL_UP_TO)))  # of the low-speed law
         high, command = self._high.step(memory.high, tick, off_tracking, signals)
         wanted = command.angles
         if share > 0.0:
             low, command = self._low.step(memory.low, tick, off_tracking, signals)
             wanted = wanted + share * command.angles
         else:
-            low = self._low.init()  # what it would learn of a trailer that another law steers is wrong
+            low = self._low.init()  # it must not adapt while another law steers
         demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
         return CombinedMemory(tick, low, high, tuple(demand.tolist())), SteerCommand(angles=demand)

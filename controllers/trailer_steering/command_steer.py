@@ -1,16 +1,16 @@
-"""Command steer: the axles turn with the articulation, so that the trailer runs like one with a shorter wheelbase.
+"""Command steer: axles turn with the articulation, so that the trailer tracks like one with a shorter wheelbase.
 
-The mechanical or hydraulic systems in use do so by a linkage from the turntable. Emulating a rigid axle L' behind the
-hitch, an axle at the distance x is turned by
+Mechanical and hydraulic systems do this by a linkage from the turntable. To emulate a rigid axle L' behind the hitch,
+an axle at the distance x is turned by
 
     tan delta(x) = -(x - L')/L' tan gamma_h
 
-with the direction of the hitch's travel gamma_h against the trailer's axis: a rigid trailer's lateral velocity is
-linear along it, and vanishes at L'. With L' half of the follow distance L_f, follow point and hitch run on the same
-circle in a steady turn; on the way into it gamma_h leads and the rear swings out, as the path is not looked at.
+with the direction of the hitch's travel gamma_h against the trailer's axis: the lateral velocity of a rigid trailer is
+linear along its axis and zero at L'. With L' half the follow distance L_f, follow point and hitch run on the same
+circle in a steady turn. At the entry gamma_h leads and the rear swings out, because the law does not know the path.
 
-Published systems take the articulation angle for gamma_h. Here the little that the hitch in front of (or behind) the
-tractor's rear axle adds comes from tractor speed and gyro, else L' = L_f/2 would leave some off-tracking.
+Published systems use the articulation angle for gamma_h. Here the part that the hitch adds, in front of or behind the
+tractor's rear axle, comes from tractor speed and gyro; without it L' = L_f/2 would leave some off-tracking.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.option import Option
 
-_CREEP = 0.2  # slower, the direction of travel is the sensors' noise, and a linkage turns nothing on the spot [m/s]
-_SHORTEST, _LONGEST = 0.1, 2.0  # of the follow distance: no axle could turn far enough for a shorter one
+_CREEP = 0.2  # below this speed the direction of travel is sensor noise [m/s]
+_SHORTEST, _LONGEST = 0.1, 2.0  # of the follow distance; a shorter one needs more steer than any axle has
 _RIGID_LENGTH: Final = Option(
     "rigid_length", None, "hitch to the emulated rigid axle", "m", 0.1, 40.0, default_text="half the follow distance"
 )
 
 
 class CommandSteerMemory(NamedTuple):
-    """What the law carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
 
 
 class CommandSteer(SteeringLaw[CommandSteerMemory]):
-    """Angles that follow the articulation; the off-tracking is not used."""
+    """Steer angles as a function of the articulation; the off-tracking is not used."""
 
     uses_off_tracking: ClassVar[bool] = False
     options: ClassVar[tuple[Option, ...]] = (_RIGID_LENGTH,)
@@ -53,7 +53,7 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
     def __init__(
         self, trailer: TrailerGeometry, *, combination: Combination, rigid_length: float | None = None
     ) -> None:
-        """``rigid_length`` is L', from the hitch to the axle to be emulated [m]; by default half the follow distance.
+        """``rigid_length`` is L', from the hitch to the emulated axle [m]; by default half the follow distance.
 
         Raises:
             ValueError: if the trailer has no steered axle, or the length is outside 0.1 to 2 follow distances.
@@ -64,7 +64,7 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
         replace(_RIGID_LENGTH, low=low, high=high).check(length, "rigid_length")
         self._trailer, self._combination = trailer, combination
         self._axles = AxleGroup.of(trailer)
-        self._beyond = trailer.follow_distance / length - 1.0  # how far the follow point lies behind L', in L'
+        self._beyond = trailer.follow_distance / length - 1.0  # distance of the follow point behind L', over L'
 
     def init(self) -> CommandSteerMemory:
         """Wheels straight."""

@@ -1,17 +1,18 @@
-"""Conventional tractor, active trailer: the heading of the follow point is to be what the hitch's was at that place.
+"""Conventional tractor, active trailer: the follow point takes the heading that the hitch had at the same place.
 
 Jujnovich & Cebon, "Path-following steering control for articulated vehicles", J. Dyn. Syst. Meas. Control 135(3), 2013,
-as de Saxe & Cebon 2018 describe it: heading angles at front and rear of the trailer are compared, by a non-linear
-law, from speed, articulation angle and gyros; a reference trailer takes care of saturated steering. Its equations and
-gains are not in what could be read. Derived here:
+as de Saxe & Cebon 2018 describe it: a non-linear law compares the headings at front and rear of the trailer, from
+speed, articulation angle and gyros; a reference trailer handles saturated steering. Its equations and gains were not
+available. Derived here:
 
-- the hitch's heading is kept along its dead-reckoned way, and the one due at the rear is that of the place which the
-  follow point passes (exact for any articulation, where equal arc lengths of hitch and follow point would drift apart);
+- the hitch's heading is stored along its dead-reckoned path, and the one required at the rear is that of the place
+  which the follow point passes (exact for any articulation; equal arc lengths of hitch and follow point would drift
+  apart);
 - with it as the follow point's direction of travel, the axles roll without slip (``kinematics``);
-- the reference trailer has no limits and its follow point is always on the path: its axis is the chord from the
-  path to the hitch. The heading that the trailer lacks to it, times ``heading_gain``, is added.
+- the reference trailer has no limits and its follow point is always on the path: its axis is the chord from the path to
+  the hitch. The heading difference to it, times ``heading_gain``, is added.
 
-No slip of tyres is known to it. On a slippery or cambered road the heading error grows until it balances the slip, so a
+Tyre slip is not modelled. On a slippery or cambered road the heading error grows until it balances the slip, and a
 steady off-tracking of about follow distance times slip over gain remains: the known weakness of the scheme.
 """
 
@@ -35,12 +36,12 @@ from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 from vehicle.polyline import arc_length
 
-_CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
-_REACH = 0.5  # half window of the fit of the heading to the path [m]
+_CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
+_REACH = 0.5  # half window of the heading's fit to the path [m]
 
 
 class CtAtMemory(NamedTuple):
-    """What the law carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
     path: ReckonedPath
@@ -48,7 +49,7 @@ class CtAtMemory(NamedTuple):
 
 
 class CtAt(SteeringLaw[CtAtMemory]):
-    """Angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
+    """Steer angles that match the trailer's heading to the path of its hitch; the off-tracking is not used."""
 
     options: ClassVar[tuple[Option, ...]] = (
         Option("heading_gain", 1.5, "turn of the follow point per heading error", "-", 0.0, 5.0),
@@ -67,7 +68,7 @@ class CtAt(SteeringLaw[CtAtMemory]):
 
         Args:
             trailer: to be steered.
-            combination: what it is part of.
+            combination: data sheet of the whole combination.
             heading_gain: turn of the follow point per heading error against the reference trailer [-]; 0: none.
             preview: time ahead at which the heading is read from the path, against the actuators' lag [s].
 
@@ -93,14 +94,14 @@ class CtAt(SteeringLaw[CtAtMemory]):
         motion = hitch_motion(self._combination, signals)
         path = moved(memory.path, tick, motion, elapsed)
         wanted = last = np.array(memory.demand)
-        due = self._due(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
-        if due is not None:
-            wanted = self._axles.steer_angles(held(motion.direction), held(due), 0.0)
+        required = self._required_direction(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
+        if required is not None:
+            wanted = self._axles.steer_angles(held(motion.direction), held(required), 0.0)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return CtAtMemory(tick, path, tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _due(self, path: FloatArray, motion: HitchMotion) -> float | None:
-        """Direction in which the follow point is to travel [rad], when the axles have answered; None if not known."""
+    def _required_direction(self, path: FloatArray, motion: HitchMotion) -> float | None:
+        """Required direction of the follow point's travel [rad] when the axles have answered; None if unknown."""
         s = arc_length(path)
         passed = crossing(path, s, -self._trailer.follow_distance)
         if passed is None:
@@ -108,5 +109,5 @@ class CtAt(SteeringLaw[CtAtMemory]):
         speed = math.hypot(motion.v_x, motion.v_y - self._trailer.follow_distance * motion.yaw_rate)  # of the rear
         ahead = max(0.0, passed.s - speed * self._preview)
         heading = tangent(path, s, ahead, _REACH).direction - motion.yaw_rate * self._preview
-        lacking = math.atan2(passed.y, self._trailer.follow_distance)  # of the reference trailer's heading
-        return heading + self._gain * lacking
+        difference = math.atan2(passed.y, self._trailer.follow_distance)  # of heading to the reference trailer
+        return heading + self._gain * difference

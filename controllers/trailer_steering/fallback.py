@@ -1,4 +1,4 @@
-"""What steers a trailer whose off-tracking is not known: its articulation at manoeuvring speed, else nothing."""
+"""Fallback steering without an off-tracking estimate: by articulation at manoeuvring speed, straight above."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from sensors.messages import CombinationSignals
 
 FallbackName = Literal["command_steer", "straight"]
 
-# Command steer shortens the wheelbase, which unsettles a trailer at speed: systems in use lock there. Whole up to
-# 30 km/h and gone at 50 km/h; assumed, between a tight turn's speed and a road's [m/s].
-_WHOLE: Final = 8.3
-_GONE: Final = 13.9
+# Command steer shortens the wheelbase, which destabilises a trailer at speed; systems in use lock there. Assumed,
+# between the speed of a tight turn and that of a road: full authority up to 30 km/h, none from 50 km/h on [m/s].
+_FULL_UP_TO: Final = 8.3
+_NONE_FROM: Final = 13.9
 
 
 class Fallback(SteeringLaw[CommandSteerMemory]):
-    """Command steer that follows the hitch in steady turns, fading with speed; or straight wheels at any speed."""
+    """Command steer with half the follow distance, reduced with speed; or straight wheels at any speed."""
 
     uses_off_tracking: ClassVar[bool] = False
 
     def __init__(self, trailer: TrailerGeometry, *, combination: Combination, name: FallbackName) -> None:
-        """For a trailer with steered axles."""
+        """Construct it for a trailer with steered axles."""
         self._law = CommandSteer(trailer, combination=combination)
         self._steers = name == "command_steer"
 
@@ -36,10 +36,10 @@ class Fallback(SteeringLaw[CommandSteerMemory]):
     def step(
         self, memory: CommandSteerMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[CommandSteerMemory, SteerCommand]:
-        """New memory and command at ``tick``; signals that are no numbers leave the wheels straight."""
-        told = np.concatenate([[signals.speed], signals.articulation, signals.yaw_rates])
-        if not (self._steers and np.isfinite(told).all()):
+        """New memory and command at ``tick``; wheels stay straight if a signal is not finite."""
+        read = np.concatenate([[signals.speed], signals.articulation, signals.yaw_rates])
+        if not (self._steers and np.isfinite(read).all()):
             return self._law.init(), SteerCommand(angles=np.zeros(len(memory.demand)))
         memory, command = self._law.step(memory, tick, None, signals)
-        share = min(1.0, max(0.0, (_GONE - abs(signals.speed)) / (_GONE - _WHOLE)))
+        share = min(1.0, max(0.0, (_NONE_FROM - abs(signals.speed)) / (_NONE_FROM - _FULL_UP_TO)))
         return memory, SteerCommand(angles=share * command.angles)

@@ -1,6 +1,6 @@
-"""How the hitch of a trailer moves, by the sensors of the combination: speed, gyros and articulation angles.
+"""Motion of a trailer's hitch from the sensors of the combination: speed, gyros and articulation angles.
 
-From the tractor's rear axle back, every hitch adds its unit's yaw rate times its lever. That axle is taken to roll
+From the tractor's rear axle to the rear, every hitch adds its unit's yaw rate times its lever. The rear axle rolls
 without slip unless its lateral speed is given.
 """
 
@@ -14,7 +14,7 @@ from sensors.messages import CombinationSignals
 
 
 class HitchMotion(NamedTuple):
-    """Motion of a trailer, told at its hitch and along its own axes."""
+    """Motion of a trailer at its hitch, along its own axes."""
 
     v_x: float  # [m/s]
     v_y: float  # + left [m/s]
@@ -22,13 +22,13 @@ class HitchMotion(NamedTuple):
 
     @property
     def direction(self) -> float:
-        """Line along which the hitch travels, forwards or backwards, + left of the trailer's axis ahead [rad]."""
+        """Direction of the line along which the hitch travels, either way, against the trailer's axis, + left [rad]."""
         return math.atan2(math.copysign(1.0, self.v_x) * self.v_y, abs(self.v_x))
 
 
-def hitch_motion(combination: Combination, signals: CombinationSignals, sideways: float = 0.0) -> HitchMotion:
-    """Motion of the steered trailer; ``sideways`` is the lateral speed of the tractor's rear axle [m/s]."""
-    v_x, v_y = signals.speed, sideways
+def hitch_motion(combination: Combination, signals: CombinationSignals, lateral_speed: float = 0.0) -> HitchMotion:
+    """Motion of the steered trailer; ``lateral_speed`` is that of the tractor's rear axle [m/s]."""
+    v_x, v_y = signals.speed, lateral_speed
     towing = combination.vehicle.units[: combination.unit]
     for unit, angle, yaw_rate in zip(towing, signals.articulation.tolist(), signals.yaw_rates.tolist(), strict=False):
         v_y += yaw_rate * unit.rear_hitch[0]

@@ -9,7 +9,7 @@ from vehicle.frames import FloatArray
 
 
 def check_steered(law: str, trailer: TrailerGeometry) -> None:
-    """Refuses a trailer that has nothing to steer.
+    """Refuse a trailer without steered axles.
 
     Raises:
         ValueError: if none of its axles is steered.
@@ -19,7 +19,7 @@ def check_steered(law: str, trailer: TrailerGeometry) -> None:
 
 
 def reachable(trailer: TrailerGeometry, last: FloatArray, wanted: FloatArray, elapsed: float) -> FloatArray:
-    """The wanted angles (n_steered,) as far as the actuators get from the last ones in ``elapsed`` [s], [rad]."""
-    ratios = np.abs(trailer.steer_ratios)  # rate and angle are limited at the actuators
+    """The wanted angles (n_steered,) [rad], limited to those within reach of the last ones in ``elapsed`` [s]."""
+    ratios = np.abs(trailer.steer_ratios)  # the limits are those of the actuators
     reach, limit = trailer.max_steer_rate * elapsed * ratios, trailer.max_steer * ratios
     return np.clip(np.clip(wanted, last - reach, last + reach), -limit, limit)

@@ -1,7 +1,7 @@
-"""Steered axles that are locked straight while a combination goes backwards.
+"""Lock of the steered axles in reverse.
 
-The laws steer the follow point onto a path that the hitch has gone; backwards it is the hitch that comes behind. Real
-steered trailer axles are centred and locked for reversing by a signal with the reversing lights.
+The laws steer the follow point onto the path of the hitch; in reverse the follow point leads. Real steered trailer
+axles are centred and locked in reverse by the signal of the reversing lights.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 
-_BACKWARD: Final = -0.25  # a combination that has stopped rocks back on its tyres at 0.1 m/s [m/s]
+_BACKWARD: Final = -0.25  # below the 0.1 m/s at which a stopped combination rocks on its tyres [m/s]
 _FORWARD: Final = 0.25  # [m/s]
 
 
 class ReverseLockMemory(NamedTuple):
-    """What is carried from one step to the next."""
+    """State between two steps."""
 
     law: Any  # memory of the law
     tick: int | None  # of the last step; None before the first
@@ -30,23 +30,20 @@ class ReverseLockMemory(NamedTuple):
 
 
 class ReverseLock:
-    """A law that is heard forwards only.
-
-    It starts anew when the combination goes forward again: what it has remembered lies on the wrong side of the way.
-    """
+    """A law that steers forwards only and starts with a new memory after reversing."""
 
     def __init__(self, law: TrailerSteering[Any], trailer: TrailerGeometry) -> None:
-        """The law of a trailer with steered axles."""
+        """Lock a ``law`` for a trailer with steered axles."""
         self.law, self._trailer = law, trailer
 
     def init(self) -> ReverseLockMemory:
-        """Nothing seen yet, wheels straight."""
+        """Memory of a new run, wheels straight."""
         return ReverseLockMemory(self.law.init(), None, False, (0.0,) * len(self._trailer.steered_distances))
 
     def step(
         self, memory: ReverseLockMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[ReverseLockMemory, SteerCommand]:
-        """New memory and command at ``tick``; the wheels straighten at the actuators' rate."""
+        """New memory and command at ``tick``; in reverse the wheels return to straight at the actuators' rate."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         locked = signals.speed < (_FORWARD if memory.locked else _BACKWARD)
         if locked:

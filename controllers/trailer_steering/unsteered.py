@@ -1,4 +1,4 @@
-"""A trailer whose axles stay straight."""
+"""The law without steering: axles stay straight."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sensors.messages import CombinationSignals
 
 
 class Unsteered(SteeringLaw[None]):
-    """Zero demand on every steered axle, whatever is seen."""
+    """Zero demand on every steered axle."""
 
     uses_off_tracking: ClassVar[bool] = False
 
@@ -20,7 +20,7 @@ class Unsteered(SteeringLaw[None]):
         self._axles = len(trailer.steered_distances)
 
     def init(self) -> None:
-        """Nothing to remember."""
+        """No memory."""
         return
 
     def step(

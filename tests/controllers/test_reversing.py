@@ -125,7 +125,7 @@ def test_without_feedback_the_same_push_folds() -> None:
 
 
 def test_a_way_needs_a_metre() -> None:
-    with pytest.raises(ValueError, match=r"points span 0\.50 m: a way back needs 1 m at least"):
+    with pytest.raises(ValueError, match=r"points span 0\.50 m: reversing needs 1 m at least"):
         ReverseReference.of(ONE, np.array([[0.0, 0.0], [0.5, 0.0]]))
 
 
