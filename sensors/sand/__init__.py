@@ -1,1 +1,1 @@
-"""A field of sand that wheels leave their traces in, lit by one sun: what a rover's camera looks at."""
+"""A field of sand under one sun, in which wheels leave traces: the scene of a rover's camera."""

@@ -1,4 +1,4 @@
-"""Shadows that the rover itself throws: its body, its wheels, and a mast whose head looks around."""
+"""Shadows of the rover itself: of its body, its wheels, and a mast with a head that pans."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from vehicle.rover.description import Rover
 from vehicle.rover.truth import RoverTruth
 
 _CELL: Final = 0.003  # of the map of shadows [m]
-_SUN_DISC: Final = 0.0093  # angle that the sun's disc fills [rad]
-_LOOKS: Final = (math.radians(60.0), 9.0)  # swing of the mast's head to both sides, and its period [s]; assumed
+_SUN_DISC: Final = 0.0093  # angular diameter of the sun [rad]
+_PAN: Final = (math.radians(60.0), 9.0)  # amplitude [rad] and period [s] of the mast's head; assumed
 _METAL: Final = 0.45  # albedo of the wheels against that of sand: dull aluminium in the dust, assumed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Casters:
-    """The rover's parts that throw shadows, as convex clouds of points in R (n, 3) [m]."""
+    """Parts of the rover that cast shadows, as convex clouds of points in R (n, 3) [m]."""
 
     fixed: tuple[FloatArray, ...]
-    head: FloatArray | None  # of the mast, about its axis; None: there is no mast
-    mast: FloatArray  # (3,) where that axis meets the head
+    head: FloatArray | None  # of the mast, about its axis; None: no mast
+    mast: FloatArray  # (3,) foot of the head on the mast's axis
     wheel: FloatArray  # (n, 3) about a wheel's lowest point, x along its heading
     radius: float  # of the wheels [m]
     width: float  # [m]
@@ -36,7 +36,7 @@ class Casters:
 
     @classmethod
     def of(cls, rover: Rover, *, mast: bool, lugs: int) -> Casters:
-        """Parts of a rover of El Dorado's shape; what its file does not say is assumed from photographs."""
+        """Parts of a rover shaped like El Dorado II; dimensions missing in its file are assumed from photographs."""
         half, side = 0.5 * rover.wheelbase, 0.5 * rover.tread
         body = _box((-0.8 * half, 0.8 * half), (-0.62 * side, 0.62 * side), (0.26, 0.46))
         rockers = [_box((-half, half), (y - 0.02, y + 0.02), (0.22, 0.27)) for y in (-0.8 * side, 0.8 * side)]
@@ -57,23 +57,23 @@ class Casters:
         )
 
     def shadows(self, truth: RoverTruth, sun: FloatArray, x: Floats, y: Floats, z: Floats) -> Floats:
-        """Share of the sun that the rover leaves to points of W (h, w) [m].
+        """Share of the sun's light that reaches points of W (h, w) [m] past the rover.
 
-        Points are taken along the sun's rays to a level plane, on which the shadows are drawn.
+        Shadows are drawn on a level plane; points are projected onto it along the sun's rays.
         """
         level = float(z.mean())
-        lean = sun[:2] / max(float(sun[2]), 1e-3)  # how far a ray goes along x and y for each metre that it rises
+        lean = sun[:2] / max(float(sun[2]), 1e-3)  # horizontal distance of a ray per metre of rise
         above = z - np.float32(level)
         px, py = x - above * np.float32(lean[0]), y - above * np.float32(lean[1])
         low = np.array([px.min(), py.min()], dtype=float) - _CELL
         size = [math.ceil((float(p.max()) - start) / _CELL) + 2 for p, start in ((px, low[0]), (py, low[1]))]
-        lit = self._drawn(truth, level, lean, low, (size[1], size[0]))
+        lit = self._shadow_map(truth, level, lean, low, (size[1], size[0]))
         u, v = (px - np.float32(low[0])) * np.float32(1.0 / _CELL), (py - np.float32(low[1])) * np.float32(1.0 / _CELL)
         share = cv2.remap(lit, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(share, dtype=np.float32) * np.float32(1.0 / 255.0)
 
     def wheel_body(self, truth: RoverTruth, k: int) -> WheelBody:
-        """One of the wheels, to be looked at."""
+        """Visible body of a wheel."""
         up = truth.X_WB[:3, 2]
         ahead = np.array([math.cos(truth.wheel_headings[k]), math.sin(truth.wheel_headings[k]), 0.0])
         ahead -= (ahead @ up) * up
@@ -82,32 +82,32 @@ class Casters:
         turned = float(truth.wheel_turns[k])
         return WheelBody(X_WK=X_WK, radius=self.radius, width=self.width, lugs=self.lugs, turned=turned, albedo=_METAL)
 
-    def _drawn(
+    def _shadow_map(
         self, truth: RoverTruth, level: float, lean: FloatArray, low: FloatArray, size: tuple[int, int]
     ) -> Bytes:
-        """The map (rows, columns) of the sun that is left, from a corner on in cells; high parts have softer edges."""
+        """Map (rows, columns) of the remaining sun from the corner ``low`` on; high parts cast softer edges."""
         near, far = np.full(size, 255, np.uint8), np.full(size, 255, np.uint8)
         for cloud in self._clouds(truth):
             above = cloud[:, 2] - level
-            at = (cloud[:, :2] - above[:, None] * lean - low) / _CELL
-            hull = cv2.convexHull(at.astype(np.float32)).reshape(-1, 2)
+            cells = (cloud[:, :2] - above[:, None] * lean - low) / _CELL
+            hull = cv2.convexHull(cells.astype(np.float32)).reshape(-1, 2)
             if (hull.max(axis=0) < 0.0).any() or (hull.min(axis=0) > size[::-1]).any():
                 continue
             target = far if above.mean() > 0.5 else near
             cv2.fillConvexPoly(target, np.round(hull * 16.0).astype(np.int32), (0.0,), cv2.LINE_AA, 4)
         blurred = (
-            cv2.GaussianBlur(drawn, (0, 0), max(0.5 * _SUN_DISC * height / _CELL, 0.6))
-            for drawn, height in ((near, 0.4), (far, 1.2))
+            cv2.GaussianBlur(layer, (0, 0), max(0.5 * _SUN_DISC * height / _CELL, 0.6))
+            for layer, height in ((near, 0.4), (far, 1.2))
         )
         return np.asarray(np.minimum(*blurred), dtype=np.uint8)
 
     def _clouds(self, truth: RoverTruth) -> list[FloatArray]:
-        """All parts in W."""
+        """Point clouds of all parts in W."""
         R, p = truth.X_WB[:3, :3], truth.X_WB[:3, 3]
         clouds = [part @ R.T + p for part in self.fixed]
         if self.head is not None:
-            swing, period = _LOOKS
-            turn = swing * math.sin(2.0 * math.pi * truth.tick * TICK / period)
+            amplitude, period = _PAN
+            turn = amplitude * math.sin(2.0 * math.pi * truth.tick * TICK / period)
             clouds.append((self.head @ _about_z(turn).T + self.mast) @ R.T + p)
         for place, heading in zip(truth.wheel_positions, truth.wheel_headings, strict=True):
             clouds.append(self.wheel @ _about_z(float(heading)).T + place)

@@ -1,4 +1,4 @@
-"""The field: tiles of sand, made when they are first looked at or driven on, and kept."""
+"""Field of sand tiles, which are made when first seen or driven on."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from sensors.sand.grid import Bytes, Floats, Window
 from sensors.sand.imprint import Sand
-from sensors.sand.light import Reach, around, sent_back, sunlit
+from sensors.sand.light import Reach, around, encoded, sunlit
 from sensors.sand.relief import Relief
 from sensors.sand.rocks import Rock
 from sensors.sand.tracks import Track, pressed_by
 from sensors.world.sunlight import Sunlight
 
 TILE: Final = 512  # texels a side
-_BLOCK: Final = 32  # texels a side of what is lit anew together
+_BLOCK: Final = 32  # texels a side of the blocks whose light is updated together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,15 +29,15 @@ class Tile:
     height: Floats  # in W [m]
     albedo: Bytes
     tint: Bytes
-    packed: Bytes  # 255 where a wheel has pressed it
-    light: Bytes  # (2, n, n) of sun and sky that comes back, see ``sent_back``
-    stale: NDArray[np.uint8]  # (blocks, blocks) 1 where the light is no more that of the height
-    rock_light: Bytes | None  # share of the sun that rocks leave it; None: all
+    packed: Bytes  # 255 where a wheel has compacted it
+    light: Bytes  # (2, n, n) reflected light of sun and sky, see ``light.encoded``
+    stale: NDArray[np.uint8]  # (blocks, blocks) 1 where the light is out of date
+    rock_light: Bytes | None  # share of the sun's light past the rocks; None: all
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Field:
-    """All the tiles there are by now."""
+    """Tiles of sand that exist so far, with what new ones are made from."""
 
     relief: Relief
     sun: Sunlight
@@ -47,21 +47,21 @@ class Field:
     tiles: dict[tuple[int, int], Tile] = field(default_factory=dict)
 
     def height(self, window: Window) -> Floats:
-        """A copy of the ground's height in a window [m]."""
+        """Copy of the ground's height in a window [m]."""
         out = np.empty(window.shape, np.float32)
         for tile, here, there in self._parts(window):
             out[there] = tile.height[here]
         return out
 
     def sand(self, window: Window) -> Sand:
-        """A copy of a window, for a wheel to roll through."""
+        """Copy of the sand in a window."""
         packed = np.empty(window.shape, np.uint8)
         for tile, here, there in self._parts(window):
             packed[there] = tile.packed[here]
         return Sand(self.height(window), packed)
 
-    def mould(self, window: Window, sand: Sand) -> None:
-        """Give a window a new shape; its light is found out when it is looked at."""
+    def write(self, window: Window, sand: Sand) -> None:
+        """Write new sand to a window; its light is updated when it is next seen."""
         for tile, here, there in self._parts(window):
             tile.height[here] = sand.height[there]
             tile.packed[here] = sand.packed[there]
@@ -72,36 +72,36 @@ class Field:
             ] = 1
 
     def light(self, window: Window) -> Bytes:
-        """Light of sun and sky that comes back from a window (2, h, w)."""
-        self._light_anew(window)
+        """Light of sun and sky that a window reflects (2, h, w), see ``light.encoded``."""
+        self._update_light(window)
         out = np.empty((2, *window.shape), np.uint8)
         for tile, here, there in self._parts(window):
             out[:, *there] = tile.light[:, *here]
         return out
 
     def tint(self, window: Window) -> Bytes:
-        """How grey the ground is."""
+        """Greyness of the ground: 0 sand, 255 stone."""
         out = np.empty(window.shape, np.uint8)
         for tile, here, there in self._parts(window):
             out[there] = tile.tint[here]
         return out
 
-    def _light_anew(self, window: Window) -> None:
-        """Bring the light of a window up to date, connected stale blocks at once."""
+    def _update_light(self, window: Window) -> None:
+        """Bring the light of a window up to date, one group of connected stale blocks after the other."""
         top, left = window.top // _BLOCK, window.left // _BLOCK
         blocks = Window(top, left, -(-window.bottom // _BLOCK), -(-window.right // _BLOCK))
         whole = Window(*(side * _BLOCK for side in blocks))
         stale = np.zeros(blocks.shape, np.uint8)
         for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
             for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
-                if self._tile(i, j).stale.all():  # never looked at: all of it at once takes the least time
+                if self._tile(i, j).stale.all():  # never seen: the whole tile at once is fastest
                     self._bake(_extent(i, j))
         for tile, here, there in self._parts(whole):
             stale[_in_blocks(there)] = tile.stale[_in_blocks(here)]
         if not stale.any():
             return
-        count, _, found, _ = cv2.connectedComponentsWithStats(stale, connectivity=8)
-        for column, row, columns, rows, _ in found[1:count].tolist():
+        count, _, groups, _ = cv2.connectedComponentsWithStats(stale, connectivity=8)
+        for column, row, columns, rows, _ in groups[1:count].tolist():
             self._bake(
                 Window(
                     *(_BLOCK * side for side in (top + row, left + column, top + row + rows, left + column + columns))
@@ -114,11 +114,11 @@ class Field:
             direct = sun[there]
             if tile.rock_light is not None:
                 direct = direct * (tile.rock_light[here] * np.float32(1.0 / 255.0))
-            tile.light[:, *here] = sent_back(tile.albedo[here], tile.packed[here], direct, sky[there])
+            tile.light[:, *here] = encoded(tile.albedo[here], tile.packed[here], direct, sky[there])
             tile.stale[_in_blocks(here)] = 0
 
     def _parts(self, window: Window) -> Iterator[tuple[Tile, tuple[slice, slice], tuple[slice, slice]]]:
-        """Tiles that a window lies on: what of each of them it covers, and where that is in the window."""
+        """Tiles under a window, each with the common part as slices of the tile and of the window."""
         for i in range(window.top // TILE, (window.bottom - 1) // TILE + 1):
             for j in range(window.left // TILE, (window.right - 1) // TILE + 1):
                 extent = _extent(i, j)
@@ -127,10 +127,10 @@ class Field:
 
     def _tile(self, i: int, j: int) -> Tile:
         if (i, j) not in self.tiles:
-            self.tiles[i, j] = self._made(_extent(i, j))
+            self.tiles[i, j] = self._new_tile(_extent(i, j))
         return self.tiles[i, j]
 
-    def _made(self, window: Window) -> Tile:
+    def _new_tile(self, window: Window) -> Tile:
         ground = self.relief.ground(window)
         sand = Sand(ground.height, np.zeros(window.shape, np.uint8))
         for track in self.tracks:
@@ -146,7 +146,7 @@ class Field:
         )
 
     def _rock_light(self, window: Window, height: Floats) -> Bytes | None:
-        """What rocks leave of the sun, if any of them is near enough."""
+        """Share of the sun's light past the rocks; None if none is near."""
         lights = [light for rock in self.rocks if (light := rock.light(window, height, self.sun.direction)) is not None]
         if not lights:
             return None
@@ -154,7 +154,7 @@ class Field:
 
 
 def _extent(i: int, j: int) -> Window:
-    """The texels of a tile."""
+    """Texels of a tile."""
     return Window(i * TILE, j * TILE, (i + 1) * TILE, (j + 1) * TILE)
 
 

@@ -1,4 +1,4 @@
-"""The grid of texels that the sand is kept on, and windows of it.
+"""Grid of texels that represents the sand, and windows of it.
 
 Texel (row, column) has its centre at x = column * TEXEL, y = row * TEXEL in W; arrays are [row, column].
 """
@@ -20,7 +20,7 @@ TEXEL: Final = 1e-3  # [m]
 
 
 class Window(NamedTuple):
-    """A rectangle of texels, without the last row and column."""
+    """Rectangle of texels; ``bottom`` and ``right`` are exclusive."""
 
     top: int
     left: int
@@ -33,11 +33,11 @@ class Window(NamedTuple):
         return self.bottom - self.top, self.right - self.left
 
     def grown(self, by: int) -> Window:
-        """So many texels more on each side."""
+        """Window with a margin of ``by`` texels on each side."""
         return Window(self.top - by, self.left - by, self.bottom + by, self.right + by)
 
     def common(self, other: Window) -> Window:
-        """What is in both; empty windows have no positive shape."""
+        """Intersection of two windows; it may be empty."""
         return Window(
             max(self.top, other.top),
             max(self.left, other.left),
@@ -47,18 +47,18 @@ class Window(NamedTuple):
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no texel in it."""
+        """True if the window has no texels."""
         return self.bottom <= self.top or self.right <= self.left
 
     def within(self, outer: Window) -> tuple[slice, slice]:
-        """Where its texels are in an array of the outer window."""
+        """Slices of its texels in an array of the outer window."""
         return (
             slice(self.top - outer.top, self.bottom - outer.top),
             slice(self.left - outer.left, self.right - outer.left),
         )
 
     def places(self) -> tuple[Floats, Floats]:
-        """x (1, columns) and y (rows, 1) of its texels in W, counted from the first one for the sake of precision."""
+        """x (1, columns) and y (rows, 1) of its texels relative to the first one, to keep float32 precise [m]."""
         rows, columns = self.shape
         x = np.arange(columns, dtype=np.float32)[None, :] * np.float32(TEXEL)
         y = np.arange(rows, dtype=np.float32)[:, None] * np.float32(TEXEL)
@@ -66,12 +66,12 @@ class Window(NamedTuple):
 
     @property
     def corner(self) -> FloatArray:
-        """W of the first texel (2,) [m]."""
+        """Place of the first texel in W (2,) [m]."""
         return np.array([self.left * TEXEL, self.top * TEXEL])
 
 
 def window_around(points: FloatArray, margin: float) -> Window:
-    """The smallest window that has all points (n, 2) of W [m] and so much around them [m]."""
+    """Smallest window with all points (n, 2) of W [m] and a margin around them [m]."""
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     return Window(
         math.floor(low[1] / TEXEL),

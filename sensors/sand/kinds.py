@@ -1,4 +1,4 @@
-"""Named kinds of sand ground, after the sample images of Reina 2008, Fig. 2 a to f."""
+"""Kinds of sand by name, after the sample images of Reina 2008, Fig. 2 a to f."""
 
 from __future__ import annotations
 
@@ -9,26 +9,29 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SandKind:
-    """What a ground is made of, and where the sun stands over it if nothing else is said.
+    """Look of a kind of sand, and the default range of the sun's position.
 
-    All sizes are assumed: chosen by eye beside the paper's description, and in the range of what beaches look like.
+    All sizes are assumed: chosen by eye from the paper's description, in the range of natural beaches.
     """
 
     ripples: float = 0.0005  # amplitude of wind ripples [m]
-    low_relief: float = 0.0025  # standard deviation of what is longer than 0.1 m [m]
+    low_relief: float = 0.0025  # standard deviation of the relief above 0.1 m wavelength [m]
     stones: float = 300.0  # pebbles above 1.5 mm radius [1/m2]
     blotches: float = 0.05  # standard deviation of the relative albedo [-]
-    wet: float = 0.0  # share of the light that wet patches take [-]
-    cracks: float = 0.0  # depth of cracks across the way [m]
-    rocks: float = 0.0  # beside the way [1/m2]
-    foreign_tracks: bool = False  # of other vehicles, beside the way and across it
-    mast: bool = False  # the rover carries a mast whose head looks around
-    azimuth: tuple[float, float] = (math.radians(60.0), math.radians(210.0))  # of the sun against the way, + left [rad]
+    wet: float = 0.0  # share of the light that wet patches absorb [-]
+    cracks: float = 0.0  # depth of cracks across the path [m]
+    rocks: float = 0.0  # beside the path [1/m2]
+    foreign_tracks: bool = False  # tracks of other vehicles beside and across the path
+    mast: bool = False  # the rover has a mast with a head that pans
+    azimuth: tuple[float, float] = (
+        math.radians(60.0),
+        math.radians(210.0),
+    )  # of the sun relative to the path, + left [rad]
     elevation: tuple[float, float] = (math.radians(30.0), math.radians(48.0))  # of the sun [rad]
 
 
-# Ahead and to the right of the rover the sun throws the rover's own shadow over what its camera sees; ahead and to the
-# left that of rocks beside the way; from behind it shows what lies across the way.
+# A sun ahead on the right casts the rover's own shadow into the camera's view, ahead on the left the shadows of rocks
+# beside the path. From behind it brings out relief across the path.
 _OWN_SHADOW: Final = (math.radians(-75.0), math.radians(10.0))  # [rad]
 _ROCK_SHADOWS: Final = (math.radians(-50.0), math.radians(80.0))
 _BEHIND: Final = (math.radians(105.0), math.radians(215.0))
@@ -56,10 +59,10 @@ KINDS: Final[dict[str, SandKind]] = {
 
 
 def kind_named(name: str) -> SandKind:
-    """The kind of that name.
+    """Look up a kind of sand.
 
     Raises:
-        ValueError: if there is none.
+        ValueError: if there is no kind of this name.
     """
     if name not in KINDS:
         raise ValueError(f"terrain = {name!r} must be one of {', '.join(KINDS)}")

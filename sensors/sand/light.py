@@ -1,4 +1,4 @@
-"""Light on sand: how much of the sun and of the sky each texel sends back, baked where the ground has changed."""
+"""Light on sand: sun and sky that each texel reflects, updated where the ground has changed."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from sensors.sand.grid import TEXEL, Bytes, Floats, Window
 from sensors.sand.relief import ALBEDO
 from sensors.world.sunlight import Sunlight
 
-_HIGHEST: Final = 0.034  # of what throws shadows on the ground by itself, above the ground around it [m]
-_PENUMBRA: Final = np.float32(0.0006)  # height over which a shadow fades: edges of sand are blunt [m]
-_NARROW, _BROAD = 17, 61  # texels a side of the surroundings that hide a part of the sky
-_PACKED: Final = 0.10  # share of its light that sand pressed by a wheel loses: smoother, and damp from below; assumed
-_COVERED: Final = 0.8  # share of what lies on the sand, such as pebbles, that a wheel presses below it; assumed
+_HIGHEST: Final = 0.034  # largest height of relief above the ground around it [m]
+_PENUMBRA: Final = np.float32(0.0006)  # height over which a shadow fades, as edges of sand are blunt [m]
+_NARROW, _BROAD = 17, 61  # texels a side of the surroundings that hide parts of the sky
+_PACKED: Final = 0.10  # loss of albedo of compacted sand, which is smoother and damp from below; assumed
+_COVERED: Final = 0.8  # share of the cover, such as pebbles, that a wheel presses into the sand; assumed
 
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How far around a texel its light depends on the ground, and where its own shadow falls."""
+    """Surroundings of a texel on which its light depends, and which its own shadow changes."""
 
-    rays: tuple[tuple[int, int, float], ...]  # rows, columns towards the sun, and how high the ray is there [m]
-    before: Window  # texels around a texel that its light comes over, its own being the first
-    behind: Window  # texels around it whose light it may change
+    rays: tuple[tuple[int, int, float], ...]  # rows, columns towards the sun, and height of the ray there [m]
+    before: Window  # margins around a texel with the ground that its light depends on
+    behind: Window  # margins around it with the texels whose light it may change
 
     @classmethod
     def of(cls, light: Sunlight) -> Reach:
-        """Of the sun where it stands."""
+        """Surroundings for a position of the sun."""
         across = math.hypot(light.direction[0], light.direction[1])
         near = _NARROW // 2 + 1
         if light.overcast or across < 1e-3:  # no shadows, or the sun at the zenith
@@ -51,34 +51,39 @@ class Reach:
 
 
 def _outward(length: float) -> int:
-    """The next whole number away from 0."""
+    """Next whole number away from 0."""
     return math.ceil(length) if length > 0.0 else math.floor(length)
 
 
-def around(window: Window, by: Window) -> Window:
-    """A window and so many texels more on its sides."""
-    return Window(window.top - by.top, window.left - by.left, window.bottom + by.bottom, window.right + by.right)
+def around(window: Window, margins: Window) -> Window:
+    """Window with margins on its four sides."""
+    return Window(
+        window.top - margins.top,
+        window.left - margins.left,
+        window.bottom + margins.bottom,
+        window.right + margins.right,
+    )
 
 
 def sunlit(height: Floats, reach: Reach, light: Sunlight) -> tuple[Floats, Floats]:
-    """Share of the sun's and of the sky's light that falls on the part of a height map that ``reach`` leaves."""
+    """Shares of the light of sun and sky on the inner part of a height map, inside the margins ``reach.before``."""
     top, left = reach.before.top, reach.before.left
     h, w = height.shape[0] - top - reach.before.bottom, height.shape[1] - left - reach.before.right
 
-    def beside(row: int, column: int) -> Floats:
+    def shifted(row: int, column: int) -> Floats:
         return height[top + row : top + row + h, left + column : left + column + w]
 
-    here = beside(0, 0)
-    slope_x = (beside(0, 1) - beside(0, -1)) * np.float32(0.5 / TEXEL)
-    slope_y = (beside(1, 0) - beside(-1, 0)) * np.float32(0.5 / TEXEL)
+    here = shifted(0, 0)
+    slope_x = (shifted(0, 1) - shifted(0, -1)) * np.float32(0.5 / TEXEL)
+    slope_y = (shifted(1, 0) - shifted(-1, 0)) * np.float32(0.5 / TEXEL)
     upright = np.float32(1.0) / cv2.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
     sx, sy, sz = (np.float32(part) for part in light.direction)
     facing = np.maximum((sz - sx * slope_x - sy * slope_y) * upright, 0.0)
     if reach.rays:
-        over = np.full(here.shape, -np.inf, dtype=np.float32)  # highest ray of the sun that is stopped
+        over = np.full(here.shape, -np.inf, dtype=np.float32)  # highest ray of the sun that is blocked
         ray = np.empty(here.shape, dtype=np.float32)
         for row, column, rise in reach.rays:
-            np.subtract(beside(row, column), np.float32(rise), out=ray)
+            np.subtract(shifted(row, column), np.float32(rise), out=ray)
             np.maximum(over, ray, out=over)
         hidden = np.clip((over - here) / _PENUMBRA + np.float32(0.5), 0.0, 1.0)
         facing *= 1.0 - hidden
@@ -89,20 +94,20 @@ def sunlit(height: Floats, reach: Reach, light: Sunlight) -> tuple[Floats, Float
     return np.asarray(facing, dtype=np.float32), np.asarray(open_sky, dtype=np.float32)
 
 
-def sent_back(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
-    """Light of sun and sky that comes back (2, h, w), as the root of its share: bytes are then as fine as eyes are."""
+def encoded(albedo: Bytes, packed: Bytes, sun: Floats, sky: Floats) -> Bytes:
+    """Reflected shares of sun and sky (2, h, w) as bytes: square roots, which are as fine in the dark as needed."""
     own = albedo.astype(np.float32)
     pressed = packed.astype(np.float32) * np.float32(1.0 / 255.0)
     own += (np.float32(ALBEDO * (1.0 - _PACKED)) - own) * (np.float32(_COVERED) * pressed)
     share = own * np.float32(0.5 / ALBEDO)
-    sent = np.empty((2, *share.shape), np.uint8)
-    for plane, light in zip(sent, (sun, sky), strict=True):
+    roots = np.empty((2, *share.shape), np.uint8)
+    for plane, light in zip(roots, (sun, sky), strict=True):
         plane[...] = np.minimum(255.0 * cv2.sqrt(share * light), 255.0)
-    return sent
+    return roots
 
 
-def came_back(sent: Bytes | Floats) -> Floats:
-    """The share (h, w) of the sun's or of the sky's light from what ``sent_back`` says of it."""
-    share: Floats = np.square(sent, dtype=np.float32)
+def decoded(roots: Bytes | Floats) -> Floats:
+    """Reflected share (h, w) of sun or sky from the output of ``encoded``."""
+    share: Floats = np.square(roots, dtype=np.float32)
     share *= np.float32(2.0 / 255.0**2)
     return share

@@ -1,6 +1,6 @@
-"""Maps of random relief and brightness that a whole field of sand is made from, tile by tile.
+"""Random maps for the relief and the brightness of a field of sand.
 
-A map is periodic. Two maps of incommensurate periods are added where a period of one metre could be seen.
+Each map is periodic. Where a period of one metre would be visible, two maps with incommensurate periods are added.
 """
 
 from __future__ import annotations
@@ -15,29 +15,29 @@ from sensors.sand.grid import TEXEL, Floats, Window
 from sensors.world.textures import fractal_noise
 
 COARSE: Final = 8  # texels a side of a coarse cell
-_COARSE_SIZE: Final = 768  # cells: repeats after 6.1 m
-_FINE_SIZES: Final = (1024, 864)  # texels: both together repeat after 27 m
+_COARSE_SIZE: Final = 768  # cells; repeats after 6.1 m
+_FINE_SIZES: Final = (1024, 864)  # texels; both together repeat after 27 m
 
 
 def _band(longest: float, shortest: float, cell: float) -> tuple[float, float]:
-    """Cycles a cell of a band of wavelengths [m]."""
+    """Band of wavelengths [m] in cycles per cell."""
     return (cell / longest if np.isfinite(longest) else 0.0, cell / shortest)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseMap:
-    """Smooth noise of unit deviation in cells of ``COARSE`` texels."""
+    """Smooth noise of unit standard deviation in cells of ``COARSE`` texels."""
 
     cells: Floats  # (n, n)
 
     @classmethod
     def draw(cls, rng: np.random.Generator, slope: float, shortest: float) -> CoarseMap:
-        """Noise without wavelengths below ``shortest`` [m]."""
+        """Draw noise without wavelengths below ``shortest`` [m]."""
         band = _band(np.inf, shortest, COARSE * TEXEL)
         return cls(fractal_noise(rng, (_COARSE_SIZE, _COARSE_SIZE), slope, band))
 
     def over(self, window: Window) -> Floats:
-        """The map's values in a window."""
+        """Values of the map in a window."""
         top, left = window.top // COARSE - 2, window.left // COARSE - 2
         bottom, right = window.bottom // COARSE + 3, window.right // COARSE + 3
         rows, columns = np.arange(top, bottom) % len(self.cells), np.arange(left, right) % len(self.cells)
@@ -49,7 +49,7 @@ class CoarseMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FineMap:
-    """Noise of unit deviation, texel by texel."""
+    """Noise of unit standard deviation, texel by texel."""
 
     layers: tuple[Floats, ...]
 
@@ -57,14 +57,14 @@ class FineMap:
     def draw(
         cls, rng: np.random.Generator, slope: float, longest: float, shortest: float, *, layers: int = 1
     ) -> FineMap:
-        """Noise of wavelengths in a band [m], of one layer or of two that do not repeat together."""
+        """Draw noise with wavelengths in a band [m], in one layer or in two that do not repeat together."""
         band = _band(longest, shortest, TEXEL)
         sizes = _FINE_SIZES[:layers]
         scale = np.float32(1.0 / np.sqrt(layers))
         return cls(tuple(scale * fractal_noise(rng, (size, size), slope, band) for size in sizes))
 
     def over(self, window: Window) -> Floats:
-        """The map's values in a window."""
+        """Values of the map in a window."""
         total: Floats | None = None
         for layer in self.layers:
             part = _wrapped(layer, window)
@@ -73,7 +73,7 @@ class FineMap:
 
 
 def _wrapped(layer: Floats, window: Window) -> Floats:
-    """A window of a periodic map."""
+    """Window of a periodic map."""
     n = len(layer)
     top, left = window.top % n, window.left % n
     rows, columns = window.shape

@@ -1,4 +1,4 @@
-"""Undisturbed sand: its relief and its colour, made tile by tile from what one seed gives."""
+"""Undisturbed sand: relief and colour, made tile by tile from one seed."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from sensors.sand.stones import Pebbles
 from sensors.world.textures import sigmoid, to_bytes
 from vehicle.rover.terrain import Terrain
 
-RIPPLE_LENGTH: Final = 0.085  # from crest to crest: wind ripples in medium sand [m]
-_CRACKS: Final = 0.41  # from crack to crack [m]
-ALBEDO: Final = 150.0  # levels of sand that is neither dark nor bright
+RIPPLE_LENGTH: Final = 0.085  # crest to crest of wind ripples in medium sand [m]
+_CRACKS: Final = 0.41  # distance between cracks [m]
+ALBEDO: Final = 150.0  # mean of sand [levels]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Ground:
-    """A window of sand that nobody has touched."""
+class UndisturbedSand:
+    """Sand of a window before any wheel."""
 
     height: Floats  # in W [m]
-    albedo: Bytes  # ``ALBEDO`` is that of dry sand
-    tint: Bytes  # 0 as sand, 255 as grey stone
+    albedo: Bytes  # mean ``ALBEDO``
+    tint: Bytes  # 0 sand, 255 grey stone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relief:
-    """Makes the sand of any place."""
+    """Generator of undisturbed sand for any place."""
 
     kind: SandKind
     terrain: Terrain
@@ -48,7 +48,7 @@ class Relief:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, kind: SandKind, terrain: Terrain, crest: float) -> Relief:
-        """A relief of a kind on a large shape."""
+        """Draw the relief of a kind of sand on a large shape."""
         return cls(
             kind=kind,
             terrain=terrain,
@@ -62,10 +62,10 @@ class Relief:
             pebbles=Pebbles.draw(rng, kind.stones),
         )
 
-    def ground(self, window: Window) -> Ground:
-        """The sand of a window, whose borders are multiples of the pebbles' tile."""
+    def ground(self, window: Window) -> UndisturbedSand:
+        """Sand of a window; its borders must be multiples of its size, as pebbles are drawn by windows."""
         grain, patches = self.grain.over(window), self.patches.over(window)
-        height = self._waves(window) + np.float32(0.0003) * self.rough.over(window) + np.float32(0.00006) * grain
+        height = self._ripples(window) + np.float32(0.0003) * self.rough.over(window) + np.float32(0.00006) * grain
         height += self.kind.low_relief * self.low.over(window) - self._cracks(window, patches)
         albedo = 1.0 + 0.6 * self.kind.blotches * grain + self.kind.blotches * patches
         albedo -= 0.35 * np.clip(3.0 * (np.abs(grain) - 2.6), 0.0, 1.0) * np.sign(grain)  # dark and bright grains
@@ -74,14 +74,16 @@ class Relief:
         tint = np.zeros(window.shape, np.float32)
         self._lay_pebbles(window, height, albedo, tint)
         height += self.large(window)
-        return Ground(height.astype(np.float32), np.clip(ALBEDO * albedo, 0, 255).astype(np.uint8), to_bytes(tint))
+        return UndisturbedSand(
+            height.astype(np.float32), np.clip(ALBEDO * albedo, 0, 255).astype(np.uint8), to_bytes(tint)
+        )
 
     def crumbs(self, window: Window) -> Crumbs:
-        """What makes the edges of ruts ragged in a window."""
+        """Noise that makes the edges of ruts ragged."""
         return Crumbs(self.rough.over(window), self.patches.over(window))
 
     def large(self, window: Window) -> Floats:
-        """The large shape in a window [m]."""
+        """Height of the large shape in a window [m]."""
         outer = window.grown(COARSE)
         rows, columns = (math.ceil(side / COARSE) for side in outer.shape)
         x = outer.left * TEXEL + (np.arange(columns) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
@@ -92,25 +94,25 @@ class Relief:
         fine = cv2.resize(coarse, (columns * COARSE, rows * COARSE), interpolation=cv2.INTER_LINEAR)
         return np.asarray(fine[COARSE:, COARSE:][: window.shape[0], : window.shape[1]], dtype=np.float32)
 
-    def _waves(self, window: Window) -> Floats:
-        """Wind ripples, of crests that wind and end."""
+    def _ripples(self, window: Window) -> Floats:
+        """Heights of wind ripples, whose crests wind and end [m]."""
         cycles = self._across_crests(window, RIPPLE_LENGTH) + np.float32(0.012 / RIPPLE_LENGTH) * self.warp.over(window)
         phase = np.float32(2.0 * math.pi) * cycles
         strength = np.clip(0.8 + 0.35 * self.patches.over(window), 0.1, 1.6)
         return np.asarray(self.kind.ripples * strength * (np.sin(phase) + 0.25 * np.sin(2.0 * phase + 0.9)), np.float32)
 
     def _cracks(self, window: Window, patches: Floats) -> Floats:
-        """Depth of cracks, which run as the crests do [m]."""
+        """Depth of cracks, which run parallel to the crests [m]."""
         if not self.kind.cracks:
             return np.zeros(window.shape, np.float32)
         warp = np.float32(0.02) * self.warp.over(window) + np.float32(0.0012) * self.rough.over(window)
         place = self._across_crests(window, _CRACKS) + warp * np.float32(1.0 / _CRACKS)  # [cracks]
-        off = np.abs(place - np.round(place)) * np.float32(_CRACKS)
+        distance = np.abs(place - np.round(place)) * np.float32(_CRACKS)
         open_here = np.clip(0.6 + patches, 0.0, 1.0)
-        return np.asarray(self.kind.cracks * open_here * np.exp(-((off / 0.004) ** 2)), dtype=np.float32)
+        return np.asarray(self.kind.cracks * open_here * np.exp(-((distance / 0.004) ** 2)), dtype=np.float32)
 
     def _across_crests(self, window: Window, length: float) -> Floats:
-        """Way across the crests in lengths [-], less a whole number of them for the sake of precision."""
+        """Distance across the crests in wavelengths [-], less a whole number of them to keep float32 precise."""
         x, y = window.places()
         c, s = math.cos(self.crest), math.sin(self.crest)
         begin = float(window.corner @ [c, s]) / length

@@ -1,6 +1,6 @@
-"""A rover's way over sand with a slip that is prescribed, not caused: for trying trace trackers on.
+"""A rover's pass over sand with prescribed slip, as test data for trace trackers.
 
-Kinematics only: the body goes where speed, heading and slip angle say, wheels point ahead and follow it rigidly.
+Kinematics only: the body moves by its speed, heading and slip angle; the wheels point straight ahead.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ SlipProfile = Literal["none", "slow", "fast"]
 
 FRAME_TICKS: Final = 200  # between images: 5 Hz (Reina 2008)
 SPEED: Final = 0.08  # (Reina 2008) [m/s]
-_SINKAGE: Final = 0.011  # of a wheel, and how it varies: between light and loaded El Dorado on beach sand, assumed [m]
+_SINKAGE: Final = 0.011  # mean and standard deviation: between light and loaded El Dorado II on beach sand, assumed [m]
 _SINKAGE_STD: Final = 0.001  # [m]
-_EDGE: Final = 0.03  # over which sand takes the place of a crust [m]
-_SHAKE: Final = (math.radians(0.22), 0.5)  # of roll and pitch over relief: deviation [rad] and time [s], assumed
-_WANDER: Final = (math.radians(1.5), 12.0)  # of the heading, likewise
+_EDGE: Final = 0.03  # length of the transition between sand and crust [m]
+_SHAKE: Final = (math.radians(0.22), 0.5)  # roll and pitch over relief: standard deviation [rad] and time [s], assumed
+_WANDER: Final = (math.radians(1.5), 12.0)  # the same of the heading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverPass:
-    """What is prescribed: ``frames`` moments at ``FRAME_TICKS``, starting at W's origin along x.
+    """Prescription of a pass: ``frames`` moments at ``FRAME_TICKS``, from W's origin along x.
 
-    ``slow`` is slip as in Fig. 8 of Reina 2008, none until the onset and then building up over a minute's part;
-    ``fast`` varies by 1.6 deg within 5 s about 6 to 11 deg.
+    ``slow`` is slip as in Fig. 8 of Reina 2008: none until the onset, then growing for part of a minute. ``fast``
+    varies by 1.6 deg within 5 s about a mean of 6 to 11 deg.
 
     Raises:
-        ValueError: for a profile or a number of frames that can not be.
+        ValueError: for an unknown profile or fewer than 2 frames.
     """
 
     frames: int
     profile: SlipProfile
     onset: float = 20.0  # of the slip, from the start [s]
-    bare: Sequence[tuple[float, float]] = ()  # stretches of x whose crust takes no imprint [m]
+    bare: Sequence[tuple[float, float]] = ()  # stretches of x with a crust that takes no imprint [m]
 
     def __post_init__(self) -> None:
         if self.frames < 2:
@@ -52,7 +52,7 @@ class RoverPass:
             raise ValueError(f"profile = {self.profile!r} must be none, slow or fast")
 
     def truths(self, rover: Rover, terrain: Terrain, rng: np.random.Generator) -> list[RoverTruth]:
-        """The truth at every moment."""
+        """Truth at every moment."""
         dt = FRAME_TICKS * TICK
         slip = self.slip_angles(rng)
         psi = _wandering(rng, self.frames, dt, *_WANDER)
@@ -62,8 +62,8 @@ class RoverPass:
         shake = np.stack([_wandering(rng, self.frames, dt, *_SHAKE) for _ in range(2)], axis=-1)
         sinkage = _SINKAGE + _wandering(rng, self.frames, dt, _SINKAGE_STD, 3.0)
         course = psi + slip
-        ways = dt * speed[:-1, None] * _directions(0.5 * (course[:-1] + course[1:]))
-        places = np.concatenate([np.zeros((1, 2)), np.cumsum(ways, axis=0)])
+        steps = dt * speed[:-1, None] * _directions(0.5 * (course[:-1] + course[1:]))
+        places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
         yaw_rate = np.gradient(psi, dt)
         velocity = np.column_stack([speed * np.cos(slip), speed * np.sin(slip), yaw_rate])
         turns = np.concatenate(
@@ -77,20 +77,20 @@ class RoverPass:
         ]
 
     def slip_angles(self, rng: np.random.Generator) -> FloatArray:
-        """The body's slip angle at every moment [rad]."""
+        """Slip angle of the body at every moment [rad]."""
         dt = FRAME_TICKS * TICK
         t = dt * np.arange(self.frames)
-        still = _wandering(rng, self.frames, dt, math.radians(0.25), 4.0)
+        noise = _wandering(rng, self.frames, dt, math.radians(0.25), 4.0)
         side = rng.choice((-1.0, 1.0))
         if self.profile == "none":
-            return still
+            return noise
         if self.profile == "slow":
             size, rise, std, time = rng.uniform(5.0, 9.0), 8.0, 0.5, 12.0
         else:
             size, rise, std, time = rng.uniform(6.0, 11.0), 1.4, 1.6, 5.0
-        on = 1.0 / (1.0 + np.exp(-(t - self.onset - 2.0 * rise) / rise))
+        onset = 1.0 / (1.0 + np.exp(-(t - self.onset - 2.0 * rise) / rise))
         varying = size + _wandering(rng, self.frames, dt, std, time)
-        slip: FloatArray = still + side * np.radians(on * varying)
+        slip: FloatArray = noise + side * np.radians(onset * varying)
         return slip
 
     def _truth(
@@ -139,7 +139,7 @@ class RoverPass:
 
 
 def bare_stretches(rng: np.random.Generator, length: float, share: float) -> tuple[tuple[float, float], ...]:
-    """Stretches of crust of 1.1 to 1.9 m that take a share of a way [m]: longer than a view."""
+    """Draw stretches of crust, 1.1 to 1.9 m long, which make up a ``share`` of a path of ``length`` [m]."""
     stretches = []
     x = 0.0
     while share > 0.0 and x < length:
@@ -151,14 +151,14 @@ def bare_stretches(rng: np.random.Generator, length: float, share: float) -> tup
 
 
 def _wandering(rng: np.random.Generator, n: int, dt: float, std: float, time: float) -> FloatArray:
-    """A smooth Gauss-Markov process."""
+    """Smooth Gauss-Markov process with a standard deviation and a correlation time [s]."""
     kept = math.exp(-dt / time)
     noise = rng.standard_normal(n)
     x = np.empty(n)
     x[0] = noise[0]
     for k in range(1, n):
         x[k] = kept * x[k - 1] + math.sqrt(1.0 - kept**2) * noise[k]
-    reach = max(1, round(0.35 * min(time, 5.0) / dt))  # what moves mass has no corners
+    reach = max(1, round(0.35 * min(time, 5.0) / dt))  # a mass moves without corners
     smooth = np.convolve(np.pad(x, reach, mode="edge"), np.hanning(2 * reach + 3)[1:-1], mode="valid")
     scaled: FloatArray = std * smooth / np.hanning(2 * reach + 3).sum()
     return scaled
@@ -182,7 +182,7 @@ def _wheel_speeds(rover: Rover, velocity: FloatArray, spin: FloatArray) -> Float
 
 
 def _on(terrain: Terrain, x: float, y: float, psi: float) -> FloatArray:
-    """Attitude (3, 3) of a body that stands on a slope with heading psi."""
+    """Attitude (3, 3) of a body on a slope with heading psi [rad]."""
     slope = np.asarray(terrain.gradient(x, y)).reshape(2)
     up = np.array([-slope[0], -slope[1], 1.0])
     up /= np.linalg.norm(up)

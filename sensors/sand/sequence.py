@@ -1,4 +1,4 @@
-"""Labelled image sequences: what a rover sees, and what is true of it, made on the fly."""
+"""Labelled image sequences: views of a rover's camera with their ground truth, made on the fly."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
-_LEAD: Final = 45  # moments before the first image, in which the trace grows as long as the view: 0.72 m
+_LEAD: Final = 45  # moments before the first image; the trace grows to the length of the view, 0.72 m
 
 
 class Labelled(NamedTuple):
-    """One image with its truth."""
+    """View with its ground truth."""
 
     view: RoverView
     truth: RoverTruth
@@ -44,16 +44,16 @@ def labelled_sequence(
     sun: Sun | None = None,
     webcam: Webcam | None = None,
 ) -> Iterator[Labelled]:
-    """Images of a rover that crosses a kind of sand with a prescribed slip.
+    """Images of a rover that crosses a kind of sand with prescribed slip.
 
-    ``bare`` is the share of the way whose crust takes no imprint.
+    ``bare`` is the share of the path with a crust that takes no imprint.
     """
-    way_rng, rng = np.random.default_rng([seed, _LEAD]).spawn(2)
+    pass_rng, rng = np.random.default_rng([seed, _LEAD]).spawn(2)
     length = (frames + _LEAD) * FRAME_TICKS * TICK * SPEED
-    stretches = bare_stretches(way_rng, length + rover.wheelbase, bare)
+    stretches = bare_stretches(pass_rng, length + rover.wheelbase, bare)
     ground = Terrain() if terrain is None else terrain
-    whole = RoverPass(frames=frames + _LEAD, profile=profile, bare=stretches)
-    truths = whole.truths(rover, ground, way_rng)
+    rover_pass = RoverPass(frames=frames + _LEAD, profile=profile, bare=stretches)
+    truths = rover_pass.truths(rover, ground, pass_rng)
     return recorded(truths, kind, rng=rng, rover=rover, terrain=ground, sun=sun, webcam=webcam, lead=_LEAD)
 
 
@@ -69,7 +69,7 @@ def recorded(
     rig: TraceRig | None = None,
     lead: int = 0,
 ) -> Iterator[Labelled]:
-    """What is seen at moments of any way, after the first ``lead`` of them."""
+    """Views at the moments of a drive, after the first ``lead`` of them."""
     world_rng, camera_rng, instrument_rng = rng.spawn(3)
     world = SandWorld(kind, rng=world_rng, rover=rover, terrain=terrain, route=route_of(truths), sun=sun)
     camera = TraceCamera(world, nominal_rig(rover) if rig is None else rig, webcam or Webcam(), camera_rng)
@@ -89,5 +89,5 @@ def recorded(
 
 
 def route_of(truths: Sequence[RoverTruth]) -> FloatArray:
-    """The way of the rover's middle (n, 2) [m]."""
+    """Path of R's origin (n, 2) [m]."""
     return np.array([truth.pose[:2] for truth in truths])

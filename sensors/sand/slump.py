@@ -1,4 +1,4 @@
-"""Sand that is steeper than it can stay slides down."""
+"""Slumping of sand that is steeper than its slope of repose."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from sensors.sand.grid import TEXEL, Floats
 
-_STEEPEST: Final = np.float32(0.75 * TEXEL)  # from texel to texel: tan 37 deg, the repose of dry sand [m]
-_SHARE: Final = np.float32(0.24)  # of what is too much goes to each neighbour at once; a quarter is what stays stable
+_STEEPEST: Final = np.float32(0.75 * TEXEL)  # height between texels at the slope of repose of dry sand, tan 37 deg [m]
+_SHARE: Final = np.float32(0.24)  # of the excess height that moves in a sweep; above a quarter it is unstable
 
 
 def slumped(height: Floats, inside: NDArray[np.bool_], sweeps: int) -> Floats:
-    """The height map after so many sweeps, in each of which sand moves by one texel within ``inside``."""
+    """Height map after some sweeps; in each of them sand moves by at most one texel within ``inside``."""
     ground = height.copy()
     down = (ground[:-1], ground[1:], _SHARE * (inside[1:] & inside[:-1]))
     right = (ground[:, :-1], ground[:, 1:], _SHARE * (inside[:, 1:] & inside[:, :-1]))

@@ -1,4 +1,4 @@
-"""Bodies that stand on the sand and hide what is behind them: ellipsoids and wheels, hit by rays."""
+"""Bodies on the sand, ellipsoids and wheels, and their intersections with rays."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from vehicle.frames import FloatArray, inverse
 
 
 class Hits(NamedTuple):
-    """Where rays (...,) meet a body: whether they do, and of the n that do, in their order, the rest (n,)."""
+    """Intersections of rays (...,) with a body; all but ``met`` are (n,), one for each of the n rays that hit."""
 
-    met: NDArray[np.bool_]  # (...,)
+    met: NDArray[np.bool_]  # (...,) True for rays that hit
     depth: Floats  # along the rays
-    facing: Floats  # cosine of the sun over its surface, 0 where it turns away
-    sky: Floats  # share of the sky over its surface
-    albedo: Floats  # against that of sand
+    facing: Floats  # cosine between sun and surface normal, 0 on the side away from the sun
+    sky: Floats  # visible share of the sky
+    albedo: Floats  # relative to sand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ellipsoid:
-    """A rock: an ellipsoid with a rough skin."""
+    """Rock: an ellipsoid with a rough skin."""
 
-    X_WE: FloatArray  # (4, 4) its middle and axes
+    X_WE: FloatArray  # (4, 4) pose of its middle and axes
     radii: tuple[float, float, float]  # [m]
     albedo: float
 
     @property
     def corners(self) -> FloatArray:
-        """Of a box (8, 3) in W that has all of it; its skin has no height."""
+        """Corners of its bounding box (8, 3) in W; the skin has no height."""
         return _corners(self.X_WE, self.radii)
 
     def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
-        """Rays (..., 3) from an eye, all in W."""
+        """Intersections with rays (..., 3) from an eye, all in W."""
         X_EW = inverse(self.X_WE)
         radii = np.asarray(self.radii)
         origin = (X_EW[:3, :3] @ eye + X_EW[:3, 3]) / radii
@@ -57,22 +57,22 @@ class Ellipsoid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelBody:
-    """A rover's wheel: a cylinder of dull metal with lugs across."""
+    """Wheel of a rover: a cylinder of dull metal with lugs."""
 
-    X_WK: FloatArray  # (4, 4) its centre; x along its heading, y along its axle
+    X_WK: FloatArray  # (4, 4) pose of its centre; x along its heading, y along its axle
     radius: float  # [m]
     width: float  # [m]
     lugs: int
-    turned: float  # angle it has rolled [rad]
+    turned: float  # angle rolled [rad]
     albedo: float
 
     @property
     def corners(self) -> FloatArray:
-        """Of a box (8, 3) in W that has all of it."""
+        """Corners of its bounding box (8, 3) in W."""
         return _corners(self.X_WK, (self.radius, 0.5 * self.width, self.radius))
 
     def hit(self, eye: FloatArray, rays: Floats, sun: FloatArray) -> Hits:
-        """Rays (..., 3) from an eye, all in W."""
+        """Intersections with rays (..., 3) from an eye, all in W."""
         X_KW = inverse(self.X_WK)
         o = (X_KW[:3, :3] @ eye + X_KW[:3, 3]).astype(np.float32)
         x, y, z = np.moveaxis(rays @ X_KW[:3, :3].T.astype(np.float32), -1, 0)
@@ -95,8 +95,8 @@ class WheelBody:
     def _shaded(
         self, x: Floats, z: Floats, on_tread: NDArray[np.bool_], side: np.float32, sun: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Cosine of the sun, share of the sky and albedo (n,) where it is met."""
-        angle = np.arctan2(x, z)  # from the top, + ahead, as it turns
+        """Cosine of the sun, share of the sky and albedo (n,) at the points of intersection."""
+        angle = np.arctan2(x, z)  # from the top, + forward, the direction of rolling
         lug = np.cos(self.lugs * (angle - np.float32(math.remainder(self.turned, 2.0 * math.pi))))
         slope = np.where(lug > 0.3, -0.5 * np.sqrt(1.0 - lug * lug), np.float32(0.0))
         nx = np.where(on_tread, (x + slope * z) / np.float32(self.radius), np.float32(0.0))
@@ -109,13 +109,13 @@ class WheelBody:
 
 
 def _corners(X_WB: FloatArray, half: tuple[float, float, float]) -> FloatArray:
-    """Corners (8, 3) in W of a box about B's origin, along its axes."""
+    """Corners (8, 3) in W of a box around B's origin, along its axes."""
     corners = np.stack(np.meshgrid(*((-side, side) for side in half)), axis=-1).reshape(-1, 3)
     return np.asarray(corners @ X_WB[:3, :3].T + X_WB[:3, 3])
 
 
 def _skin(at: Floats) -> Floats:
-    """Bumps (..., 3), each about -1 to 1, that never repeat on one rock."""
+    """Bumps (..., 3) of about -1 to 1 that do not repeat on one rock."""
     x, y, z = at[..., 0], at[..., 1], at[..., 2]
     one = np.sin(3.1 * x + 1.7 * y + 0.3) * np.sin(4.3 * y - 2.9 * z) + 0.5 * np.sin(9.7 * x - 7.3 * z + 5.1 * y)
     two = np.sin(3.7 * y + 2.3 * z + 1.1) * np.sin(5.1 * z - 2.1 * x) + 0.5 * np.sin(11.3 * y + 8.9 * x)

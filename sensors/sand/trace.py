@@ -1,4 +1,4 @@
-"""The truth of a wheel's trace: where its rut runs behind the wheel, and whether there is one."""
+"""Ground truth of a wheel's trace: course of its rut behind the wheel, and presence of an imprint."""
 
 from __future__ import annotations
 
@@ -15,46 +15,46 @@ from vehicle.rover.truth import RoverTruth
 
 NEAREST, FARTHEST = 0.12, 0.60  # behind the wheel's centre: between the wheel and the far edge of the view [m]
 _STEP: Final = 0.02  # [m]
-_SHORTEST: Final = 0.004  # way between stands that are remembered [m]
-_KEPT: Final = 400  # of them: more than a view, whatever is between them
+_SHORTEST: Final = 0.004  # distance between remembered stands [m]
+_KEPT: Final = 400  # remembered stands: more than the length of a view
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TraceTruth:
-    """What there really is to be seen of a wheel's own trace."""
+    """Visible part of a wheel's own trace."""
 
     tick: int
-    line: FloatArray  # (n, 2) the rut's middle in R behind the wheel, nearest first [m]
-    there: NDArray[np.bool_]  # (n,) whether the ground took an imprint at that point
-    slip_angles: FloatArray  # (n,) of the wheel when it was there, + left [rad]
+    line: FloatArray  # (n, 2) middle of the rut in R behind the wheel, nearest first [m]
+    there: NDArray[np.bool_]  # (n,) True where the ground took an imprint
+    slip_angles: FloatArray  # (n,) of the wheel when it passed, + left [rad]
     wheel_slip: float  # of the wheel now, + left [rad]
     slip_angle: float  # of the body at R's origin now, + left [rad]
 
     @property
     def share(self) -> float:
-        """Of the visible length that has an imprint."""
+        """Share of the visible length with an imprint."""
         return float(self.there.mean())
 
     @property
     def present(self) -> bool:
-        """Whether there is a trace to be seen: over half of the visible length."""
+        """True if over half of the visible length has an imprint."""
         return self.share > 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Passed:
-    """Where a wheel has been: its last stands, oldest first, and whether it left an imprint there."""
+class WheelHistory:
+    """History of a wheel: its last stands, oldest first."""
 
-    stands: tuple[tuple[Stand, bool], ...] = ()
+    stands: tuple[tuple[Stand, bool], ...] = ()  # with True where the wheel left an imprint
 
-    def on(self, stand: Stand, imprinted: bool) -> Passed:
-        """One stand more; what lies too far behind is forgotten."""
+    def extended(self, stand: Stand, imprinted: bool) -> WheelHistory:
+        """History with one more stand; the oldest are dropped."""
         if self.stands and math.dist(self.stands[-1][0].place, stand.place) < _SHORTEST:
             return self
-        return Passed((*self.stands[-_KEPT:], (stand, imprinted)))
+        return WheelHistory((*self.stands[-_KEPT:], (stand, imprinted)))
 
     def seen_from(self, truth: RoverTruth, wheel: tuple[float, float], slip: float) -> TraceTruth:
-        """The truth for a rover whose wheel stands at a place in R; what the wheel has not passed is not there."""
+        """Trace behind a wheel at a place in R [m] whose slip angle is ``slip`` [rad]."""
         stations = np.arange(NEAREST, FARTHEST + 1e-9, _STEP)
         places = np.array([stand.place for stand, _ in self.stands]).reshape(-1, 2)
         x, y = Pose2(*truth.pose.tolist()).inverse().apply(places).T

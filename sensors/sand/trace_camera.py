@@ -1,7 +1,7 @@
-"""The webcam behind a rover's left rear wheel: the image that it sends of sand and traces.
+"""Webcam behind a rover's left rear wheel: images of sand and traces.
 
-Light falls on sand from sun and sky, as far as the rover leaves it; the camera's curve is a root, near that of sRGB.
-Not modelled: chromatic aberration, focus, dust.
+Sun and sky light the sand outside the rover's shadow. The camera's tone curve is a square root, near that of sRGB. Not
+modelled: chromatic aberration, focus, dust.
 """
 
 from __future__ import annotations
@@ -21,53 +21,53 @@ from sensors.messages import ColourImage, GreyImage
 from sensors.sand.casters import Casters
 from sensors.sand.grid import Floats
 from sensors.sand.trace_rig import TraceRig
-from sensors.sand.view import Body, GroundView, Seen
+from sensors.sand.view import Body, GroundView, VisibleGround
 from sensors.sand.world import LUGS, SandWorld
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.rover.truth import RoverTruth
 
 _LUMINANCE: Final = np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
-_SUN, _SKY = 1.3, 0.7  # of the light where a sun of middle height stands; sand around adds to what the sky sends
-_NEAR: Final = 2.5  # from the rover's middle, within which rocks may be in view [m]
+_SUN, _SKY = 1.3, 0.7  # shares of the light for a sun of middle height; the sky's share has light from sand around
+_NEAR: Final = 2.5  # distance from the rover's middle within which rocks may be in view [m]
 _SAND, _STONE = np.array([0.56, 0.45, 0.33]), np.array([0.40, 0.37, 0.35])  # albedo in red, green, blue
-_SHORTEST_SMEAR: Final = 1.0  # that is more than the lens's own blur [px]
+_SHORTEST_SMEAR: Final = 1.0  # below it the blur of the lens dominates [px]
 _REGULATED: Final = AutoExposure(time_constant=1.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Webcam:
-    """What distinguishes a webcam from a pinhole with a lens; the numbers are assumed, as of a cheap one of 2007."""
+    """Imperfections of a webcam; the numbers are assumed for a cheap one of 2007."""
 
-    read_noise: float = 2.0  # standard deviation that does not depend on the light [grey levels]
+    read_noise: float = 2.0  # standard deviation, independent of the light [grey levels]
     shot_noise: float = 3.0  # standard deviation of a white pixel's light at a gain of 1 [grey levels]
     blur: float = 0.6  # of lens and demosaicing, standard deviation [px]
     exposure_time: float = 0.01  # [s]
     exposure: AutoExposure | None = _REGULATED  # None: fixed
-    jpeg_quality: int | None = 85  # None: sent as it is
+    jpeg_quality: int | None = 85  # None: no compression
 
 
 class _Light(NamedTuple):
-    """What is seen, and the shares of the light of sun and sky that come back (h, w)."""
+    """Visible ground, and the reflected shares of the light of sun and sky (h, w)."""
 
-    seen: Seen
+    ground: VisibleGround
     direct: Floats
     ambient: Floats
-    hidden: NDArray[np.bool_]  # where the ground is behind a rock or the wheel: they are as grey as stones
+    hidden: NDArray[np.bool_]  # True where a rock or the wheel hides the ground; they are as grey as stones
 
 
 class TraceCamera:
-    """Samples the ground image of a rover.
+    """Camera that samples ground images of a rover.
 
     Args:
-        world: the sand, which ``SandWorld.drive`` has to keep up to date with the rover.
-        rig: the true one.
-        webcam: its imperfections.
-        rng: decides the noise.
+        world: the sand; ``SandWorld.drive`` must keep it up to date with the rover.
+        rig: true geometry of the camera.
+        webcam: imperfections of the camera.
+        rng: draws the noise.
     """
 
     def __init__(self, world: SandWorld, rig: TraceRig, webcam: Webcam, rng: np.random.Generator) -> None:
-        self._world, self._rig, self._how, self._rng = world, rig, webcam, rng
+        self._world, self._rig, self._webcam, self._rng = world, rig, webcam, rng
         self._view = GroundView.of(rig.camera)
         self._casters = Casters.of(world.rover, mast=world.kind.mast, lugs=LUGS)
         pixels = rig.camera.width * rig.camera.height
@@ -75,31 +75,31 @@ class TraceCamera:
         self._H = rig.image_of_ground()
         middle = np.linalg.solve(self._H, [rig.camera.cx, rig.camera.cy, 1.0])
         self._middle: tuple[float, float] = (middle[0] / middle[2], middle[1] / middle[2])  # of the view, in R [m]
-        self._exposure: tuple[int, float, float] | None = None  # tick, gain and level of the image before
-        self._newest: tuple[RoverTruth, _Light] | None = None  # what the image before was made of
+        self._exposure: tuple[int, float, float] | None = None  # tick, gain and level of the last image
+        self._newest: tuple[RoverTruth, _Light] | None = None  # truth and light of the last image
         light = world.light
         self._sun, self._sky = np.array(light.sun_colour), np.array(light.sky_colour)
 
     @property
     def rig(self) -> TraceRig:
-        """The true one."""
+        """True geometry of the camera."""
         return self._rig
 
     def sample(self, truth: RoverTruth) -> GreyImage:
-        """The image whose exposure has its middle at the truth's tick."""
+        """Image whose exposure has its middle at the truth's tick."""
         light = self._light(truth)
         self._newest = truth, light
         level = self._level(light, np.float32(_SAND @ _LUMINANCE), self._sun @ _LUMINANCE, self._sky @ _LUMINANCE)
         level = self._blurred(level, self._smear(truth))
         gain = self._gain(truth.tick, float(level[::8, ::8].mean()))
-        return self._sent(self._noise.sensed(level, gain, self._rng))
+        return self._compressed(self._noise.sensed(level, gain, self._rng))
 
     def colour(self, truth: RoverTruth) -> ColourImage:
-        """The same view in colour, for people: without noise, exposed as the last image was."""
+        """The same view in colour for display: without noise, with the exposure of the last image."""
         newest = self._newest
         light = newest[1] if newest is not None and newest[0] is truth else self._light(truth)
         gain = 1.0 if self._exposure is None else self._exposure[1]
-        tint = self._view.tint(light.seen, self._world)
+        tint = self._view.tint(light.ground, self._world)
         tint[light.hidden] = 1.0
         channels = []
         for k in range(3):
@@ -108,22 +108,22 @@ class TraceCamera:
         return np.asarray(cv2.merge(channels), dtype=np.uint8)
 
     def _light(self, truth: RoverTruth) -> _Light:
-        """What reaches the pixels."""
+        """Light that reaches the pixels."""
         X_WC, world, view = truth.X_WB @ self._rig.X_RC, self._world, self._view
-        seen, shade = self._seen(truth)
-        direct, ambient = view.light(seen, world)
+        ground, shade = self._ground(truth)
+        direct, ambient = view.light(ground, world)
         direct *= shade
-        hidden = view.draw(self._bodies(truth), X_WC, seen, world.light.direction, direct, ambient)
-        return _Light(seen, direct, ambient, hidden)
+        hidden = view.draw(self._bodies(truth), X_WC, ground, world.light.direction, direct, ambient)
+        return _Light(ground, direct, ambient, hidden)
 
-    def _seen(self, truth: RoverTruth) -> tuple[Seen, Floats]:
-        """What the pixels see of the ground, and the share of the sun that the rover leaves there."""
-        seen = self._view.look(truth.X_WB @ self._rig.X_RC, self._world)
-        shade = self._casters.shadows(truth, self._world.light.direction, seen.x, seen.y, seen.z)
-        return seen, self._view.full(shade)
+    def _ground(self, truth: RoverTruth) -> tuple[VisibleGround, Floats]:
+        """Visible ground, and the share of the sun's light that reaches it past the rover."""
+        ground = self._view.look(truth.X_WB @ self._rig.X_RC, self._world)
+        shade = self._casters.shadows(truth, self._world.light.direction, ground.x, ground.y, ground.z)
+        return ground, self._view.full(shade)
 
     def _bodies(self, truth: RoverTruth) -> Iterator[Body]:
-        """Rocks around the rover, and the wheel that the camera is behind."""
+        """Rocks around the rover, and the watched wheel."""
         for rock in self._world.rocks:
             if math.dist(rock.place[:2], truth.pose[:2]) < _NEAR:
                 yield rock.body()
@@ -138,17 +138,17 @@ class TraceCamera:
         return share
 
     def _smear(self, truth: RoverTruth) -> FloatArray:
-        """How far the middle of the view moves in the image while it is exposed (2,) [px]."""
-        v_x, v_y, yaw_rate = (truth.velocity * self._how.exposure_time).tolist()
+        """Motion of the middle of the view in the image during the exposure (2,) [px]."""
+        v_x, v_y, yaw_rate = (truth.velocity * self._webcam.exposure_time).tolist()
         x, y = self._middle
         moved = np.array([[x, y, 1.0], [x - v_x + yaw_rate * y, y - v_y - yaw_rate * x, 1.0]]) @ self._H.T
         before, after = moved[:, :2] / moved[:, 2:]
         return np.asarray(after - before)
 
     def _blurred(self, level: Floats, smear: FloatArray) -> Floats:
-        """The image through lens and shutter: a short straight smear is as good as blur along it."""
-        if self._how.blur:
-            level = np.asarray(cv2.GaussianBlur(level, (0, 0), self._how.blur), dtype=np.float32)
+        """Image blurred by lens and shutter; motion during the exposure is a straight smear."""
+        if self._webcam.blur:
+            level = np.asarray(cv2.GaussianBlur(level, (0, 0), self._webcam.blur), dtype=np.float32)
         if np.abs(smear).max() < _SHORTEST_SMEAR:
             return level
         reach = math.ceil(0.5 * float(np.abs(smear).max())) + 1
@@ -158,7 +158,7 @@ class TraceCamera:
         return np.asarray(cv2.filter2D(level, -1, kernel / kernel.sum()), dtype=np.float32)
 
     def _gain(self, tick: int, level: float) -> float:
-        control = self._how.exposure
+        control = self._webcam.exposure
         if control is None:
             return 1.0
         before = self._exposure
@@ -168,8 +168,8 @@ class TraceCamera:
         self._exposure = tick, gain, level
         return gain
 
-    def _sent(self, image: GreyImage) -> GreyImage:
-        if self._how.jpeg_quality is None:
+    def _compressed(self, image: GreyImage) -> GreyImage:
+        if self._webcam.jpeg_quality is None:
             return image
-        _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._how.jpeg_quality])
+        _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self._webcam.jpeg_quality])
         return np.asarray(cv2.imdecode(packed, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""The camera behind a rover's left rear wheel, as it is calibrated, and what it has to know of the wheel."""
+"""Calibrated camera behind a rover's left rear wheel, with the dimensions of the rover."""
 
 from __future__ import annotations
 
@@ -13,18 +13,17 @@ from vehicle.rover.command import WheelPlace
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TraceRig:
-    """Calibrated camera, its place on the rover, and the wheel whose trace it watches.
+    """Calibrated camera, its pose on the rover, and the wheel whose trace it watches.
 
-    R is the rover's frame: body centre on the ground, x forward, y left, z up; the camera's place is that on a rover
-    that stands level on hard ground.
+    R is the rover's frame: body centre on the ground, x forward, y left, z up. The pose is that on level hard ground.
     """
 
     camera: CameraModel
     X_RC: FloatArray  # (4, 4)
-    wheel: tuple[float, float]  # B, where the wheel stands, in R [m]
+    wheel: tuple[float, float]  # B, place of the watched wheel in R [m]
     wheel_radius: float  # [m]
     wheel_width: float  # [m]
-    wheels: tuple[WheelPlace, ...]  # all of the rover's
+    wheels: tuple[WheelPlace, ...]  # all wheels of the rover
     watched: int  # index of the wheel whose trace is in view
 
     @property

@@ -1,4 +1,4 @@
-"""Tracks of other vehicles that have been here before."""
+"""Older tracks of other vehicles."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from sensors.sand.slump import slumped
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
 
-_BESIDE: Final = (0.17, 0.33)  # of a track along the way, from the rover's own left wheels [m]
+_OFFSET: Final = (0.17, 0.33)  # of a track along the route from the rover's own left wheels [m]
 _SWEEPS: Final = 4  # of slumping after an imprint
-_SPACING: Final = 0.95  # of tracks across the way [m]
+_SPACING: Final = 0.95  # of tracks across the route [m]
 
 
 class Track(NamedTuple):
-    """A straight track of one wheel."""
+    """Straight track of one wheel."""
 
     roll: Roll
     tread: Tread
 
 
 def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand:
-    """A window with a track through it."""
+    """Sand of a window after a track was pressed into it."""
     roll, tread = track
     reach = roll.reach(tread)
     part = window.common(window_of(roll, reach))
@@ -47,22 +47,22 @@ def pressed_by(track: Track, window: Window, sand: Sand, relief: Relief) -> Sand
 
 
 def foreign_tracks(rng: np.random.Generator, route: FloatArray, wheel_left: float) -> tuple[Track, ...]:
-    """Tracks beside the left wheels' way and across it, for a rover whose middle takes a route (n, 2)."""
+    """Draw tracks beside and across the left wheels' path, for a rover whose middle takes a route (n, 2)."""
     along = arc_length(route)
     tracks = []
     for centre in np.arange(0.7, along[-1], _SPACING):
         s = centre + rng.uniform(-0.25, 0.25)
         turn = rng.choice((-1.0, 1.0)) * math.radians(rng.uniform(25.0, 90.0))
-        tracks.append(_track(rng, _beside(route, along, s, wheel_left), turn, half=1.2))
+        tracks.append(_track(rng, _place(route, along, s, wheel_left), turn, half=1.2))
     for start in np.arange(0.2, along[-1], 3.2):
-        side = rng.choice((-1.0, 1.0)) * rng.uniform(*_BESIDE)
+        side = rng.choice((-1.0, 1.0)) * rng.uniform(*_OFFSET)
         turn = math.radians(rng.uniform(-4.0, 4.0))
-        tracks.append(_track(rng, _beside(route, along, start + 1.5, wheel_left + side), turn, half=1.5))
+        tracks.append(_track(rng, _place(route, along, start + 1.5, wheel_left + side), turn, half=1.5))
     return tuple(tracks)
 
 
-def _beside(route: FloatArray, along: FloatArray, s: float, left: float) -> tuple[FloatArray, float]:
-    """A point so far along and to the left of a route, and the route's direction there."""
+def _place(route: FloatArray, along: FloatArray, s: float, left: float) -> tuple[FloatArray, float]:
+    """Point at a distance ``s`` along a route and ``left`` of it [m], and the route's direction there [rad]."""
     place = np.array([np.interp(s, along, route[:, k]) for k in (0, 1)])
     k = int(np.clip(np.searchsorted(along, s) - 1, 0, len(route) - 2))
     step = route[k + 1] - route[k]
@@ -71,7 +71,7 @@ def _beside(route: FloatArray, along: FloatArray, s: float, left: float) -> tupl
 
 
 def _track(rng: np.random.Generator, at: tuple[FloatArray, float], turn: float, half: float) -> Track:
-    """A track through a place, turned against a direction, so far to both sides [m]."""
+    """Draw a track through a place, at an angle ``turn`` [rad] to a direction, ``half`` [m] to both sides."""
     middle, direction = at
     towards = np.array([math.cos(direction + turn), math.sin(direction + turn)])
     tread = Tread(

@@ -1,4 +1,4 @@
-"""The wheels of a rover at work on a field: from where they really went to what they leave."""
+"""Wheels of a rover that imprint their paths into a field."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from sensors.sand.slump import slumped
 from vehicle.frames import FloatArray, wrap
 from vehicle.rover.truth import RoverTruth
 
-_SHORTEST, _LONGEST = 0.003, 0.02  # of a way that is imprinted at once [m]
-_SHARPEST: Final = 0.5  # turn of the travel within one way, beyond which it is a new start [rad]
-_SHALLOWEST: Final = 0.0008  # sinkage that leaves a mark: below it a wheel only presses grains [m]
-_MEMORY: Final = 0.03  # way over which the berms follow what is displaced [m]
-_SWEEPS: Final = 4  # of slumping behind each way
+_SHORTEST, _LONGEST = 0.003, 0.02  # path that is imprinted at once [m]
+_SHARPEST: Final = 0.5  # turn of the direction of travel beyond which a path starts anew [rad]
+_SHALLOWEST: Final = 0.0008  # sinkage below which a wheel leaves no mark [m]
+_MEMORY: Final = 0.03  # distance over which the berms follow the displaced sand [m]
+_SWEEPS: Final = 4  # of slumping after each imprint
 
 
 class Stand(NamedTuple):
-    """One wheel at one moment."""
+    """Place and motion of a wheel at one moment."""
 
     place: FloatArray  # (2,) of its lowest point in W [m]
     travel: float  # direction of travel in W [rad]
     slip_angle: float  # [rad]
-    turned: float  # [rad]
+    turned: float  # angle rolled so far [rad]
     sinkage: float  # [m]
 
-    def way(self, to: Stand) -> float:
-        """How far it is to another stand [m]."""
+    def distance(self, to: Stand) -> float:
+        """Distance to another stand [m]."""
         return math.dist(self.place, to.place)
 
 
 def stands(truth: RoverTruth) -> tuple[Stand, ...]:
-    """All wheels of a rover."""
+    """Stands of all wheels of a rover."""
     return tuple(
         Stand(
             place=truth.wheel_positions[k, :2],
@@ -51,24 +51,24 @@ def stands(truth: RoverTruth) -> tuple[Stand, ...]:
 
 @dataclass(slots=True)
 class Wheel:
-    """One wheel and what it remembers: where its imprint ends."""
+    """Wheel that leaves an imprint, with the end of its last one."""
 
     tread: Tread
     last: Stand | None = None
-    displaced: float = 0.0  # by it per length of way, smoothed [m2]
+    displaced: float = 0.0  # sand per length of path, smoothed [m2]
 
     def roll_on(self, field: Field, to: Stand, after: Stand | None = None) -> None:
-        """Imprint the way to where the wheel is now, if it is long enough to show.
+        """Imprint the path to ``to``, if it is long enough to show.
 
-        ``after`` is where it comes next, if that is known: short ways are imprinted together.
+        ``after`` is the next stand, if it is known: short paths are imprinted together.
         """
         if self.last is None:
             self.last, self.displaced = to, to.sinkage * self.tread.width
             return
-        way = self.last.way(to)
-        if way < _SHORTEST or (after is not None and self.last.way(after) <= _LONGEST):
+        distance = self.last.distance(to)
+        if distance < _SHORTEST or (after is not None and self.last.distance(after) <= _LONGEST):
             return
-        pieces = math.ceil(way / _LONGEST)
+        pieces = math.ceil(distance / _LONGEST)
         for k in range(pieces):
             self._imprint(field, _between(self.last, to, k / pieces), _between(self.last, to, (k + 1) / pieces))
         self.last = to
@@ -85,11 +85,11 @@ class Wheel:
         after, removed = imprinted(roll, self.tread, strip, sand.texels(inside), large, crumbs, self.displaced)
         self.displaced += min(1.0, roll.length / _MEMORY) * (removed - self.displaced)
         new = sand.with_texels(inside, after)
-        field.mould(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
+        field.write(window, Sand(slumped(new.height, inside, _SWEEPS), new.packed))
 
 
 def _between(a: Stand, b: Stand, share: float) -> Stand:
-    """A wheel on its way."""
+    """Interpolated stand."""
     mixed = [
         p + share * (q - p) for p, q in ((a.slip_angle, b.slip_angle), (a.turned, b.turned), (a.sinkage, b.sinkage))
     ]
@@ -97,7 +97,7 @@ def _between(a: Stand, b: Stand, share: float) -> Stand:
 
 
 def _roll(a: Stand, b: Stand) -> Roll:
-    """The way from a to b; its ends are square to the travel there, unless that is not where it goes."""
+    """Path from a to b; its ends are square to the travel there, unless that differs much from the path."""
     step = b.place - a.place
     straight = math.atan2(step[1], step[0])
     ends = [end if abs(wrap(end - straight)) < _SHARPEST else straight for end in (a.travel, b.travel)]

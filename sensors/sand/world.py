@@ -1,4 +1,4 @@
-"""A field of sand with a rover on it."""
+"""Field of sand with a rover on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sensors.sand.kinds import SandKind, kind_named
 from sensors.sand.light import Reach
 from sensors.sand.relief import Relief
 from sensors.sand.rocks import Rock, scattered
-from sensors.sand.trace import Passed, TraceTruth
+from sensors.sand.trace import TraceTruth, WheelHistory
 from sensors.sand.tracks import foreign_tracks
 from sensors.sand.wheels import Wheel, stands
 from sensors.world.sunlight import Sunlight, daylight
@@ -26,32 +26,32 @@ from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
-LUGS: Final = 20  # around El Dorado's wheels; counted on no photograph good enough: assumed
+LUGS: Final = 20  # on a wheel of El Dorado II; assumed, no photograph is good enough to count them
 LUG_HEIGHT: Final = 0.005  # [m], assumed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sun:
-    """Where the sun stands."""
+    """Position of the sun."""
 
     azimuth: float  # in W, + left of x [rad]
     elevation: float  # above the horizon [rad]
 
 
 class SandWorld:
-    """Sand that keeps what wheels do to it, under one sun.
+    """Sand under one sun that keeps the imprints of wheels.
 
     Args:
         kind: one of ``sensors.sand.kinds.KINDS``.
-        rng: decides everything that is not said; worlds of equal generators are equal to the last bit.
-        rover: whose wheels leave traces.
+        rng: decides everything not given here; equal generators give bitwise equal worlds.
+        rover: leaves traces with its wheels.
         terrain: large shape of the ground.
-        route: way (n, 2) in W that the rover is going to take, roughly: rocks keep off it, tracks of others cross it,
-            ripples lie across its beginning [m].
-        sun: None lets ``rng`` take one that suits the kind.
+        route: approximate path (n, 2) of the rover in W [m]: rocks stay clear of it, tracks of others cross it, ripples
+            lie across its start.
+        sun: None lets ``rng`` draw one from the range of the kind.
 
     Raises:
-        ValueError: for a kind that is not known, or a sun too low.
+        ValueError: for an unknown kind, or a sun too low.
     """
 
     def __init__(
@@ -65,33 +65,33 @@ class SandWorld:
         sun: Sun | None = None,
         overcast: bool = False,
     ) -> None:
-        what = kind_named(kind)
+        look = kind_named(kind)
         sun_rng, relief_rng, rock_rng, track_rng = rng.spawn(4)
         step = route[min(len(route) - 1, 3)] - route[0]
         ahead = math.atan2(step[1], step[0])
-        where = _sun(sun_rng, what, ahead) if sun is None else sun
-        self._kind, self._rover, self._terrain, self._sun = what, rover, terrain, where
-        self._light = daylight(where.azimuth, elevation=where.elevation, overcast=overcast)
-        self._rocks = scattered(rock_rng, what.rocks, route, terrain) if what.rocks else ()
+        position = _sun(sun_rng, look, ahead) if sun is None else sun
+        self._kind, self._rover, self._terrain, self._sun = look, rover, terrain, position
+        self._light = daylight(position.azimuth, elevation=position.elevation, overcast=overcast)
+        self._rocks = scattered(rock_rng, look.rocks, route, terrain) if look.rocks else ()
         crest = ahead + relief_rng.uniform(-0.3, 0.3)
-        tracks = foreign_tracks(track_rng, route, 0.5 * rover.tread) if what.foreign_tracks else ()
-        relief = Relief.draw(relief_rng, what, terrain, crest)
+        tracks = foreign_tracks(track_rng, route, 0.5 * rover.tread) if look.foreign_tracks else ()
+        relief = Relief.draw(relief_rng, look, terrain, crest)
         self._field = Field(
             relief=relief, sun=self._light, tracks=tracks, rocks=self._rocks, reach=Reach.of(self._light)
         )
         tread = Tread(radius=rover.radius, width=rover.width, lugs=LUGS, lug_height=LUG_HEIGHT)
         self._wheels = [Wheel(tread) for _ in rover.wheels]
         self._watched = rover.rear_left
-        self._passed = Passed()
+        self._history = WheelHistory()
 
     @property
     def kind(self) -> SandKind:
-        """What the ground is made of."""
+        """Kind of sand."""
         return self._kind
 
     @property
     def rover(self) -> Rover:
-        """Whose wheels leave traces."""
+        """Rover that leaves traces."""
         return self._rover
 
     @property
@@ -101,45 +101,45 @@ class SandWorld:
 
     @property
     def sun(self) -> Sun:
-        """Where the sun stands."""
+        """Position of the sun."""
         return self._sun
 
     @property
     def light(self) -> Sunlight:
-        """Of sun and sky."""
+        """Light of sun and sky."""
         return self._light
 
     @property
     def rocks(self) -> tuple[Rock, ...]:
-        """Beside the way."""
+        """Rocks beside the route."""
         return self._rocks
 
     def drive(self, truths: Sequence[RoverTruth]) -> None:
-        """Let the wheels imprint the way through these moments, each of which goes on from the one before."""
+        """Imprint the wheels' paths through these moments, which continue the earlier ones."""
         moments = [stands(truth) for truth in truths]
         for now, then in zip_longest(moments, moments[1:]):
             for k, wheel in enumerate(self._wheels):
                 wheel.roll_on(self._field, now[k], then[k] if then else None)
-            self._passed = self._passed.on(now[self._watched], now[self._watched].sinkage > 0.0)
+            self._history = self._history.extended(now[self._watched], now[self._watched].sinkage > 0.0)
 
     def trace_truth(self, truth: RoverTruth) -> TraceTruth:
-        """What there is to be seen of the left rear wheel's trace, seen from where the rover is now."""
+        """Trace of the left rear wheel relative to the rover's present pose."""
         x, y = self._rover.wheel_places[self._watched].tolist()
-        return self._passed.seen_from(truth, (x, y), float(truth.slip_angles[self._watched]))
+        return self._history.seen_from(truth, (x, y), float(truth.slip_angles[self._watched]))
 
     def height(self, window: Window) -> Floats:
-        """Of the ground in W [m]."""
+        """Height of the ground in W [m]."""
         return self._field.height(window)
 
     def lit(self, window: Window) -> Bytes:
-        """Light of sun and sky that comes back from a window (2, h, w), see ``sensors.sand.light.sent_back``."""
+        """Light of sun and sky that a window reflects (2, h, w), see ``sensors.sand.light.encoded``."""
         return self._field.light(window)
 
     def tint(self, window: Window) -> Bytes:
-        """How grey the ground is."""
+        """Greyness of the ground: 0 sand, 255 stone."""
         return self._field.tint(window)
 
 
 def _sun(rng: np.random.Generator, kind: SandKind, ahead: float) -> Sun:
-    """A sun that suits a kind of ground, for a rover that sets off towards ``ahead`` [rad]."""
+    """Draw a sun from the range of a kind, for a rover that starts towards ``ahead`` [rad]."""
     return Sun(azimuth=ahead + rng.uniform(*kind.azimuth), elevation=rng.uniform(*kind.elevation))

@@ -11,7 +11,7 @@ from sensors.sand.field import Field
 from sensors.sand.grid import TEXEL, Floats, Window
 from sensors.sand.imprint import Tread
 from sensors.sand.kinds import SandKind
-from sensors.sand.light import Reach, around, came_back, sent_back, sunlit
+from sensors.sand.light import Reach, around, decoded, encoded, sunlit
 from sensors.sand.relief import ALBEDO, Relief
 from sensors.sand.slump import slumped
 from sensors.sand.wheels import Stand, Wheel
@@ -193,7 +193,7 @@ def test_light_that_comes_back_is_albedo_times_light() -> None:
     """Bytes keep the root of it: they are good to 1 % where it matters."""
     albedo, packed = np.full((1, 3), round(0.8 * ALBEDO), np.uint8), np.zeros((1, 3), np.uint8)
     sun, sky = np.array([[0.0, 0.4, 0.9]], np.float32), np.array([[1.0, 0.7, 0.5]], np.float32)
-    direct, ambient = map(came_back, sent_back(albedo, packed, sun, sky))
+    direct, ambient = map(decoded, encoded(albedo, packed, sun, sky))
     np.testing.assert_allclose(direct, 0.8 * sun, atol=0.015)
     np.testing.assert_allclose(ambient, 0.8 * sky, atol=0.015)
 

@@ -15,7 +15,7 @@ from sensors.sand.rover_pass import RoverPass
 from sensors.sand.sequence import route_of
 from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.trace_rig import TraceRig
-from sensors.sand.view import GroundView, Seen
+from sensors.sand.view import GroundView, VisibleGround
 from sensors.sand.world import SandWorld, Sun
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, transform
 from vehicle.rover.description import Rover, load_rover
@@ -58,7 +58,7 @@ def camera_of(world: SandWorld, rig: TraceRig, webcam: Webcam = PLAIN) -> TraceC
     return TraceCamera(world, rig, webcam, np.random.default_rng(5))
 
 
-def full_place(view: GroundView, seen: Seen) -> tuple[FloatArray, FloatArray]:
+def full_place(view: GroundView, seen: VisibleGround) -> tuple[FloatArray, FloatArray]:
     """W (n, 3) of some pixels (n, 2), away from the image's edge."""
     v, u = np.mgrid[20:460:40, 20:620:40]
     places = np.stack([view.full(part)[v, u] for part in (seen.x, seen.y, seen.z)], axis=-1)

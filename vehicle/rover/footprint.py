@@ -1,4 +1,4 @@
-"""Where the wheels of a rover stand on its plane, and the loads that they carry there."""
+"""Places of a rover's wheels, and the loads on them."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ class Footprint(NamedTuple):
     def loads(self, normal: Num, pitch: Num, roll: Num) -> list[Num]:
         """Loads [N] of the wheels from a normal force [N] and its moments [N m] that load the front and the left.
 
-        The normal force and two moments are three equations; they leave the loads of four or six wheels open. All
-        contacts are taken as equally stiff. Under a rigid body the loads are then linear in place, N_k = N/n + A x_k +
-        B y_k. Among all loads in balance this is the distribution of least elastic energy, the least sum of N_k^2. For
-        mirrored pairs around the origin the sums of x_k, y_k and x_k y_k vanish, and the moments give
-        A = pitch / sum x_k^2 and B = roll / sum y_k^2. A load that would be negative is 0.
+        The normal force and two moments are three equations, too few for four or six loads. All contacts are taken as
+        equally stiff. Under a rigid body the loads are then linear in place, N_k = N/n + A x_k + B y_k. Of all loads in
+        balance these have the least elastic energy, the least sum of N_k^2. For mirrored pairs around the origin the
+        sums of x_k, y_k and x_k y_k vanish, so A = pitch / sum x_k^2 and B = roll / sum y_k^2.
+
+        A load that would be negative is 0. From there on, far beyond the slopes of any sand, loads do not balance.
         """
         forward = pitch / (self.half_length * sum(along**2 for along in self.along))
         leftward = roll / (self.half_width * sum(across**2 for across in self.across))
