@@ -1,4 +1,4 @@
-"""Slip angles that rest on instruments outside of the rover: exact ones, or a laser tracker and the compass.
+"""Slip angles from external instruments: exact ones, or a laser tracker with the compass.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008.
@@ -18,8 +18,8 @@ from vehicle.clock import TICK
 from vehicle.frames import wrap
 from vehicle.option import Option
 
-_SPAN: Final = 4.0  # of fixes and headings that a direction of travel is fitted to: 0.3 m of way [s]
-_LEAST_WAY: Final = 0.05  # shorter ways show the tracker's noise, not a direction [m]
+_SPAN: Final = 4.0  # of fixes and headings for a direction of travel: 0.3 m of travel [s]
+_LEAST_DISTANCE: Final = 0.05  # a shorter one shows the tracker's noise, not a direction [m]
 
 
 class ReferenceSlip:
@@ -34,7 +34,7 @@ class ReferenceSlip:
         return cls()
 
     def init(self) -> None:
-        """Nothing to remember."""
+        """Empty memory."""
         return
 
     def step(self, memory: None, reading: SlipReading) -> tuple[None, SlipAngle]:
@@ -51,7 +51,7 @@ class ReferenceSlip:
 
 
 class LaserSample(NamedTuple):
-    """A fix and the heading at its moment."""
+    """Laser fix with the heading at the same tick."""
 
     time: float  # [s]
     x: float  # [m]
@@ -60,28 +60,28 @@ class LaserSample(NamedTuple):
 
 
 class LaserSlip:
-    """Reina 2008's ground truth: direction of travel by the tracker less heading by the compass (eqs 5 and 6).
+    """Reina 2008's ground truth: direction of travel by the tracker minus heading by the compass (eqs 5 and 6).
 
-    Both are taken over the last seconds, so that it is the slip half of them ago.
+    Both are means over the last seconds, so the result is delayed by half of them.
     """
 
     def init(self) -> tuple[LaserSample, ...]:
-        """No fix yet."""
+        """Memory before the first fix."""
         return ()
 
     def step(
         self, memory: tuple[LaserSample, ...], fix: LaserFix, heading: float
     ) -> tuple[tuple[LaserSample, ...], float | None]:
-        """Memory with the fix in it, and the slip angle [rad] at its middle, None while the way is too short."""
+        """Memory with the fix in it, and the slip angle [rad] at its middle; None while the distance is too short."""
         now = LaserSample(fix.tick * TICK, float(fix.p_WR[0]), float(fix.p_WR[1]), heading)
         memory = (*(sample for sample in memory if sample.time > now.time - _SPAN), now)
         time, x, y, psi = np.array(memory).T
-        if len(memory) < 3 or math.hypot(x[-1] - x[0], y[-1] - y[0]) < _LEAST_WAY:
+        if len(memory) < 3 or math.hypot(x[-1] - x[0], y[-1] - y[0]) < _LEAST_DISTANCE:
             return memory, None
         x_rate, y_rate = (float(np.polyfit(time - time.mean(), at, 1)[0]) for at in (x, y))
         mean_heading = math.atan2(float(np.sin(psi).mean()), float(np.cos(psi).mean()))
         return memory, wrap(math.atan2(y_rate, x_rate) - mean_heading)
 
     def delay(self) -> float:
-        """How old its slip angle is [s]."""
+        """Delay of its slip angle [s]."""
         return 0.5 * _SPAN

@@ -1,8 +1,8 @@
-"""Where a rover is by its own instruments: wheel and steer encoders, compass, and, if there is one, its slip angle.
+"""Rover odometry from wheel and steer encoders, compass and, if available, the slip angle.
 
-Encoders take every turn of a wheel for way along its heading. With the slip angle the way points where the rover
-really went, after the idea of Reina et al. (2010, "Odometry correction using visual slip angle estimation for planetary
-exploration rovers"), of which nothing but that idea is used here. Longitudinal slip stays in the distance.
+Encoders measure the distance along each wheel's heading. The slip angle corrects the direction of travel, after the
+idea of Reina et al. (2010, "Odometry correction using visual slip angle estimation for planetary exploration rovers");
+only the idea is used here. Longitudinal slip remains as an error of the distance.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
 from vehicle.rover.command import WheelPlace
 
-_HEADING_TIME: Final = 2.0  # over which the compass corrects the heading that the wheels show [s]
-# Over which a new slip angle takes the place of the old one in the drift to steer against: slopes change over some
-# seconds of way, and what a trace shows of a moment is known to a degree only [s]
+_HEADING_TIME: Final = 2.0  # time constant of the correction of the heading by the compass [s]
+# Time constant of the drift angle that the driver compensates. Slopes change over some seconds, and a single slip angle
+# is accurate to a degree only [s]
 _DRIFT_TIME: Final = 3.0
-_FIX_TIME: Final = 1.0  # over which a fix corrects the position [s]
-_HISTORY: Final = 20_000  # directions kept for slip angles that come late, or are of a long way [ticks]
-_NEAR: Final = 100  # between a slip angle and the reading that it goes with [ticks]
-_STANDING: Final = 0.005  # slower than this the wheels show no direction [m/s]
+_FIX_TIME: Final = 1.0  # time constant of the correction of the position by a fix [s]
+_HISTORY: Final = 20_000  # directions kept for delayed slip angles and for means over a long distance [ticks]
+_NEAR: Final = 100  # largest time between a slip angle and its reading [ticks]
+_STANDING: Final = 0.005  # below it the wheels give no direction [m/s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverGeometry:
-    """What a rover knows of itself.
+    """Data sheet of a rover for its odometry and driver.
 
     Raises:
         ValueError: if a length is not positive.
@@ -42,7 +42,7 @@ class RoverGeometry:
 
     wheels: tuple[WheelPlace, ...]
     wheel_radius: float  # [m]
-    effective_track: float  # of turning by different wheel speeds: the tread times what scrubbing makes of it [m]
+    effective_track: float  # for turning by wheel speed differences: the tread times a factor for scrubbing [m]
     max_steer: tuple[float, ...]  # of each wheel; 0: it is not steered [rad]
     max_wheel_speed: float  # [rad/s]
 
@@ -55,7 +55,7 @@ class RoverGeometry:
 
     @property
     def steered(self) -> bool:
-        """True if any wheel is steered; if not, the rover turns by different speeds of its sides."""
+        """True if any wheel is steered; otherwise the rover turns by wheel speed differences of its sides."""
         return max(self.max_steer) > 0.0
 
     def places(self) -> FloatArray:
@@ -64,7 +64,7 @@ class RoverGeometry:
 
 
 class Rolling(NamedTuple):
-    """How the wheels say that the rover moves."""
+    """Planar velocity of the body by the wheels."""
 
     v_x: float  # along the body's axes [m/s]
     v_y: float  # [m/s]
@@ -76,10 +76,10 @@ def wheel_places(wheels: Sequence[WheelPlace]) -> FloatArray:
     return np.array([(wheel.x, wheel.y) for wheel in wheels])
 
 
-def rolled(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling:
-    """The rigid motion that fits wheels best that go where they point.
+def wheel_motion(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling:
+    """Least-squares rigid motion of wheels that roll along their headings.
 
-    Wheels (n, 2) about their own middle [m], speeds (n,) of their rims [m/s] and angles (n,) against the body [rad].
+    Wheels (n, 2) relative to their centroid [m], rim speeds (n,) [m/s], steer angles (n,) relative to the body [rad].
     """
     along, across = speeds * np.cos(steer), speeds * np.sin(steer)
     x, y = places.T
@@ -88,43 +88,43 @@ def rolled(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling
 
 
 class Turn(NamedTuple):
-    """Where the wheels pointed at one tick."""
+    """Direction of travel by the wheels at one tick."""
 
     tick: int
-    way: float  # made by then [m]
-    direction: float  # of the way that they show, against the body [rad]
+    distance: float  # driven until then [m]
+    direction: float  # relative to the body [rad]
     heading: float  # of the body [rad]
-    drift: float  # that the way was reckoned with [rad]
+    drift: float  # slip angle relative to that direction, as used for the position [rad]
 
 
 class OdometryMemory(NamedTuple):
-    """What is carried from one reading to the next."""
+    """Pose, drift and history of directions after a reading."""
 
     tick: int | None
     x: float
     y: float
     psi: float
-    drift: float  # by which the way turns off where the wheels point, smoothed: what to steer against [rad]
-    newest_drift: float  # the same as last measured: what the way is reckoned with, where noise averages out [rad]
-    slip_tick: int  # of the newest slip angle that was used
-    lagged_tick: int  # up to which the way has been reckoned again with what was known later
+    drift: float  # angle from the wheels' direction to the direction of travel, smoothed, for compensation [rad]
+    newest_drift: float  # the same as last measured, for the position, where noise averages out [rad]
+    slip_tick: int  # of the newest slip angle used
+    lagged_tick: int  # up to which the position has been corrected by delayed slip angles
     turns: tuple[Turn, ...]  # newest last
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverPose:
-    """Where a rover believes to be and to go."""
+    """Estimated pose of a rover with its drift and velocity."""
 
     tick: int
     x: float  # [m]
     y: float  # [m]
     psi: float  # [rad]
-    drift: float  # by which its way turns off where its wheels point, + left [rad]
+    drift: float  # angle from the wheels' direction to the direction of travel, + left [rad]
     rolling: Rolling
 
 
 class RoverOdometry:
-    """Dead reckoning, with the slip angle if one is given to it."""
+    """Dead reckoning, corrected by slip angles and laser fixes if given."""
 
     def __init__(self, rover: RoverGeometry) -> None:
         self._rover = rover
@@ -132,7 +132,7 @@ class RoverOdometry:
         self._left = self._places[:, 1] > 0.0
 
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
-        """At a known pose in W [m, rad]."""
+        """Memory at a known pose in W [m, rad]."""
         return OdometryMemory(
             tick=None, x=x, y=y, psi=psi, drift=0.0, newest_drift=0.0, slip_tick=-1, lagged_tick=-1, turns=()
         )
@@ -144,7 +144,7 @@ class RoverOdometry:
         slip: SlipAngle | None = None,
         fix: LaserFix | None = None,
     ) -> tuple[OdometryMemory, RoverPose]:
-        """Memory and pose at the readings' tick; ``slip`` is the newest there is, ``fix`` one taken just now."""
+        """Memory and pose at the readings' tick; ``slip`` is the newest estimate, ``fix`` one of the same tick."""
         elapsed = 0.0 if memory.tick is None else (readings.tick - memory.tick) * TICK
         rolling = self.rolling(readings)
         memory = self._with_drift(memory, slip)
@@ -154,17 +154,17 @@ class RoverOdometry:
         kept = moved.turns[bisect_right(moved.turns, readings.tick - _HISTORY, key=attrgetter("tick")) :]
         speed = math.hypot(rolling.v_x, rolling.v_y)
         if speed > _STANDING:
-            way = (kept[-1].way if kept else 0.0) + speed * elapsed
+            distance = (kept[-1].distance if kept else 0.0) + speed * elapsed
             direction = math.atan2(rolling.v_y, rolling.v_x)
-            kept = (*kept, Turn(readings.tick, way, direction, moved.psi, moved.newest_drift))
+            kept = (*kept, Turn(readings.tick, distance, direction, moved.psi, moved.newest_drift))
         moved = moved._replace(tick=readings.tick, turns=kept)
         pose = RoverPose(tick=readings.tick, x=moved.x, y=moved.y, psi=moved.psi, drift=moved.drift, rolling=rolling)
         return moved, pose
 
     def rolling(self, readings: RoverReadings) -> Rolling:
-        """The rigid motion that the wheels' turns and angles show, without any slip of theirs."""
+        """Rigid motion by wheel speeds and steer angles, without slip."""
         speed = self._rover.wheel_radius * readings.wheel_speeds
-        rolling = rolled(self._places, speed, readings.steer)
+        rolling = wheel_motion(self._places, speed, readings.steer)
         if self._rover.steered:
             return rolling
         yaw_rate = float(speed[~self._left].mean() - speed[self._left].mean()) / self._rover.effective_track
@@ -173,64 +173,64 @@ class RoverOdometry:
     def _moved(
         self, memory: OdometryMemory, readings: RoverReadings, rolling: Rolling, elapsed: float
     ) -> OdometryMemory:
-        """Carried on by the wheels, turned by the drift; the heading is drawn to the compass."""
+        """Pose integrated by the wheels and the drift; the heading is corrected by the compass."""
         psi = memory.psi + rolling.yaw_rate * elapsed
         psi += (1.0 - math.exp(-elapsed / _HEADING_TIME)) * wrap(readings.heading - psi)
         middle = 0.5 * (memory.psi + psi)
         c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.newest_drift)
-        # A wheel that goes aside still rolls its turns: what it goes along its heading is what its encoder counts.
-        ahead, aside = rolling.v_x - t * rolling.v_y, rolling.v_y + t * rolling.v_x
+        # An encoder counts the distance along the wheel's heading, also of a wheel that slips sideways.
+        ahead, lateral = rolling.v_x - t * rolling.v_y, rolling.v_y + t * rolling.v_x
         return memory._replace(
-            x=memory.x + (c * ahead - s * aside) * elapsed, y=memory.y + (s * ahead + c * aside) * elapsed, psi=psi
+            x=memory.x + (c * ahead - s * lateral) * elapsed, y=memory.y + (s * ahead + c * lateral) * elapsed, psi=psi
         )
 
     def _with_drift(self, memory: OdometryMemory, slip: SlipAngle | None) -> OdometryMemory:
-        """The drift drawn to a slip angle that is new; one that is lost leaves it as it was."""
+        """Drift updated with a new slip angle; unchanged by a lost one."""
         if slip is None or slip.health is Health.LOST or slip.tick <= memory.slip_tick or not memory.turns:
             return memory
-        pointed = _pointed(memory.turns, slip)
-        if pointed is None:  # the rover stood
+        direction = _mean_direction(memory.turns, slip)
+        if direction is None:  # the rover stood
             return memory
-        measured = wrap(slip.value - pointed)
+        measured = wrap(slip.value - direction)
         since = _DRIFT_TIME if memory.slip_tick < 0 else (slip.tick - memory.slip_tick) * TICK
         share = 1.0 - math.exp(-since / _DRIFT_TIME)
         drift = memory.drift + share * (measured - memory.drift)
-        return _again(memory._replace(drift=drift, newest_drift=measured, slip_tick=slip.tick), slip)
+        return _with_delayed(memory._replace(drift=drift, newest_drift=measured, slip_tick=slip.tick), slip)
 
 
-def _again(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
-    """The way since the last slip angle that was known later, reckoned again with the newest of them."""
+def _with_delayed(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
+    """Position corrected since the last delayed slip angle by the newest one."""
     tick, before = slip.lagged_tick, memory.lagged_tick
     if tick is None or tick <= before:
         return memory
     memory = memory._replace(lagged_tick=tick)
-    last, then = (_turn_near(memory.turns, end) for end in (before, tick))
-    if (last.tick, then.tick) != (before, tick):  # it is the first one, or the rover stood meanwhile
+    last, then = (_nearest_turn(memory.turns, end) for end in (before, tick))
+    if (last.tick, then.tick) != (before, tick):  # the first one, or the rover stood in between
         return memory
-    way = then.way - last.way
-    aside = way * (math.tan(wrap(slip.lagged_value - then.direction)) - math.tan(then.drift))
+    distance = then.distance - last.distance
+    lateral = distance * (math.tan(wrap(slip.lagged_value - then.direction)) - math.tan(then.drift))
     course = then.heading + then.direction
-    return memory._replace(x=memory.x - aside * math.sin(course), y=memory.y + aside * math.cos(course))
+    return memory._replace(x=memory.x - lateral * math.sin(course), y=memory.y + lateral * math.cos(course))
 
 
-def _pointed(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:
-    """Where the wheels pointed over the way that the slip angle is of [rad]; None if that is not known."""
-    then = _turn_near(turns, slip.tick)
+def _mean_direction(turns: tuple[Turn, ...], slip: SlipAngle) -> float | None:
+    """Mean direction [rad] by the wheels over the distance of the slip angle; None if unknown."""
+    then = _nearest_turn(turns, slip.tick)
     if abs(then.tick - slip.tick) > _NEAR:
         return None
-    begin = bisect_left(turns, then.way - slip.averaged_over, key=attrgetter("way"))
-    end = bisect_right(turns, then.way, key=attrgetter("way"))
+    begin = bisect_left(turns, then.distance - slip.averaged_over, key=attrgetter("distance"))
+    end = bisect_right(turns, then.distance, key=attrgetter("distance"))
     return math.fsum(turn.direction for turn in turns[begin:end]) / (end - begin)
 
 
-def _turn_near(turns: tuple[Turn, ...], tick: int) -> Turn:
-    """That which was nearest to a tick."""
+def _nearest_turn(turns: tuple[Turn, ...], tick: int) -> Turn:
+    """Turn nearest to a tick."""
     at = bisect_left(turns, tick, key=attrgetter("tick"))
     return min(turns[max(at - 1, 0) : at + 1], key=lambda turn: abs(turn.tick - tick))
 
 
 def _corrected(memory: OdometryMemory, fix: LaserFix, elapsed: float) -> OdometryMemory:
-    """The position drawn to a fix."""
-    share = 1.0 - math.exp(-max(elapsed, 0.2) / _FIX_TIME)  # fixes come five times a second
+    """Position corrected by a fix."""
+    share = 1.0 - math.exp(-max(elapsed, 0.2) / _FIX_TIME)  # fixes arrive at 5 Hz
     x, y = memory.x + share * (fix.p_WR[0] - memory.x), memory.y + share * (fix.p_WR[1] - memory.y)
     return memory._replace(x=float(x), y=float(y))

@@ -13,7 +13,7 @@ from estimators.slip.trace_tracker.acquisition import Find
 from estimators.slip.trace_tracker.channels import CHANNELS
 from estimators.slip.trace_tracker.ground_patch import STEP, GroundPatch
 from estimators.slip.trace_tracker.learning import Lesson, learned
-from estimators.slip.trace_tracker.matching import SEARCH, correlation, likeness, peaks, unit, windows
+from estimators.slip.trace_tracker.matching import SEARCH, correlation, peaks, rut_score, unit, windows
 from estimators.slip.trace_tracker.pace import QUICK
 from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, PathState
 from estimators.slip.trace_tracker.pursuit import Pursuit, begun
@@ -84,12 +84,12 @@ def test_every_piece_keeps_the_steering_under_which_it_was_driven() -> None:
 def test_gradient_of_the_trace_is_its_derivative() -> None:
     """At any slip history, against central differences; neglected: the shift along the way, sin(angle) of 10 deg."""
     state = driven(math.radians(5.0), math.radians(0.1))
-    _, gradient = path_line.seen(state, RIG, BEHIND)
+    _, gradient = path_line.predicted(state, RIG, BEHIND)
     for part in (0, 7, 20, PIECES, PIECES + 4, 2 * PIECES + 9, 3 * PIECES + 1, len(state.mean) + OFFSET):
         step = np.zeros(len(state.mean))
         step[part] = 1e-6
-        up, _ = path_line.seen(state._replace(mean=state.mean + step), RIG, BEHIND)
-        down, _ = path_line.seen(state._replace(mean=state.mean - step), RIG, BEHIND)
+        up, _ = path_line.predicted(state._replace(mean=state.mean + step), RIG, BEHIND)
+        down, _ = path_line.predicted(state._replace(mean=state.mean - step), RIG, BEHIND)
         near = 0.035 * max(1.0, abs(gradient[:, part]).max())
         assert gradient[:, part] == pytest.approx((up - down) / 2e-6, abs=near)
 
@@ -99,9 +99,9 @@ def test_filter_finds_slip_from_where_the_trace_lies() -> None:
     state, slip = driven(math.radians(2.0), 0.0), math.radians(6.0)
     for k in range(61, 125):
         state = path_state.with_compass(moved(state, 0.0, 0.0, k), 0.3)
-        expected, gradient = path_line.seen(state, RIG, BEHIND)
+        expected, gradient = path_line.predicted(state, RIG, BEHIND)
         there = -math.tan(slip) * BEHIND - expected
-        state, _ = path_state.with_seen(state, gradient, there, 9e-6 * np.eye(len(BEHIND)))
+        state, _ = path_state.with_innovation(state, gradient, there, 9e-6 * np.eye(len(BEHIND)))
     found, variance = path_line.slip_at(state, 0)
     assert found == pytest.approx(slip, abs=math.radians(0.3))
     assert math.radians(0.3) < math.sqrt(variance) < math.radians(2.0)
@@ -110,7 +110,7 @@ def test_filter_finds_slip_from_where_the_trace_lies() -> None:
 @pytest.mark.parametrize(("slips", "quick"), [((0.0, 0.0), False), ((6.0, -6.0), True)])
 def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float, float], quick: bool) -> None:
     """Exact places of a trace whose slip is steady, or swings by 12 deg every 16 cm, which a steady one would not."""
-    both = histories.found(histories.begun(0.0, 0.0, 0, len(BEHIND)), 0.0, 0.05)
+    both = histories.with_new_trace(histories.begun(0.0, 0.0, 0, len(BEHIND)), 0.0, 0.05)
     true = path_state.with_slip(path_state.begun(0.0, 0.0, 0, len(BEHIND), QUICK), 0.0, 0.05)
     every = np.ones(len(BEHIND), dtype=bool)
     for k in range(1, 120):
@@ -205,12 +205,12 @@ def test_templates_are_the_same_in_a_mirror() -> None:
 
 def test_lug_marks_tell_a_rut_from_a_shadow() -> None:
     """Of two lines with the same mean correlation the one with marks is more like a rut; without, it is 3/4 of it."""
-    shadow, rut = likeness(np.array([0.4, 0.4]), np.array([0.0, 0.4]))
+    shadow, rut = rut_score(np.array([0.4, 0.4]), np.array([0.0, 0.4]))
     assert (shadow, rut) == pytest.approx((0.3, 0.4), abs=1e-12)
 
 
 def judged(pictures: list[tuple[float, float]], marks: float = 0.4) -> Pursuit:
-    """Of a trace found with such marks, after pictures of a likeness and marks."""
+    """Of a trace found with such marks, after images with a rut score and marks."""
     pursuit = begun(Find(0.0, 0.5, marks))
     for picture in pictures:
         pursuit = pursuit_after(pursuit, *picture)
@@ -219,20 +219,20 @@ def judged(pictures: list[tuple[float, float]], marks: float = 0.4) -> Pursuit:
 
 def test_a_trace_is_believed_after_three_pictures_with_clear_marks() -> None:
     """Chance marks are gone in the next picture; what was never sure is given up the first time it is not seen."""
-    assert not judged([(0.5, 0.5)] * 2).seen
-    assert judged([(0.5, 0.5)] * 3).seen
+    assert not judged([(0.5, 0.5)] * 2).visible
+    assert judged([(0.5, 0.5)] * 3).visible
     faint = judged([(0.5, 0.0)] * 3)
-    assert not faint.seen
+    assert not faint.visible
     assert faint.lost
 
 
 def test_a_trace_that_is_known_may_be_unseen_for_a_second() -> None:
     """Four pictures without it may be a shadow; five running are the end of it, and one with it begins anew."""
     known = [(0.5, 0.7)] * 5
-    assert not judged([*known, (0.2, 0.5)]).seen
+    assert not judged([*known, (0.2, 0.5)]).visible
     assert not judged(known + [(0.2, 0.5)] * 4).lost
     assert judged(known + [(0.2, 0.5)] * 5).lost
-    assert judged(known + [(0.2, 0.5)] * 4 + known[:1]).seen
+    assert judged(known + [(0.2, 0.5)] * 4 + known[:1]).visible
 
 
 def test_a_line_without_marks_is_given_up_however_dark_it_is() -> None:

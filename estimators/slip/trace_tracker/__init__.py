@@ -1,1 +1,1 @@
-"""Slip angle from the curved trace behind a wheel, tracked from picture to picture: ``ftrace_plus``."""
+"""Slip angle from the curved trace behind a wheel, tracked from image to image: ``ftrace_plus``."""

@@ -1,7 +1,7 @@
-"""What of the ground's picture tells a rut from sand: brightness, the lugs' marks, and the walls.
+"""Image channels that distinguish a rut from sand: brightness, lug marks and walls.
 
-Logarithms turn shadows into steps, which a clipped high pass leaves as thin lines; the local contrast is brought to
-one, so that exposure, contrast and haze do not matter.
+The logarithm turns shadows into steps, which a clipped high-pass filter reduces to thin lines. The local contrast is
+normalised, so that exposure, contrast and haze have no effect.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from estimators.slip.trace_tracker.ground_patch import FloatImage
 
 CHANNELS: Final = 3
 MARKS: Final = 1  # the channel of the lugs
-_DARK: Final = 4.0  # grey level under which noise and JPEG prevail
-_ACROSS: Final = (1, 25)  # mean taken off across the trace: 5 cm, half a wheel [px of 2 mm]
-_SATURATION: Final = 0.22  # of log brightness: lug and wall marks reach this, shadow edges 1 and more
-_SURROUNDINGS: Final = (41, 41)  # mean taken off [px]
-_CONTRAST: Final = (61, 61)  # in which the contrast is made one [px]
-_NOISE: Final = 0.02  # log brightness: contrast of the camera's noise on sand
-_LUG_ACROSS: Final = (15, 1)  # lug marks are straight over 3 cm, pebbles and ripples' details are not [px]
+_DARK: Final = 4.0  # grey level below which noise and JPEG artefacts dominate
+_ACROSS: Final = (1, 25)  # window of the mean across the trace that is subtracted: 5 cm, half a wheel [px of 2 mm]
+_SATURATION: Final = 0.22  # clipping of log brightness: lug and wall marks reach it, shadow edges reach 1 and more
+_SURROUNDINGS: Final = (41, 41)  # window of the mean that is subtracted [px]
+_CONTRAST: Final = (61, 61)  # window of the contrast normalisation [px]
+_NOISE: Final = 0.02  # contrast of the camera's noise on sand, in log brightness
+_LUG_ACROSS: Final = (15, 1)  # lug marks are straight over 3 cm, pebbles and ripples are not [px]
 _WALL_ALONG: Final = (3, 25)  # walls are straight over 5 cm along [px]
 
 
 def channels(patch: NDArray[np.uint8]) -> FloatImage:
-    """Brightness, strength of lug marks and strength of walls (rows, columns, 3) of a picture of the ground."""
+    """Brightness, strength of lug marks and strength of walls (rows, columns, 3) of a ground image."""
     bright = _normalised(patch)
     lugs = np.abs(_along(_smooth(cv2.GaussianBlur(bright, (0, 0), 1.2), _LUG_ACROSS)))
     walls = np.abs(_across(_smooth(bright, _WALL_ALONG)))
-    # Strengths are compressed at what half of the marks reach: one bright edge must not stand for many.
+    # saturated at the median strength of marks, so that one bright edge does not dominate
     return np.asarray(cv2.merge([bright, lugs / (lugs + 0.5), walls / (walls + 0.35)]), dtype=np.float32)
 
 

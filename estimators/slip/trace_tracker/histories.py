@@ -1,4 +1,4 @@
-"""The history of slip as filters of different pace have it, and what is made of them together."""
+"""Path states of parallel filters with different paces, and their mixture."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from estimators.slip.trace_tracker.path_state import PathState
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 
-_FORGETTING: Final = 0.98  # a picture: slip that was steady for ten seconds may be so no longer
-_LEAST: Final = -4.0  # log of a pace's share against the best: it must be able to come back
+_FORGETTING: Final = 0.98  # per image: slip that was steady for ten seconds may change
+_LEAST: Final = -4.0  # least log weight of a pace relative to the best, so that it can recover
 
 
 class Histories(NamedTuple):
-    """One path state for each pace."""
+    """One path state for each pace, with their weights."""
 
     paths: tuple[PathState, ...]
-    worth: FloatArray  # (paces,) log of the share of each, up to a constant
+    worth: FloatArray  # (paces,) log weights up to a constant
 
     @property
     def shares(self) -> FloatArray:
-        """Of each pace (paces,), 1 in all."""
+        """Normalised weights (paces,)."""
         share = np.exp(self.worth - self.worth.max())
         total: FloatArray = share / share.sum()
         return total
 
     @property
     def together(self) -> PathState:
-        """The mean of the paces, with a covariance that has their differences in it."""
+        """Mixture of the paces: mean, and covariance including their differences."""
         shares = self.shares
         means = np.stack([path.mean for path in self.paths])
         mean = shares @ means
@@ -44,18 +44,18 @@ class Histories(NamedTuple):
         return self.paths[0]._replace(mean=mean, covariance=covariance)
 
     def each(self, changed: Callable[[PathState], PathState]) -> Histories:
-        """With every path changed."""
+        """Histories with every path changed."""
         return self._replace(paths=tuple(changed(path) for path in self.paths))
 
 
 def begun(heading: float, steer: float, tick: int, bands: int) -> Histories:
-    """Before anything was seen."""
+    """Histories before any observation."""
     paths = tuple(path_state.begun(heading, steer, tick, bands, pace) for pace in PACES)
     return Histories(paths, np.zeros(len(paths)))
 
 
-def found(histories: Histories, slip: float, std: float) -> Histories:
-    """With the slip of a trace just found [rad]; how fast it changes is open."""
+def with_new_trace(histories: Histories, slip: float, std: float) -> Histories:
+    """Histories with the slip of a new trace [rad] and equal weights."""
     return histories.each(lambda path: path_state.with_slip(path, slip, std))._replace(worth=np.zeros(len(PACES)))
 
 
@@ -63,15 +63,15 @@ def with_trace(
     histories: Histories,
     rig: TraceRig,
     bands: FloatArray,
-    places: FloatArray,
+    positions: FloatArray,
     use: NDArray[np.bool_],
     noise: FloatArray,
 ) -> Histories:
-    """Corrected by the places (bands,) beside the wheel where the trace was seen, in the bands of ``use``."""
+    """Histories corrected by lateral positions (bands,) of the trace, in the bands of ``use``."""
     paths, worth = [], []
     for path in histories.paths:
-        lies, gradient = path_line.seen(path, rig, bands)
-        corrected, likelihood = path_state.with_seen(path, gradient[use], (places - lies)[use], noise)
+        expected, gradient = path_line.predicted(path, rig, bands)
+        corrected, likelihood = path_state.with_innovation(path, gradient[use], (positions - expected)[use], noise)
         paths.append(corrected)
         worth.append(likelihood)
     kept = _FORGETTING * histories.worth + np.array(worth)

@@ -1,4 +1,4 @@
-"""Templates from pictures of traces whose truth is known."""
+"""Learning of templates from images of traces with known truth."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, HALF, 
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray
 
-_AZIMUTH_KERNEL: Final = math.radians(12.0)  # how far from its own sun and slip a sample tells about a template
-_SLIP_KERNEL: Final = math.radians(1.25)
+_AZIMUTH_KERNEL: Final = math.radians(12.0)  # width of the kernel over the sun's azimuth
+_SLIP_KERNEL: Final = math.radians(1.25)  # the same over slip
 _ROWS: Final = round(BAND / STEP)
-_SHADED: Final = 0.68  # grey level against the brightest sand's, below which a band lies in shadow
+_SHADED: Final = 0.68  # largest grey level of a band in shadow, relative to the brightest sand
 
 
 class Lesson(NamedTuple):
-    """Profiles of one picture, straightened along the true trace."""
+    """Profiles of one image, straightened along the true trace."""
 
     profiles: Profiles  # (n, CHANNELS, WIDTH)
-    slips: FloatArray  # (n,) by which the front wheel's rut lies aside, see ``path_state.with_front`` [rad]
-    azimuths: FloatArray  # (n,) of the sun against the trace, + left [rad]
+    slips: FloatArray  # (n,) of the front wheel's rut, see ``path_line.with_fronts`` [rad]
+    azimuths: FloatArray  # (n,) of the sun relative to the trace, + left [rad]
     elevation: float  # of the sun [rad]
-    shaded: NDArray[np.bool_]  # (n,) whether the sun does not reach it
+    shaded: NDArray[np.bool_]  # (n,) True: in shadow
 
 
 def lesson(
     patch: GroundPatch, image: GreyImage, line: FloatArray, front: FloatArray, azimuth: float, elevation: float
 ) -> Lesson:
-    """What a picture teaches that shows the rear wheel's rut along ``line``, the front one's along ``front``.
+    """Training sample from an image with the rear wheel's rut along ``line`` and the front one's along ``front``.
 
-    Both are (n, 2) in R, nearest first [m]. The sun's azimuth is that against the rover's x axis [rad]; bands beyond
-    the line's ends are left out.
+    Both are (n, 2) in R, nearest first [m]. The sun's azimuth is relative to the rover's x axis [rad]. Bands beyond the
+    line's ends are left out.
     """
     x, y = patch.rig.wheel
     behind = x - line[:, 0]
     use = (patch.bands > behind[0] + 0.5 * BAND) & (patch.bands < behind[-1] - 0.5 * BAND)
-    aside = np.interp(patch.behind, behind, line[:, 1] - y)
-    picture = patch.rectified(image)
-    directions = np.arctan(-np.gradient(aside, STEP)).reshape(-1, _ROWS).mean(axis=1)
-    beside = np.interp(patch.bands, behind, line[:, 1]) - np.interp(patch.bands, x - front[:, 0], front[:, 1])
+    lateral = np.interp(patch.behind, behind, line[:, 1] - y)
+    rectified = patch.rectified(image)
+    directions = np.arctan(-np.gradient(lateral, STEP)).reshape(-1, _ROWS).mean(axis=1)
+    offset = np.interp(patch.bands, behind, line[:, 1]) - np.interp(patch.bands, x - front[:, 0], front[:, 1])
     return Lesson(
-        profiles=straightened(channels(picture), aside, margin=0)[use],
-        slips=np.arctan2(beside * np.cos(directions), patch.rig.wheelbase)[use],
+        profiles=straightened(channels(rectified), lateral, margin=0)[use],
+        slips=np.arctan2(offset * np.cos(directions), patch.rig.wheelbase)[use],
         azimuths=(azimuth - directions)[use],
         elevation=elevation,
-        shaded=_shaded(picture, aside)[use],
+        shaded=_shaded(rectified, lateral)[use],
     )
 
 
 def learned(lessons: Sequence[Lesson]) -> Templates:
-    """Templates of lessons; each counts twice, also as seen in a mirror."""
+    """Templates from lessons; each is used twice, also mirrored."""
     shape = (AZIMUTHS, len(ELEVATIONS), len(SLIPS))
     sunny, in_sun = np.zeros((*shape, CHANNELS, WIDTH)), np.zeros(shape)
     dark, in_shade = np.zeros((len(SLIPS), CHANNELS, WIDTH)), np.zeros(len(SLIPS))
@@ -76,20 +76,20 @@ def learned(lessons: Sequence[Lesson]) -> Templates:
     return Templates(profiles=_mean(sunny, in_sun), shaded=_mean(dark, in_shade))
 
 
-def _shaded(picture: NDArray[np.uint8], aside: FloatArray) -> NDArray[np.bool_]:
-    """Whether the bands (n,) of a trace lie in shadow."""
+def _shaded(rectified: NDArray[np.uint8], lateral: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of bands of a trace in shadow."""
     columns = np.clip(
-        np.rint(aside[:, None] / STEP).astype(int) + picture.shape[1] // 2 + np.arange(-HALF, HALF + 1),
+        np.rint(lateral[:, None] / STEP).astype(int) + rectified.shape[1] // 2 + np.arange(-HALF, HALF + 1),
         0,
-        picture.shape[1] - 1,
+        rectified.shape[1] - 1,
     )
-    levels = np.take_along_axis(picture, columns, axis=1).reshape(-1, _ROWS * WIDTH)
-    dark: NDArray[np.bool_] = np.median(levels, axis=1) < _SHADED * np.percentile(picture, 95)
+    levels = np.take_along_axis(rectified, columns, axis=1).reshape(-1, _ROWS * WIDTH)
+    dark: NDArray[np.bool_] = np.median(levels, axis=1) < _SHADED * np.percentile(rectified, 95)
     return dark
 
 
 def _near(values: FloatArray, nodes: FloatArray, width: float) -> FloatArray:
-    """Weights (n, nodes) of angles by their distance from nodes [rad]."""
+    """Gaussian weights (n, nodes) of angles by their distance from nodes [rad]."""
     off = (values[:, None] - nodes + math.pi) % (2.0 * math.pi) - math.pi
     weights: FloatArray = np.exp(-0.5 * (off / width) ** 2)
     return weights

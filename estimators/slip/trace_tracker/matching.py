@@ -1,4 +1,4 @@
-"""Where across the ground profiles look like a rut: normalised correlation with templates."""
+"""Lateral matching of ground profiles with rut templates by normalised correlation."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from estimators.slip.trace_tracker.ground_patch import BAND, STEP, FloatImage
 from estimators.slip.trace_tracker.templates import HALF, WIDTH, Profiles
 from vehicle.frames import FloatArray
 
-SEARCH: Final = round(0.034 / STEP)  # how far the trace is looked for beside where it is expected [px]
+SEARCH: Final = round(0.034 / STEP)  # largest lateral distance of the trace from its prediction [px]
 _ROWS: Final = round(BAND / STEP)
-_FLAT: Final = 1e-6  # length of a profile without any marks
+_FLAT: Final = 1e-6  # norm of a profile without any marks
 
 
-def straightened(image: FloatImage, aside: FloatArray, margin: int = SEARCH) -> Profiles:
-    """Profiles (bands, CHANNELS, WIDTH + 2 margin) along a line that lies ``aside`` (rows,) of the middle [m]."""
+def straightened(image: FloatImage, lateral: FloatArray, margin: int = SEARCH) -> Profiles:
+    """Profiles (bands, CHANNELS, WIDTH + 2 margin) along a line at ``lateral`` (rows,) from the middle [m]."""
     rows, columns = image.shape[:2]
     reach = np.arange(-HALF - margin, HALF + margin + 1)
-    u = (aside[:, None] / STEP + columns // 2 + reach).astype(np.float32)
+    u = (lateral[:, None] / STEP + columns // 2 + reach).astype(np.float32)
     v = np.repeat(np.arange(rows, dtype=np.float32)[:, None], len(reach), axis=1)
     straight = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     profiles: Profiles = straight.reshape(-1, _ROWS, len(reach), CHANNELS).mean(axis=1).transpose(0, 2, 1)
@@ -31,7 +31,7 @@ def straightened(image: FloatImage, aside: FloatArray, margin: int = SEARCH) -> 
 
 
 def windows(profiles: Profiles) -> Profiles:
-    """All windows of a template's width (..., shifts, CHANNELS, WIDTH), each of mean 0 and length 1."""
+    """All windows of a template's width (..., shifts, CHANNELS, WIDTH), each of mean 0 and norm 1."""
     sums, squares = (_sums(values)[..., None] for values in (profiles, np.square(profiles)))
     lengths = np.sqrt(np.maximum(squares - sums**2 / WIDTH, 0.0)) + _FLAT
     parts = (sums / WIDTH).astype(np.float32), (1.0 / lengths).astype(np.float32)
@@ -43,7 +43,7 @@ def windows(profiles: Profiles) -> Profiles:
 
 
 def unit(profiles: Profiles) -> Profiles:
-    """Profiles of mean 0 and length 1."""
+    """Profiles normalised to mean 0 and norm 1."""
     ones = np.full(profiles.shape[-1], 1.0 / profiles.shape[-1], dtype=np.float32)
     free = profiles - (profiles @ ones)[..., None]
     free /= np.sqrt(np.einsum("...w,...w->...", free, free))[..., None] + np.float32(_FLAT)
@@ -51,7 +51,7 @@ def unit(profiles: Profiles) -> Profiles:
 
 
 def _sums(values: Profiles) -> FloatArray:
-    """Of all windows of a template's width (..., shifts), without adding up each of them."""
+    """Sums over all windows of a template's width (..., shifts), by cumulative sums."""
     running = np.zeros((*values.shape[:-1], values.shape[-1] + 1))
     np.cumsum(values, axis=-1, out=running[..., 1:])
     sums: FloatArray = running[..., WIDTH:] - running[..., :-WIDTH]
@@ -65,10 +65,10 @@ def correlation(cut: Profiles, templates: Profiles) -> FloatArray:
     return np.asarray(flat[..., 0] / CHANNELS, dtype=np.float64)
 
 
-def likeness(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
-    """Of sand to a rut, by the mean correlation of all channels and that of the lug marks alone.
+def rut_score(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
+    """Score of a rut: mean correlation of all channels, with double weight of the lug marks.
 
-    Shadows have edges as walls have, and are as dark as ruts: but only wheels leave marks. These count twice.
+    Shadows have edges like walls and are as dark as ruts, but only wheels leave lug marks.
     """
     more: FloatArray = (CHANNELS * np.asarray(scores) + np.asarray(marks)) / (CHANNELS + 1)
     return more
@@ -77,11 +77,11 @@ def likeness(scores: ArrayLike, marks: ArrayLike) -> FloatArray:
 def peaks(scores: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Offset (bands,) [m] of the best match in scores (bands, shifts), and its score.
 
-    Far offsets have to be better by what their unlikeliness, from ``std`` (bands,) [m], is worth.
+    Offsets are penalised by their distance in units of ``std`` (bands,) [m].
     """
     shifts = (np.arange(scores.shape[1]) - scores.shape[1] // 2) * STEP
-    unlikely = 0.03 * (shifts / np.maximum(std, 0.004)[:, None]) ** 2
-    k = np.clip((scores - unlikely).argmax(axis=1), 1, len(shifts) - 2)
+    penalty = 0.03 * (shifts / np.maximum(std, 0.004)[:, None]) ** 2
+    k = np.clip((scores - penalty).argmax(axis=1), 1, len(shifts) - 2)
     band = np.arange(len(scores))
     before, at, after = scores[band, k - 1], scores[band, k], scores[band, k + 1]
     bend = before - 2.0 * at + after

@@ -1,4 +1,4 @@
-"""How fast slip changes: what two filters believe that are run beside each other."""
+"""Models of how fast slip changes, for two filters that run in parallel."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Final, NamedTuple
 
 
 class Pace(NamedTuple):
-    """A walk of slip, and a trend that lasts for some way."""
+    """Random walk of slip, plus a trend with a correlation length."""
 
     walk: float  # per sqrt(m) [rad]
     trend: float  # standard deviation [rad/m]
-    way: float  # over which the trend changes [m]
+    length: float  # correlation length of the trend [m]
 
 
-# Slip that varies by 1.6 deg within 5 s at 8 cm/s walks by 3.6 deg/sqrt(m) in the long run.
-QUICK: Final = Pace(walk=math.radians(4.0), trend=0.0, way=1.0)
-# A rover that drives onto a slope (Reina 2008, Fig. 8): some degrees within some decimetres, and little else.
-STEADY: Final = Pace(walk=math.radians(1.0), trend=math.radians(3.0), way=1.0)
+# Slip that varies by 1.6 deg within 5 s at 8 cm/s has a random walk of 3.6 deg/sqrt(m).
+QUICK: Final = Pace(walk=math.radians(4.0), trend=0.0, length=1.0)
+# A rover that drives onto a slope (Reina 2008, Fig. 8): some degrees within some decimetres.
+STEADY: Final = Pace(walk=math.radians(1.0), trend=math.radians(3.0), length=1.0)
 PACES: Final = (QUICK, STEADY)

@@ -1,14 +1,13 @@
-"""The trace as a history of slip: a Kalman filter over the way that the rover went since it passed what is seen.
+"""Path state: a Kalman filter of the slip history along the visible part of the rover's path.
 
-The way consists of pieces, the newest first. State: slip on each piece, by which the rover's middle goes aside of
-where its wheels are steered to; the rover's heading on each piece; by how much the sand shows the rut aside of where
-it is, on each piece; by how much each band of the picture does, as shadows that move with the rover have it; lateral
-offset of the whole trace (sinkage, roll and mounting move it); error of the encoders' yaw rate; the trend of slip.
-Where the trace lies is linear in all of these up to the cosine of small angles, so the filter is; keeping the pieces
-of the past in the state makes it a smoother for them.
+The path consists of pieces, the newest first. State: slip angle of the rover's centre on each piece, relative to the
+steered direction; heading on each piece; lateral error of the rut in the sand on each piece; lateral error of each band
+of the image, from shadows that move with the rover; lateral offset of the whole trace (sinkage, roll and mounting);
+error of the encoders' yaw rate; trend of slip. The position of the trace is linear in all of these up to the cosine of
+small angles, so the filter is linear. Past pieces stay in the state, which makes it a smoother for them.
 
-Slip is that of the middle, as this is what changes slowly: wheels at the rear go aside with every turn of the rover,
-which encoders and compass tell of.
+Slip is that of the centre, as it changes slowly: rear wheels move sideways with every turn of the rover, which encoders
+and compass measure.
 """
 
 from __future__ import annotations
@@ -19,60 +18,59 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimators.slip.trace_tracker.pace import Pace
-from estimators.slip.trace_tracker.walks import add, alike, fade
+from estimators.slip.trace_tracker.walks import add, correlation, fade
 from vehicle.frames import FloatArray
 
-PIECES: Final = 56  # each at least SHORTEST long: what a camera sees of the trace
+PIECES: Final = 56  # each at least SHORTEST long; together the visible length of the trace
 SHORTEST: Final = 0.0125  # [m]
 SLIP, HEADING, SAND = (slice(k * PIECES, (k + 1) * PIECES) for k in range(3))  # places in the state
 SHADE: Final = slice(3 * PIECES, -3)
 OFFSET, RATE, TREND = -3, -2, -1
 
-_SLIP_PRIOR: Final = math.radians(6.0)  # of a rover of which nothing was seen: loose sand on moderate slopes, assumed
-_SLIP_CORRELATION: Final = 0.4  # way over which slip on a trace just found is alike [m]
-_OFFSET_PRIOR: Final = 0.005  # what sinkage, templates and calibration are off by [m]
-_OFFSET_WALK: Final = 0.002  # per sqrt(m): templates are off by millimetres, differently for each slip and sun [m]
-_SAND_STD: Final = 0.002  # by which crumbs and slumping put a rut aside, and [m]
-_SAND_WAY: Final = 0.04  # over which they do so: a band of the picture [m]
-# An edge of a shadow that moves with the rover lies in the same bands for long and puts them aside by 5 to 10 mm; where
-# none is, every band tells soon enough that it is right.
+_SLIP_PRIOR: Final = math.radians(6.0)  # before any observation: loose sand on moderate slopes, assumed
+_SLIP_CORRELATION: Final = 0.4  # correlation length of slip on a new trace [m]
+_OFFSET_PRIOR: Final = 0.005  # error of sinkage, templates and calibration [m]
+_OFFSET_WALK: Final = 0.002  # per sqrt(m): template errors of millimetres, different for each slip and sun [m]
+_SAND_STD: Final = 0.002  # lateral error of a rut by crumbs and slumping [m]
+_SAND_LENGTH: Final = 0.04  # correlation length of that error: a band of the image [m]
+# The edge of a shadow that moves with the rover stays in the same bands and shifts them by 5 to 10 mm.
 _SHADE_STD: Final = 0.004  # [m]
-_SHADE_WAY: Final = 3.0  # over which shadows move, by the rover's turns against the sun, assumed [m]
-_RATE_PRIOR: Final = math.radians(0.6)  # error of the encoders' yaw rate: wheels scrub and slip, assumed [rad/s]
-_RATE_TIME: Final = 2.0  # over which that error changes, assumed [s]
-_COMPASS: Final = math.radians(0.4)  # RMS of one reading of a fluxgate compass without what is steady [rad]
+_SHADE_LENGTH: Final = 3.0  # correlation length of that shift, by the rover's turns against the sun, assumed [m]
+_RATE_PRIOR: Final = math.radians(0.6)  # error of the encoders' yaw rate by scrubbing and slip, assumed [rad/s]
+_RATE_TIME: Final = 2.0  # correlation time of that error, assumed [s]
+_COMPASS: Final = math.radians(0.4)  # RMS of one reading of a fluxgate compass without its constant error [rad]
 
 
 class PathState(NamedTuple):
-    """Mean and covariance of the state, and what is known for sure."""
+    """Mean and covariance of the state, and the known quantities."""
 
     mean: FloatArray  # (n,)
     covariance: FloatArray  # (n, n)
     lengths: FloatArray  # (PIECES,) of the pieces, newest first [m]
-    steer: FloatArray  # (PIECES,) direction that the wheels are steered to on each piece, against the body [rad]
-    ticks: FloatArray  # (PIECES,) at each piece's newer end
-    fronts: FloatArray  # (PIECES,) see ``path_line.with_fronts``; NaN: unknown yet [rad]
-    steered: float  # that direction now [rad]
+    steer: FloatArray  # (PIECES,) steered direction on each piece, relative to the body [rad]
+    ticks: FloatArray  # (PIECES,) of each piece's newer end
+    fronts: FloatArray  # (PIECES,) see ``path_line.with_fronts``; NaN: not known yet [rad]
+    steered: float  # current steered direction [rad]
     pace: Pace
 
     @property
     def offset(self) -> float:
-        """Of the trace beside the wheel, + left [m]."""
+        """Lateral offset of the trace from the wheel, + left [m]."""
         return float(self.mean[OFFSET])
 
     @property
     def headings(self) -> FloatArray:
-        """Of the rover at the newer end of each piece, continuous (PIECES,) [rad]."""
+        """Headings (PIECES,) of the rover at the newer end of each piece, unwrapped [rad]."""
         return self.mean[HEADING]
 
     @property
     def body_slips(self) -> FloatArray:
-        """Of the middle's travel on each piece, against the body as it stood then (PIECES,) [rad]."""
+        """Slip angles (PIECES,) of the centre on each piece, relative to the body at that time [rad]."""
         return self.mean[SLIP] + self.steer
 
 
 def begun(heading: float, steer: float, tick: int, bands: int, pace: Pace) -> PathState:
-    """Before anything was seen: the rover may have come from anywhere near straight behind."""
+    """State before any observation: the rover came from about straight behind."""
     ds = 0.016  # assumed until the wheels turn [m]
     size = 3 * PIECES + bands + 3
     state = PathState(
@@ -87,31 +85,31 @@ def begun(heading: float, steer: float, tick: int, bands: int, pace: Pace) -> Pa
     )
     state.mean[HEADING] = heading
     at = np.arange(PIECES)
-    # Straight on in the past, give or take a degree a decimetre.
+    # straight on in the past, with an uncertainty of 1 deg per decimetre
     headings = math.radians(1.0) ** 2 * np.minimum(at[:, None], at) * ds / 0.1
     state.covariance[HEADING, HEADING] = headings + _COMPASS**2
-    state.covariance[SAND, SAND] = _SAND_STD**2 * alike(state.lengths, _SAND_WAY)
+    state.covariance[SAND, SAND] = _SAND_STD**2 * correlation(state.lengths, _SAND_LENGTH)
     state.covariance[SHADE, SHADE] = _SHADE_STD**2 * np.eye(bands)
     state.covariance[RATE, RATE] = _RATE_PRIOR**2
     return with_slip(state, 0.0, _SLIP_PRIOR)
 
 
 def with_slip(state: PathState, slip: float, std: float) -> PathState:
-    """The same, with the slip of a trace just found; what was believed of slip and offset is forgotten."""
+    """State with the slip of a new trace; earlier slip and offset are dropped."""
     mean, covariance = state.mean.copy(), state.covariance.copy()
     for part in (SLIP, OFFSET, TREND):
         mean[part] = 0.0
         covariance[part] = 0.0
         covariance[:, part] = 0.0
     mean[SLIP] = slip
-    covariance[SLIP, SLIP] = std**2 * alike(state.lengths, _SLIP_CORRELATION)
+    covariance[SLIP, SLIP] = std**2 * correlation(state.lengths, _SLIP_CORRELATION)
     covariance[OFFSET, OFFSET] = _OFFSET_PRIOR**2
     covariance[TREND, TREND] = state.pace.trend**2
     return state._replace(mean=mean, covariance=covariance, fronts=np.full(PIECES, math.nan))
 
 
 def moved(state: PathState, length: float, yaw: float, seconds: float, steer: float, tick: int) -> PathState:
-    """One piece on, the oldest forgotten; ``yaw`` is what the encoders say that the rover turned [rad]."""
+    """State after one more piece, without the oldest; ``yaw`` is the turn by the encoders [rad]."""
     pieces = np.maximum(np.arange(PIECES) - 1, 0)
     order = np.arange(len(state.mean))
     for part in (SLIP, HEADING, SAND):
@@ -124,9 +122,9 @@ def moved(state: PathState, length: float, yaw: float, seconds: float, steer: fl
     covariance[0, 0] += pace.walk**2 * length
     covariance[OFFSET, OFFSET] += _OFFSET_WALK**2 * length
     fade(mean, covariance, np.array([RATE]), seconds / _RATE_TIME, np.array([_RATE_PRIOR**2]))
-    fade(mean, covariance, np.array([TREND]), length / pace.way, np.array([pace.trend**2]))
-    fade(mean, covariance, np.array([SAND.start]), length / _SAND_WAY, np.array([_SAND_STD**2]))
-    fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_WAY, np.full(bands, _SHADE_STD**2))
+    fade(mean, covariance, np.array([TREND]), length / pace.length, np.array([pace.trend**2]))
+    fade(mean, covariance, np.array([SAND.start]), length / _SAND_LENGTH, np.array([_SAND_STD**2]))
+    fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_LENGTH, np.full(bands, _SHADE_STD**2))
     return state._replace(
         mean=mean,
         covariance=covariance,
@@ -139,25 +137,25 @@ def moved(state: PathState, length: float, yaw: float, seconds: float, steer: fl
 
 
 def with_compass(state: PathState, reading: float) -> PathState:
-    """The heading corrected by a compass reading [rad]."""
-    told = state.covariance[HEADING.start]  # a single part of the state is measured as it is
-    variance = told[HEADING.start] + _COMPASS**2
+    """State with the heading corrected by a compass reading [rad]."""
+    column = state.covariance[HEADING.start]  # the heading itself is measured
+    variance = column[HEADING.start] + _COMPASS**2
     innovation = math.remainder(reading - float(state.headings[0]), 2.0 * math.pi)
-    gained = told / math.sqrt(variance)
+    gained = column / math.sqrt(variance)
     return state._replace(
-        mean=state.mean + (innovation / variance) * told, covariance=state.covariance - np.outer(gained, gained)
+        mean=state.mean + (innovation / variance) * column, covariance=state.covariance - np.outer(gained, gained)
     )
 
 
-def with_seen(
+def with_innovation(
     state: PathState, gradient: FloatArray, innovation: FloatArray, noise: FloatArray
 ) -> tuple[PathState, float]:
-    """Corrected by what was seen beside what was expected (n,), and the log likelihood of that."""
+    """State corrected by an innovation (n,), and its log likelihood."""
     projected = gradient @ state.covariance
     root = np.linalg.cholesky(projected @ gradient.T + noise)
-    # With roots the covariance stays symmetric to the last bit.
-    told = np.linalg.solve(root, np.column_stack([projected, innovation]))
-    gained, surprise = told[:, :-1], told[:, -1]
+    # with the Cholesky factor the covariance stays exactly symmetric
+    solved = np.linalg.solve(root, np.column_stack([projected, innovation]))
+    gained, surprise = solved[:, :-1], solved[:, -1]
     covariance = state.covariance - gained.T @ gained
     size = 2.0 * np.log(root.diagonal()).sum() + len(innovation) * math.log(2.0 * math.pi)
     likelihood = -0.5 * float(surprise @ surprise + size)
@@ -165,7 +163,7 @@ def with_seen(
 
 
 def _pushed(values: FloatArray, newest: float) -> FloatArray:
-    """The newest before the others, the oldest forgotten."""
+    """Values with the newest in front, without the oldest."""
     pushed = np.empty_like(values)
     pushed[0], pushed[1:] = newest, values[:-1]
     return pushed

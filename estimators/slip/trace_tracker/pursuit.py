@@ -1,7 +1,7 @@
-"""A trace that is followed, and whether it is one.
+"""State of a tracked trace: confirmed, visible or lost.
 
-What was found need not be the trace: the rover's own shadow has two straight edges as a rut has two walls, and moves
-with the rover as its trace does. One picture does not always tell them apart, the lug marks of several do.
+A match need not be the trace: the rover's own shadow has two straight edges like the walls of a rut, and moves with the
+rover. The lug marks in several images distinguish them; one image is not always enough.
 """
 
 from __future__ import annotations
@@ -10,45 +10,45 @@ from typing import Final, NamedTuple
 
 from estimators.slip.trace_tracker.acquisition import Find
 
-MARKED: Final = 0.25  # correlation of lug marks: along edges of shadows 0.15, faint marks 0.35
-_SURE: Final = 0.33  # of marks that chance does not make in as many pictures
-_PICTURES_TO_BE_SURE: Final = 3
-_KEPT: Final = 0.32  # likeness of a trace that is followed over all of the view: faint in shade 0.36, sand 0.25
-_KEEPING: Final = 0.8  # share of the mean correlation of marks that one picture more does not change
-_PICTURES_TO_LOSE: Final = 5  # running
+MARKED: Final = 0.25  # least correlation of lug marks: edges of shadows reach 0.15, faint marks 0.35
+_SURE: Final = 0.33  # mean correlation of marks for confirmation; chance does not reach it in
+_IMAGES_TO_CONFIRM: Final = 3  # images
+_KEPT: Final = 0.32  # least rut score of a tracked trace over the whole view: faint in shade 0.36, sand 0.25
+_KEEPING: Final = 0.8  # weight of the old mean correlation of marks in the update with one image
+_IMAGES_TO_LOSE: Final = 5  # consecutive
 
 
 class Pursuit(NamedTuple):
-    """A trace that is followed."""
+    """State of a tracked trace."""
 
-    marks: float  # correlation of its lug marks, mean over the last pictures
-    pictures: int  # in which it was looked for
-    missed: int  # of them, running, in which it was not seen
-    sure: bool  # whether its marks have been clear once
+    marks: float  # correlation of its lug marks, mean over the last images
+    images: int  # images in which it was searched for
+    missed: int  # consecutive images in which it was not found
+    sure: bool  # True: confirmed by its lug marks
 
     @property
-    def seen(self) -> bool:
-        """Whether the last picture showed it, and it is one."""
+    def visible(self) -> bool:
+        """True if it is confirmed and the last image shows it."""
         return self.sure and self.missed == 0
 
     @property
     def lost(self) -> bool:
-        """Whether it was not seen for too long."""
-        return self.missed >= (_PICTURES_TO_LOSE if self.sure else 1)
+        """True if it was missing for too long."""
+        return self.missed >= (_IMAGES_TO_LOSE if self.sure else 1)
 
 
 def begun(find: Find) -> Pursuit:
-    """Of a trace just found."""
-    return Pursuit(find.marks, pictures=0, missed=0, sure=False)
+    """State of a new trace."""
+    return Pursuit(find.marks, images=0, missed=0, sure=False)
 
 
 def judged(pursuit: Pursuit, score: float, marks: float) -> Pursuit:
-    """After a picture that is like a rut by ``score`` along the line, and by ``marks`` as far as those go."""
+    """State after an image with the rut score ``score`` and the correlation ``marks`` of lug marks along the line."""
     marks = _KEEPING * pursuit.marks + (1.0 - _KEEPING) * marks
-    pictures = pursuit.pictures + 1
+    images = pursuit.images + 1
     return pursuit._replace(
         marks=marks,
-        pictures=pictures,
+        images=images,
         missed=0 if score > _KEPT and marks > MARKED else pursuit.missed + 1,
-        sure=pursuit.sure or (marks > _SURE and pictures >= _PICTURES_TO_BE_SURE),
+        sure=pursuit.sure or (marks > _SURE and images >= _IMAGES_TO_CONFIRM),
     )

@@ -1,4 +1,4 @@
-"""What ruts look like across, by slip and by where the sun stands: learned once from traces whose truth is known."""
+"""Templates of cross profiles of ruts, by slip and sun direction, learned from traces with known truth."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ Profiles = NDArray[np.float32]  # (..., CHANNELS, length across)
 
 HALF: Final = round(0.086 / STEP)  # of a template: half the rut, its berm, and the shadow of the wall [px]
 WIDTH: Final = 2 * HALF + 1
-AZIMUTHS: Final = 12  # of the sun against the direction of the trace, the first one straight ahead
-ELEVATIONS: Final = np.radians([32.0, 46.0])  # of the sun, over the horizon
-SLIPS: Final = np.radians(np.linspace(-15.0, 15.0, 13))  # that put the front wheel's rut beside the rear one's
+AZIMUTHS: Final = 12  # of the sun relative to the direction of the trace; the first is straight ahead
+ELEVATIONS: Final = np.radians([32.0, 46.0])  # of the sun above the horizon
+SLIPS: Final = np.radians(np.linspace(-15.0, 15.0, 13))  # of the front wheel's rut, see ``path_line.with_fronts``
 FILE: Final = "templates.npz"
 _PARTS: Final = ("profiles", "shaded")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Templates:
-    """Mean profiles across the rut, each channel without its mean."""
+    """Mean cross profiles of the rut, each channel with mean 0."""
 
     profiles: Profiles  # (AZIMUTHS, elevations, slips, CHANNELS, WIDTH) in the sun
-    shaded: Profiles  # (slips, CHANNELS, WIDTH) where only the sky shines
+    shaded: Profiles  # (slips, CHANNELS, WIDTH) in shade
 
     def under(self, azimuths: FloatArray) -> Profiles:
-        """Profiles (n, elevations, slips, CHANNELS, WIDTH) for the sun at azimuths (n,) against the trace [rad]."""
+        """Profiles (n, elevations, slips, CHANNELS, WIDTH) for the sun at azimuths (n,) relative to the trace [rad]."""
         at = np.mod(azimuths / (2.0 * math.pi) * AZIMUTHS, AZIMUTHS)
         low = np.minimum(at.astype(int), AZIMUTHS - 1)
         share = (at - low).astype(np.float32)[:, None, None, None, None]
@@ -42,7 +42,7 @@ class Templates:
 
 
 def at_slips(profiles: Profiles, slips: FloatArray) -> Profiles:
-    """Profiles (..., n, CHANNELS, WIDTH) at slips (n,) [rad] of profiles (..., slips, CHANNELS, WIDTH)."""
+    """Interpolate profiles (..., slips, CHANNELS, WIDTH) at slips (n,) [rad]: (..., n, CHANNELS, WIDTH)."""
     at = np.clip(np.interp(slips, SLIPS, np.arange(len(SLIPS))), 0.0, len(SLIPS) - 1.0)
     low = np.minimum(at.astype(int), len(SLIPS) - 2)
     share = (at - low).astype(np.float32)[:, None, None]
@@ -52,7 +52,7 @@ def at_slips(profiles: Profiles, slips: FloatArray) -> Profiles:
 
 
 def save(templates: Templates, path: Path) -> None:
-    """Writes templates as bytes with a scale for each, as ``shipped_templates`` reads them."""
+    """Save templates as bytes with a scale for each, the format of ``shipped_templates``."""
     kept = {}
     for name in _PARTS:
         profiles = getattr(templates, name)
@@ -63,7 +63,7 @@ def save(templates: Templates, path: Path) -> None:
 
 
 def shipped_templates() -> Templates:
-    """The templates that come with this package."""
+    """Templates that are part of this package."""
     with files(__package__).joinpath(FILE).open("rb") as stream, np.load(stream) as kept:
         parts = {name: kept[name].astype(np.float32) * kept[f"{name}_scale"][..., None] for name in _PARTS}
     return Templates(**parts)

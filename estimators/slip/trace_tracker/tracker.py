@@ -1,9 +1,9 @@
-"""Slip from the curved trace behind the wheel, tracked from picture to picture.
+"""Slip from the curved trace behind the wheel, tracked from image to image.
 
-Where FTrace (Reina 2008) fits a straight line to edges of one picture, this follows the whole rut, its lug marks and
-both its walls along the way that the wheel went: slip of the last seconds is drawn in the sand. After Reina et al.
-(2008), "Vision-based estimation of slip angle for mobile robots and planetary rovers", in what is estimated; the means
-are this project's own.
+FTrace (Reina 2008) fits a straight line to the edges of one image. This tracker follows the whole rut, its lug marks
+and both walls along the wheel's path, which records the slip of the last seconds. The estimated quantities are those of
+Reina et al. (2008), "Vision-based estimation of slip angle for mobile robots and planetary rovers"; the method is this
+project's own.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from estimators.slip.rover_odometry import rolled, wheel_places
+from estimators.slip.rover_odometry import wheel_motion, wheel_places
 from estimators.slip.trace_tracker import histories, path_line
 from estimators.slip.trace_tracker.acquisition import best_straight
 from estimators.slip.trace_tracker.channels import channels
-from estimators.slip.trace_tracker.following import Ground, looked, with_sun
+from estimators.slip.trace_tracker.following import Ground, matched, with_sun
 from estimators.slip.trace_tracker.ground_patch import GroundPatch
 from estimators.slip.trace_tracker.histories import Histories
 from estimators.slip.trace_tracker.path_state import SHORTEST, moved, with_compass
@@ -33,26 +33,26 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
-_FOUND: Final = 0.36  # likeness of a rut found: sand under moving shadows reaches this once in a hundred pictures
-_PICTURES_TO_FIND: Final = 2  # running
-_YOUNG: Final = 20  # pieces whose slip says how the trace near the wheel runs
-# By which a wheel turns farther than it goes; it stretches the history that is looked for. Light rovers on level dry
-# sand have 0.05 to 0.15; assumed, as no instrument on board tells it.
+_FOUND: Final = 0.36  # least score of a new trace: sand under moving shadows reaches it once in a hundred images
+_IMAGES_TO_FIND: Final = 2  # consecutive
+_YOUNG: Final = 20  # pieces near the wheel whose mean slip gives the trace's direction
+# Longitudinal slip; it scales the length of the predicted trace. Light rovers on level dry sand have 0.05 to 0.15;
+# assumed, as no instrument on board measures it.
 _SLIP_RATIO: Final = 0.1
-_FOUND_STD: Final = math.radians(4.0)  # of the slip of a trace just found
+_FOUND_STD: Final = math.radians(4.0)  # of the slip of a new trace
 
 
 class TraceMemory(NamedTuple):
-    """What is carried from one view to the next."""
+    """State of the tracker after a view."""
 
     tick: int | None  # of the last view
-    unused: float  # way gone since the newest piece began [m]
-    turned: float  # by the encoders on that way [rad]
-    seconds: float  # on that way
+    unused: float  # distance since the start of the newest piece [m]
+    turned: float  # yaw over that distance, by the encoders [rad]
+    seconds: float  # duration of that distance [s]
     path: Histories | None
-    pursuit: Pursuit | None  # of the trace along the path; None: none is followed
-    hints: int  # pictures running that show one
-    sun: FloatArray  # log likelihood of suns
+    pursuit: Pursuit | None  # state of tracking; None: no trace is tracked
+    hints: int  # consecutive images that show a trace
+    sun: FloatArray  # (courses, elevations) log likelihood of the sun's direction
     estimate: SlipAngle | None  # the last one
 
 
@@ -78,8 +78,8 @@ class FTracePlus:
         return TraceMemory(None, 0.0, 0.0, 0.0, None, None, 0, unknown_sun(), None)
 
     def step(self, memory: TraceMemory, view: RoverView) -> tuple[TraceMemory, SlipAngle]:
-        """Memory and slip angle; until a picture shows something new it is that of the last one."""
-        memory = self._rolled(memory, view)
+        """Memory and slip angle; the last estimate is repeated until the rover has moved by a piece."""
+        memory = self._wheel_motion(memory, view)
         if memory.estimate is not None and 0.0 <= memory.unused < SHORTEST:
             return memory, memory.estimate
         path = self._path(memory, view)
@@ -91,23 +91,23 @@ class FTracePlus:
             memory, path = self._searched(memory, path, ground, known)
         estimate, pursuit = lost_slip(view.tick), memory.pursuit
         if pursuit is not None:
-            look = looked(ground, path, (expected(known, memory.sun), self._templates.shaded))
-            path, pursuit = look.path, judged(pursuit, look.likeness, float(look.marks.mean()))
-            if pursuit.seen:
+            look = matched(ground, path, (expected(known, memory.sun), self._templates.shaded))
+            path, pursuit = look.path, judged(pursuit, look.rut_score, float(look.marks.mean()))
+            if pursuit.visible:
                 memory = memory._replace(sun=with_sun(memory.sun, look, known))
-                estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.likeness)
+                estimate = slip_angle(self._rig, path, float(view.steer[self._rig.watched]), view.tick, look.rut_score)
             if pursuit.lost:
                 pursuit = None
         path = path.each(lambda one: path_line.with_fronts(one, self._rig))
         return memory._replace(path=path, pursuit=pursuit, estimate=estimate), estimate
 
-    def _rolled(self, memory: TraceMemory, view: RoverView) -> TraceMemory:
-        """With what the encoders counted since the last view; a rover that backs over its trace begins anew."""
+    def _wheel_motion(self, memory: TraceMemory, view: RoverView) -> TraceMemory:
+        """Memory with the encoders' motion since the last view; a rover that reverses over its trace restarts."""
         if memory.tick is None:
             return memory._replace(tick=view.tick)
         seconds = (view.tick - memory.tick) * TICK
-        way = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
-        length = (1.0 - _SLIP_RATIO) * way
+        distance = seconds * self._rig.wheel_radius * float(view.wheel_speeds.mean())
+        length = (1.0 - _SLIP_RATIO) * distance
         if memory.unused + length < -SHORTEST:
             return self.init()._replace(tick=view.tick, sun=memory.sun)
         return memory._replace(
@@ -120,26 +120,26 @@ class FTracePlus:
     def _searched(
         self, memory: TraceMemory, path: Histories, ground: Ground, known: Profiles
     ) -> tuple[TraceMemory, Histories]:
-        """After a search for a trace from scratch."""
-        told = np.concatenate([known[probable(memory.sun)], self._templates.shaded[None]])
-        find = best_straight(ground.image, ground.behind, told)
+        """Memory and path after a search for a new trace."""
+        profiles = np.concatenate([known[probable(memory.sun)], self._templates.shaded[None]])
+        find = best_straight(ground.image, ground.behind, profiles)
         hints = memory.hints + 1 if find.score > _FOUND and find.marks > MARKED else 0
-        if hints < _PICTURES_TO_FIND:
+        if hints < _IMAGES_TO_FIND:
             return memory._replace(hints=hints), path
         line = path.together
         slip = find.slip - line.steered - path_line.bend(line, 0) * self._rig.wheel[0]
-        return memory._replace(hints=0, pursuit=begun(find)), histories.found(path, slip, _FOUND_STD)
+        return memory._replace(hints=0, pursuit=begun(find)), histories.with_new_trace(path, slip, _FOUND_STD)
 
     def _path(self, memory: TraceMemory, view: RoverView) -> Histories:
-        """The history up to the view, by encoders and compass."""
+        """Path states up to the view, by encoders and compass."""
         steer = steered_to(view)
         if memory.path is None:
             return histories.begun(view.heading, steer, view.tick, len(self._patch.bands))
-        way, yaw, seconds = memory.unused, memory.turned, memory.seconds
+        distance, yaw, seconds = memory.unused, memory.turned, memory.seconds
         return memory.path.each(
-            lambda path: with_compass(moved(path, way, yaw, seconds, steer, view.tick), view.heading)
+            lambda path: with_compass(moved(path, distance, yaw, seconds, steer, view.tick), view.heading)
         )
 
     def _yaw_rate(self, view: RoverView) -> float:
-        """By the encoders, of wheels that do not slip [rad/s]."""
-        return rolled(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer).yaw_rate
+        """Yaw rate by the encoders, without slip [rad/s]."""
+        return wheel_motion(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer).yaw_rate

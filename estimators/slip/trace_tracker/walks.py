@@ -1,4 +1,4 @@
-"""How parts of a Gaussian state grow and fade along a way."""
+"""Prediction steps of a Gaussian state over a distance: growth, correlation and decay."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ from numpy.typing import NDArray
 from vehicle.frames import FloatArray
 
 
-def alike(lengths: FloatArray, way: float) -> FloatArray:
-    """Correlation of pieces with each other that fades over a way."""
+def correlation(lengths: FloatArray, correlation_length: float) -> FloatArray:
+    """Correlation matrix of pieces, decaying exponentially over ``correlation_length`` [m]."""
     at = np.cumsum(lengths)
-    alike: FloatArray = np.exp(-np.abs(at[:, None] - at) / way)
-    return alike
+    correlations: FloatArray = np.exp(-np.abs(at[:, None] - at) / correlation_length)
+    return correlations
 
 
 def add(mean: FloatArray, covariance: FloatArray, part: int, of: int, factor: float) -> None:
-    """Lets one part of the state grow by a multiple of another."""
+    """Add a multiple of one component of the state to another, in place."""
     mean[part] += factor * mean[of]
     covariance[part] += factor * covariance[of]
     covariance[:, part] += factor * covariance[:, of]
 
 
-def fade(mean: FloatArray, covariance: FloatArray, parts: NDArray[np.intp], way: float, variances: FloatArray) -> None:
-    """Forgets parts of the state (n,) by the share of their way that was gone, while the same comes anew."""
-    keep = math.exp(-way)
+def fade(
+    mean: FloatArray, covariance: FloatArray, parts: NDArray[np.intp], lengths: float, variances: FloatArray
+) -> None:
+    """Decay components (n,) of the state over ``lengths`` correlation lengths, with their stationary variances."""
+    keep = math.exp(-lengths)
     mean[parts] *= keep
     covariance[parts] *= keep
     covariance[:, parts] *= keep

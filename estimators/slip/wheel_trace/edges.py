@@ -1,4 +1,4 @@
-"""Edges of the ground behind a wheel: Canny's detector with the thresholds of Reina 2008.
+"""Edge detection on the ground behind a wheel: Canny's detector with the thresholds of Reina 2008.
 
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008.
@@ -18,7 +18,7 @@ from vehicle.frames import FloatArray, inverse
 
 _LOW: Final = 1.0 / 3.0  # of the range of grey levels (eq. 3)
 _HIGH: Final = 2.5  # of the low threshold (eq. 4)
-_MARGIN: Final = 9  # around the wheel's picture, for its edge is blurred and it shakes with the rover [px]; assumed
+_MARGIN: Final = 9  # around the wheel's image, which is blurred and shakes with the rover [px]; assumed
 
 
 def canny_thresholds(image: GreyImage) -> tuple[float, float]:
@@ -28,33 +28,33 @@ def canny_thresholds(image: GreyImage) -> tuple[float, float]:
 
 
 class TraceEdges:
-    """What Canny's detector leaves of an image, as a pinhole would see it; the wheel's own edges are taken out."""
+    """Canny edges of an undistorted image, without those of the wheel."""
 
     def __init__(self, rig: TraceRig) -> None:
         camera = rig.camera
         u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
         rays = (np.stack([u, v], axis=-1) - [camera.cx, camera.cy]) / [camera.fx, camera.fy]
-        seen = camera.pixels(rays).astype(np.float32)
+        pixels = camera.pixels(rays).astype(np.float32)
         self._rig = rig
         self._maps = None
         if camera.distortion != UNDISTORTED:
-            self._maps = cv2.convertMaps(seen[..., 0], seen[..., 1], cv2.CV_16SC2)
+            self._maps = cv2.convertMaps(pixels[..., 0], pixels[..., 1], cv2.CV_16SC2)
 
     def image(self, image: GreyImage) -> GreyImage:
-        """The image without the lens's distortion: lines are straight."""
+        """Image without lens distortion, so that lines are straight."""
         if self._maps is None:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     def find(self, image: GreyImage, steer: float) -> GreyImage:
-        """Edges of an undistorted image: 255, elsewhere 0; the wheel is turned by ``steer`` [rad], + left."""
+        """Edges of an undistorted image: 255, elsewhere 0; the wheel is steered by ``steer`` [rad], + left."""
         low, high = canny_thresholds(image)
         edges = cv2.Canny(image, low, high, apertureSize=3)
         return np.asarray(cv2.bitwise_and(edges, ground_mask(self._rig, steer)))
 
 
 def ground_mask(rig: TraceRig, steer: float) -> GreyImage:
-    """255 where an undistorted image shows ground, 0 where it shows the wheel, which only turns before the camera."""
+    """Mask of an undistorted image: 255 for ground, 0 for the wheel."""
     turn = np.linspace(0.0, 2.0 * np.pi, 72)
     r, c, s = rig.wheel_radius, np.cos(steer), np.sin(steer)
     rim = np.stack([r * c * np.cos(turn), r * s * np.cos(turn), r + r * np.sin(turn)], axis=-1)
@@ -67,10 +67,10 @@ def ground_mask(rig: TraceRig, steer: float) -> GreyImage:
 
 
 def _pinhole(rig: TraceRig, points: FloatArray) -> FloatArray:
-    """Undistorted pixels (n, 2) of points (n, 3) in R; those behind the camera's plane are moved before it."""
+    """Undistorted pixels (n, 2) of points (n, 3) in R; points behind the camera are moved in front of it."""
     X_CR = inverse(rig.X_RC)
-    seen = points @ X_CR[:3, :3].T + X_CR[:3, 3]
-    depth = np.maximum(seen[:, 2:], 0.05)
-    pixels: FloatArray = seen[:, :2] / depth * [rig.camera.fx, rig.camera.fy] + [rig.camera.cx, rig.camera.cy]
+    p_C = points @ X_CR[:3, :3].T + X_CR[:3, 3]
+    depth = np.maximum(p_C[:, 2:], 0.05)
+    pixels: FloatArray = p_C[:, :2] / depth * [rig.camera.fx, rig.camera.fy] + [rig.camera.cx, rig.camera.cy]
     limit = 4.0 * max(rig.camera.width, rig.camera.height)
     return np.clip(pixels, -limit, limit)

@@ -3,12 +3,12 @@
 Reina 2008: G. Reina, G. Ishigami, K. Nagatani, K. Yoshida, "Vision-based estimation of slip angle for mobile robots
 and planetary rovers", ICRA 2008.
 
-One straight line stands for the trace in view. So the slip is that of some 4 s ago at 8 cm/s, on average over the
-way, and the trace of a rover that turns is curved and taken for slip. A steered wheel's slip is the trace's direction
-against that in which the wheel pointed on average while it made the trace: eq. 2 with the means over one way. Roll and
-pitch of the rover are not known here.
-Nothing was published of when a lost trace is given up for the model of a rover that does not slip, nor of a standard
-deviation: the one stated is the accuracy that the paper claims.
+One straight line represents the visible trace. So the slip is a mean over its length, delayed by about 4 s at 8 cm/s,
+and the curved trace of a turning rover is misread as slip. The slip of a steered wheel is the trace's direction
+relative to the wheel's mean steer angle while it made the trace: eq. 2 with means over one distance. Roll and pitch of
+the rover are not used.
+The paper does not state when a lost trace is given up, nor a standard deviation: the one given here is the accuracy
+that the paper claims.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from vehicle.option import Option
 
 CANDIDATES: Final = 10  # (Reina 2008, section II-A.2)
 BREAKPOINTS: Final = Breakpoints(rho=130.0, phi=math.radians(16.0), d=0.08, theta=math.radians(16.0), Y=0.03)
-_LINES: Final = 60  # edges among which pairs are looked for: on pebbles both walls often are not among 30
-# Edge pixels on a line: a sixth of the image's height. Walls of a rut have some 100 each, chance lines among pebbles
-# seldom more than 80; where heavy shadows raise the thresholds of eqs 3 and 4, more would miss the trace.
+_LINES: Final = 60  # edges that are paired: on pebbles 30 often do not include both walls
+# Edge pixels on a line: a sixth of the image's height. Walls of a rut have about 100 each, chance lines among pebbles
+# seldom more than 80. Heavy shadows raise the thresholds of eqs 3 and 4, so a higher limit would miss the trace.
 _LEAST_VOTES: Final = 80
-_LEAST_CONFIDENCE: Final = 0.5  # below "medium" the line is no trace
-_PATIENCE: Final = 15  # images without a trace until its last pose is no reference any more: 3 s; assumed
+_LEAST_CONFIDENCE: Final = 0.5  # below "medium" the line is not a trace
+_PATIENCE: Final = 15  # images without a trace after which its last pose is dropped: 3 s; assumed
 _STD: Final = math.radians(1.4)  # "an accuracy of 1.4 deg" (Reina 2008, section IV)
 
 
@@ -60,24 +60,24 @@ class TraceReference(NamedTuple):
 
 
 class FTraceMemory(NamedTuple):
-    """What is carried from one view to the next."""
+    """State of the detector after a view."""
 
-    reference: TraceReference | None  # None: a rover that does not slip is expected
-    missed: int  # images running without a trace
+    reference: TraceReference | None  # None: travel without slip is expected
+    missed: int  # consecutive images without a trace
     headings: tuple[Heading, ...]
     pointings: tuple[Pointing, ...]  # of the wheel while it made the trace in view
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """What FTrace makes of one image (Reina 2008, Fig. 6), strongest candidate first."""
+    """Intermediate results for one image (Reina 2008, Fig. 6), strongest candidate first."""
 
     image: GreyImage  # without distortion
     edges: GreyImage
     lines: FloatArray  # (m, 3) rho [px], phi [rad], votes
     candidates: Candidates
     confidences: FloatArray  # (n,)
-    best: int | None  # of the candidates; None: no trace
+    best: int | None  # index of the candidate; None: no trace
 
 
 class FTrace:
@@ -104,19 +104,19 @@ class FTrace:
         return FTraceMemory(None, 0, (), ())
 
     def step(self, memory: FTraceMemory, view: RoverView) -> tuple[FTraceMemory, SlipAngle]:
-        """Memory and slip angle; LOST where no trace is found."""
+        """Memory and slip angle; LOST if no trace is found."""
         headings = with_heading(memory.headings, view)
         pointings = with_pointing(memory.pointings, view, self._rig, self._visible)
         memory = memory._replace(headings=headings, pointings=pointings)
-        seen = self.explain(memory, view)
-        if seen.best is None:
+        result = self.explain(memory, view)
+        if result.best is None:
             missed = memory.missed + 1
             reference = memory.reference if missed < _PATIENCE else None
             return memory._replace(reference=reference, missed=missed), lost_slip(view.tick)
-        rho, phi = seen.candidates.image[seen.best].tolist()
-        d, theta, beside = seen.candidates.ground[seen.best].tolist()
+        rho, phi = result.candidates.image[result.best].tolist()
+        d, theta, offset = result.candidates.ground[result.best].tolist()
         reference = TraceReference((rho, phi), (d, theta))
-        steer = self._pointed(memory)
+        steer = self._mean_steer(memory)
         speed = forward_speed(view, self._rig.wheel_radius)
         estimate = SlipAngle(
             tick=view.tick,
@@ -124,20 +124,20 @@ class FTrace:
             std=_STD,
             health=Health.OK,
             wheel_slip=theta - steer,
-            trace_offset=beside,
-            confidence=float(seen.confidences[seen.best]),
+            trace_offset=offset,
+            confidence=float(result.confidences[result.best]),
             averaged_over=self._visible,
         )
         return memory._replace(reference=reference, missed=0), estimate
 
     def explain(self, memory: FTraceMemory, view: RoverView) -> Explanation:
-        """How the image of a view is understood."""
+        """Intermediate results for the image of a view."""
         image = self._edges.image(view.image)
         steer = float(view.steer[self._rig.watched])
         edges = self._edges.find(image, steer)
         lines = strongest_lines(edges, _LINES, _LEAST_VOTES)
         candidates = midlines(lines, self._view, self._rig, CANDIDATES)
-        reference = memory.reference or self._without_slip(self._pointed(memory) if memory.pointings else steer)
+        reference = memory.reference or self._without_slip(self._mean_steer(memory) if memory.pointings else steer)
         confidences = confidence(_differences(candidates, reference), self._breakpoints)
         best = int(np.argmax(confidences)) if len(confidences) else None
         if best is not None and confidences[best] < _LEAST_CONFIDENCE:
@@ -146,19 +146,19 @@ class FTrace:
             image=image, edges=edges, lines=lines, candidates=candidates, confidences=confidences, best=best
         )
 
-    def _pointed(self, memory: FTraceMemory) -> float:
-        """How the wheel pointed while it made the trace in view [rad]; what is nearer is below it."""
+    def _mean_steer(self, memory: FTraceMemory) -> float:
+        """Mean steer angle of the wheel while it made the visible trace [rad]."""
         return mean_steer(memory.pointings, self._rig.wheel_radius, self._visible)
 
     def _without_slip(self, steer: float) -> TraceReference:
-        """Pose of the trace of a wheel that goes where it points."""
+        """Pose of the trace of a wheel without slip."""
         image = self._view.image(np.array([steer]), np.zeros(1))
         d, theta, _ = self._view.ground(image)[0].tolist()
         return TraceReference((float(image[0, 0]), float(image[0, 1])), (d, theta))
 
 
 def _differences(candidates: Candidates, reference: TraceReference) -> FloatArray:
-    """Inputs of the fuzzy rules (n, 5): how far each candidate is from the trace before, and from the wheel."""
+    """Inputs of the fuzzy rules (n, 5): differences of each candidate from the last trace, and from the wheel."""
     (rho, phi), (d, theta) = reference
     return np.column_stack(
         [

@@ -1,11 +1,11 @@
-"""How well a candidate matches the trace model: the fuzzy rules of Reina 2008, Table I.
+"""Confidence that a candidate is the trace: the fuzzy rules of Reina 2008, Table I.
 
-Every input is an absolute difference that is "small" or "large" to a degree. The membership functions are triangles
-(Fig. 5) whose breakpoints were published in that figure only, without numbers. They are chosen here by what the inputs
-mean, see ``Breakpoints``. The rules are Mamdani's: a rule holds as far as the least of its conditions does, and of
-rules with the same conclusion the strongest counts. A number comes of it by the height method (each conclusion pulls
-at the peak of its triangle with its own strength): with centroids of triangles no confidence could be as low as the
-1.1 % of Table II. Where no rule says anything the confidence is 0.
+Every input is an absolute difference with a degree of membership in "small" and "large". The membership functions are
+triangles (Fig. 5); the paper gives no numbers for their breakpoints. They are chosen here by the meaning of the inputs,
+see ``Breakpoints``. The rules are of Mamdani type: the strength of a rule is the minimum of its conditions, and rules
+with the same conclusion combine by the maximum. Defuzzification is by the height method (mean of the peaks, weighted
+with the strengths): with centroids of triangles no confidence could be as low as the 1.1 % of Table II. If no rule
+applies the confidence is 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 from vehicle.frames import FloatArray
 
-# Of the conditions S(mall) and L(arge) on rho, phi, d, theta, Y, and the peak of the conclusion (Reina 2008, Table I).
+# Conditions S(mall) and L(arge) on rho, phi, d, theta, Y, and the peak of the conclusion (Reina 2008, Table I).
 LOW, MEDIUM, HIGH = 0.0, 0.5, 1.0
 RULES: Final = (
     ("SSSSS", HIGH),
@@ -31,14 +31,13 @@ RULES: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Breakpoints:
-    """Differences that are not small at all any more; small falls to there from 1 at 0, large is the rest.
+    """Differences at which the membership in "small" reaches 0, from 1 at 0; "large" is the complement.
 
-    The image and the ground say the same of a line, so their breakpoints belong together: a direction may be off by
-    as much as slip can be from one sight of the trace to the next, when it was lost in between (16 deg is about the
-    largest slip of a rover that still gets anywhere; from image to image it is 2 deg at most), and a place by as much
-    as a line so turned about the wheel lies off in the middle of the view. Beside the wheel's centre a line must pass
-    within a third of a wheel's width: the rut of the front wheel, 0.05 m beside that of the rear one at a slip of
-    5 deg, is the nearest that can be taken for the trace.
+    Image and ground describe the same line, so their breakpoints correspond. A direction may differ by the largest
+    slip between two detections of the trace with a loss in between (16 deg is about the largest slip of a rover that
+    still moves; from image to image it is at most 2 deg). A position may differ by the resulting offset in the middle
+    of the view. At the wheel's centre a line must pass within a third of the wheel's width: the nearest line that can
+    be mistaken for the trace is the front wheel's rut, 0.05 m beside that of the rear wheel at a slip of 5 deg.
 
     Raises:
         ValueError: if one is not positive.
@@ -56,7 +55,7 @@ class Breakpoints:
                 raise ValueError(f"breakpoint {name} = {getattr(self, name)} must be positive")
 
     def scaled(self, factor: float) -> Breakpoints:
-        """All of them times a factor."""
+        """Breakpoints times a factor."""
         return Breakpoints(
             rho=factor * self.rho,
             phi=factor * self.phi,
@@ -66,12 +65,12 @@ class Breakpoints:
         )
 
     def as_array(self) -> FloatArray:
-        """In the order of the rules' conditions, (5,)."""
+        """Array (5,) in the order of the rules' conditions."""
         return np.array([self.rho, self.phi, self.d, self.theta, self.Y])
 
 
 def small(differences: FloatArray, breakpoints: Breakpoints) -> FloatArray:
-    """To what degree differences (n, 5) are small, (n, 5): triangles with their peak at 0."""
+    """Membership (n, 5) of differences (n, 5) in "small": triangles with their peak at 0."""
     degree: FloatArray = np.clip(1.0 - differences / breakpoints.as_array(), 0.0, 1.0)
     return degree
 

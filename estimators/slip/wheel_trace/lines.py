@@ -1,4 +1,4 @@
-"""The straightest lines of an edge image, by Hough's transform."""
+"""Strongest straight lines of an edge image, by the Hough transform."""
 
 from __future__ import annotations
 
@@ -11,33 +11,32 @@ import numpy as np
 from sensors.messages import GreyImage
 from vehicle.frames import FloatArray
 
-STEEPEST: Final = math.radians(30.0)  # a trace is within it: who slips more hardly gets on; lug marks lie across it
-_ANGLE: Final = math.radians(1.0)  # bins of the transform; half of it gives no better lines
+STEEPEST: Final = math.radians(30.0)  # largest angle of a trace; with more slip a rover hardly moves
+_ANGLE: Final = math.radians(1.0)  # bin width; half of it gives no better lines
 _DISTANCE: Final = 1.0  # [px]
-_MOST: Final = 400  # strongest lines among which different ones are looked for
-_APART: Final = 20.0  # of lines that are not the same one: two bins wide edges blur over [px]
-_LEVER: Final = 300.0  # pixels of distance that one radian of direction counts for: half of an image's size [px/rad]
+_MOST: Final = 400  # strongest lines that are searched for distinct ones
+_APART: Final = 20.0  # least distance of distinct lines: two bins that wide edges spread over [px]
+_LEVER: Final = 300.0  # distance equivalent to one radian of direction: half of an image's size [px/rad]
 
 
 def strongest_lines(edges: GreyImage, n: int, least_votes: int) -> FloatArray:
-    """Rows of rho [px], phi [rad] and votes of the n strongest lines that differ, strongest first; (m, 3), m <= n.
+    """Rows of rho [px], phi [rad] and votes of the n strongest distinct lines, strongest first; (m, 3), m <= n.
 
-    A line is u cos(phi) + v sin(phi) = rho with phi in (-pi/2, pi/2]: 0 is a line straight up. Only lines within
-    ``STEEPEST`` of that are looked for. One edge is a crowd of cells in the accumulator; only the strongest of them
-    is taken.
+    A line is u cos(phi) + v sin(phi) = rho with phi in (-pi/2, pi/2]; phi = 0 is vertical. Only lines within
+    ``STEEPEST`` of vertical are returned. One edge is a cluster of cells in the accumulator; the strongest is used.
     """
-    # In the image turned over its diagonal these directions are one range, which OpenCV can be told.
+    # in the transposed image these directions are one interval, as OpenCV requires
     low, high = 0.5 * math.pi - STEEPEST, 0.5 * math.pi + STEEPEST
     turned = np.ascontiguousarray(edges.T)
-    found: Any = cv2.HoughLinesWithAccumulator(turned, _DISTANCE, _ANGLE, least_votes, min_theta=low, max_theta=high)
-    if found is None:  # OpenCV's types do not say that this is how it finds nothing
+    result: Any = cv2.HoughLinesWithAccumulator(turned, _DISTANCE, _ANGLE, least_votes, min_theta=low, max_theta=high)
+    if result is None:  # no line found; missing in OpenCV's type stubs
         return np.empty((0, 3))
-    rho, theta, votes = found.reshape(-1, 3)[:_MOST].astype(np.float64).T
+    rho, theta, votes = result.reshape(-1, 3)[:_MOST].astype(np.float64).T
     return _different(np.column_stack([rho, 0.5 * math.pi - theta, votes]), n)
 
 
 def upright(lines: FloatArray) -> FloatArray:
-    """The same lines (n, 2 or more) with phi in (-pi/2, pi/2] and rho of either sign."""
+    """Lines (n, 2 or more) normalised to phi in (-pi/2, pi/2], with rho of either sign."""
     turned = lines.copy()
     over = np.where(turned[:, 1] > 0.5 * math.pi, 1, 0) - np.where(turned[:, 1] <= -0.5 * math.pi, 1, 0)
     turned[:, 1] -= math.pi * over
@@ -46,7 +45,7 @@ def upright(lines: FloatArray) -> FloatArray:
 
 
 def _different(lines: FloatArray, n: int) -> FloatArray:
-    """The first n lines none of which is close to an earlier one."""
+    """First n lines that are not close to an earlier one."""
     kept: list[FloatArray] = []
     while len(lines) and len(kept) < n:
         first = lines[0]

@@ -1,8 +1,8 @@
 """Lines behind a wheel in the image and on the ground (Reina 2008, section II-A.1, Figs 3 and 4).
 
 A line in the image is P = (rho, phi), see ``lines``. On the ground it is R = (d, theta): its distance from the centre
-of mass G, taken at R's origin, + left of it, and the direction in which the wheel came along it, against R's x axis,
-+ left. Y is where it crosses the axle's line, to the left of the wheel's centre B.
+of mass G, assumed at R's origin, + left, and the wheel's direction of travel along it relative to R's x axis, + left.
+Y is its lateral offset from the wheel's centre B on the axle's line, + left.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from estimators.slip.wheel_trace.lines import upright
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 
-_ACROSS: Final = 1e-9  # of a unit normal: lines straight across the rover have no place beside the wheel
+_ACROSS: Final = 1e-9  # of a unit normal: lines straight across the rover have no offset Y
 
 
 class GroundLines:
-    """Lines from image to ground and back; the ground is level and the rover stands on it as it was calibrated."""
+    """Map lines between image and ground, for level ground and the calibrated attitude of the rover."""
 
     def __init__(self, rig: TraceRig) -> None:
         self._wheel = rig.wheel
@@ -28,27 +28,27 @@ class GroundLines:
         self._G = np.linalg.inv(self._H)
 
     def visible(self) -> float:
-        """How far behind the wheel's centre the ground straight behind it is seen [m]."""
+        """Length of visible ground straight behind the wheel's centre [m]."""
         u, _, w = self._H @ [*self._wheel, 1.0]
         x, _, size = self._G @ [u / w, 0.0, 1.0]
         return float(self._wheel[0] - x / size)
 
     def ground(self, lines: FloatArray) -> FloatArray:
-        """Rows d [m], theta [rad], Y [m] of lines in the image, rows of rho [px] and phi [rad] first."""
+        """Rows d [m], theta [rad], Y [m] on the ground of image lines, given as rows of rho [px], phi [rad], ..."""
         rho, phi = lines[:, 0], lines[:, 1]
         a, b, c = (np.column_stack([np.cos(phi), np.sin(phi), -rho]) @ self._H).T  # a x + b y + c = 0 in R
         size = np.hypot(a, b) * np.where(b < 0.0, -1.0, 1.0)
         a, b, c = a / size, b / size, c / size  # the normal points to the left
         theta = np.arctan2(-a, b)
         x, y = self._wheel
-        beside = -(a * x + c) / np.where(b > _ACROSS, b, _ACROSS) - y
-        return np.column_stack([-c, theta, beside])
+        offset = -(a * x + c) / np.where(b > _ACROSS, b, _ACROSS) - y
+        return np.column_stack([-c, theta, offset])
 
-    def image(self, theta: FloatArray, beside: FloatArray) -> FloatArray:
-        """Rows rho [px], phi [rad] of lines on the ground with direction theta [rad], that pass Y beside B [m]."""
+    def image(self, theta: FloatArray, offset: FloatArray) -> FloatArray:
+        """Rows rho [px], phi [rad] of lines on the ground with direction theta [rad] and offset Y from B [m]."""
         x, y = self._wheel
         normal = np.column_stack([-np.sin(theta), np.cos(theta)])
-        c = np.sin(theta) * x - np.cos(theta) * (y + beside)
+        c = np.sin(theta) * x - np.cos(theta) * (y + offset)
         l_u, l_v, l_w = (np.column_stack([normal, c]) @ self._G).T
         size = np.hypot(l_u, l_v)
         return upright(np.column_stack([-l_w / size, np.arctan2(l_v, l_u)]))
