@@ -15,7 +15,7 @@ LIMITS = {"lag": 0.15, "limit": 0.5, "rate_limit": 0.35}
 @given(angles, angles)
 def test_steering_is_never_faster_than_its_rate_limit(angle: float, demand: float) -> None:
     """The valve is open and no further."""
-    assert abs(steer_rate(angle, demand, **LIMITS)) <= LIMITS["rate_limit"]
+    assert abs(float(steer_rate(angle, demand, **LIMITS))) <= LIMITS["rate_limit"]
 
 
 @given(st.floats(-0.5, 0.5), angles)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import accumulate, pairwise
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -112,7 +113,7 @@ def kinetic_energy(vehicle: Vehicle, s: State[np.ndarray]) -> tuple[float, list[
         left = np.array([-math.sin(psi), math.cos(psi)])
         velocities.append(v + r * unit.cg_x * left)
         energy += 0.5 * unit.mass * float(velocities[-1] @ velocities[-1]) + 0.5 * unit.yaw_inertia * r**2
-        v = v + r * (unit.hitch_x or 0.0) * left
+        v = v + r * unit.rear_hitch[0] * left
     return energy, velocities
 
 
@@ -137,7 +138,10 @@ def test_kinetic_energy_changes_by_the_power_of_tyres_and_gravity(chain: Vehicle
     assert (plus - minus) / (2 * h) == pytest.approx(power, rel=1e-6, abs=1e-16 / h * energy * 10 + 10.0)
 
 
-def mirrored(vehicle: Vehicle, named: State[np.ndarray] | Input[np.ndarray], signs: State[int] | Input[int]):
+Named = TypeVar("Named", State[np.ndarray], Input[np.ndarray])
+
+
+def mirrored(vehicle: Vehicle, named: Named, signs: State[int] | Input[int]) -> Named:
     """Left and right swapped."""
     swap = np.arange(vehicle.n_wheels).reshape(-1, 2)[:, ::-1].ravel()
     fields = zip(named._fields, named, signs, strict=True)
@@ -221,7 +225,7 @@ def test_slip_angles_are_those_of_rigid_body_motion(chain: Vehicle, seed: int) -
         ]
     ).ravel()
     for unit, psi, r in list(zip(chain.units, s.psi, s.yaw_rate, strict=True))[:-1]:
-        v = v + r * unit.hitch_x * np.array([-math.sin(psi), math.cos(psi)])
+        v = v + r * unit.rear_hitch[0] * np.array([-math.sin(psi), math.cos(psi)])
     own = np.array([c * v[0] + si * v[1], -si * v[0] + c * v[1]])
     last = len(chain.units) - 1
     alphas = told(chain, s, u).slip_angle
@@ -300,7 +304,9 @@ def lateral_matrix(vehicle: Vehicle, speed: float) -> tuple[np.ndarray, np.ndarr
 
 def axle_stiffness(unit: Unit, loads: list[float]) -> list[tuple[float, float]]:
     """x [m] and cornering stiffness [N/rad] of each axle at its static load."""
-    return [(axle.x, axle.tyre.stiffness(load / 2).y * load) for axle, load in zip(unit.axles, loads, strict=True)]
+    return [
+        (axle.x, float(axle.tyre.stiffness(load / 2).y) * load) for axle, load in zip(unit.axles, loads, strict=True)
+    ]
 
 
 def by_hand(vehicle: Vehicle, V: float) -> np.ndarray:
@@ -310,7 +316,7 @@ def by_hand(vehicle: Vehicle, V: float) -> np.ndarray:
     a_2 = a_h + x_2 r_2'. Lateral velocity on the trailer at x, across it: v + h r_1 + x r_2 - V (psi_2 - psi_1).
     """
     tractor, trailer = vehicle.units
-    h, x_1, x_2 = tractor.hitch_x, tractor.cg_x, trailer.cg_x
+    h, x_1, x_2 = tractor.rear_hitch[0], tractor.cg_x, trailer.cg_x
     m_1, m_2, I_1, I_2 = tractor.mass, trailer.mass, tractor.yaw_inertia, trailer.yaw_inertia
     loads = static_axle_loads(vehicle)
     front = [(x, -C / V * np.array([1.0, x, 0.0, 0.0])) for x, C in axle_stiffness(tractor, loads[0])]
@@ -322,10 +328,10 @@ def by_hand(vehicle: Vehicle, V: float) -> np.ndarray:
     K = np.zeros((4, 4))
     M[0], K[0] = m_1 * a_1 + m_2 * a_2, F_1 + F_2 - (m_1 + m_2) * turning
     # Tractor about its CG: the hitch force on it is F_2 - m_2 a_2.
-    M[1] = [0, I_1, 0, 0] + (h - x_1) * m_2 * a_2
+    M[1] = np.array([0, I_1, 0, 0]) + (h - x_1) * m_2 * a_2
     K[1] = sum((x - x_1) * F for x, F in front) + (h - x_1) * (F_2 - m_2 * turning)
     # Trailer about the hitch.
-    M[2] = [0, 0, I_2, 0] + x_2 * m_2 * a_2
+    M[2] = np.array([0, 0, I_2, 0]) + x_2 * m_2 * a_2
     K[2] = sum(x * F for x, F in rear) - x_2 * m_2 * turning
     M[3], K[3] = [0, 0, 0, 1], [0, -1, 1, 0]
     return np.linalg.solve(M, K)

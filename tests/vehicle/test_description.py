@@ -191,12 +191,12 @@ sliding_force = [0.54397, 0.50365]
 """
 
 
-def with_tmeasy(tmp_path: Path, *change: str) -> Path:
+def with_tmeasy(tmp_path: Path, old: str = "", new: str = "") -> Path:
     """A file whose steer axle has TMeasy tyres, with one text replaced by another."""
     text = FILE.read_text()
     start, end = text.index("[tyres.steer]"), text.index("[tyres.drive]")
     mine = tmp_path / "mine.toml"
-    mine.write_text(text[:start] + (TMEASY.replace(*change) if change else TMEASY) + text[end:])
+    mine.write_text(text[:start] + (TMEASY.replace(old, new) if old else TMEASY) + text[end:])
     return mine
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -106,7 +107,11 @@ def test_wheels_look_alike_four_ways(longer_semitrailer: Vehicle) -> None:
     """Loads, slip and friction used, with an arc tangent of our own in two of the ways."""
     function = wheel_function(longer_semitrailer)
     expected = one_by_one(function, longer_semitrailer, "interpreted")
-    ways = [(all_at_once, "interpreted"), (one_by_one, "compiled"), (all_at_once, "compiled")]
+    ways: list[tuple[Callable[[Any, Vehicle, Engine], FloatArray], Engine]] = [
+        (all_at_once, "interpreted"),
+        (one_by_one, "compiled"),
+        (all_at_once, "compiled"),
+    ]
     for way, engine in ways:
         got = way(function, longer_semitrailer, engine)
         np.testing.assert_allclose(got, expected, rtol=ROUNDING, atol=ROUNDING, err_msg=f"{way.__name__} {engine}")

@@ -20,6 +20,7 @@ from vehicle.combination.handling import (
 )
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
+from vehicle.tyres.tyre import StiffnessTyre
 
 
 @pytest.fixture
@@ -34,6 +35,7 @@ def with_tyres(vehicle: Vehicle, changes: dict[int, float]) -> Vehicle:
     for unit in vehicle.units:
         axles = []
         for axle in unit.axles:
+            assert isinstance(axle.tyre, StiffnessTyre)
             stiffness = changes.get(number, 1.0) * axle.tyre.cornering_stiffness
             tyre = axle.tyre.model_copy(
                 update={"rolling_resistance": 0.0, "pneumatic_trail": 0.0, "cornering_stiffness": stiffness}
@@ -53,6 +55,7 @@ def closed_form(alone: Vehicle) -> tuple[float, float]:
 def stiffness(axle: Axle, load: float) -> float:
     """Cornering stiffness [N/rad] of an axle under a load [N]."""
     tyre = axle.tyre
+    assert isinstance(tyre, StiffnessTyre)
     return load * tyre.cornering_stiffness * (1.0 - tyre.load_sensitivity * (load / 2 / tyre.nominal_load - 1.0))
 
 
@@ -67,6 +70,7 @@ def test_yaw_rate_gain_is_largest_at_the_characteristic_speed(alone: Vehicle) ->
     """sqrt(L / K), where the gain is half of that without understeer."""
     L, K = closed_form(alone)
     found = characteristic_speed(alone, 20.0)
+    assert found is not None
     assert found == pytest.approx(math.sqrt(L / K), rel=1e-6)  # as the gradient
     gains = [lateral_model(alone, v).steady_gain("yaw_rate_0") for v in (0.95 * found, found, 1.05 * found)]
     assert gains[1] == max(gains)
@@ -156,7 +160,7 @@ def test_group_of_axles_runs_as_one_farther_back(tractor_semitrailer: Vehicle) -
     tractor's rear axle takes (L - h) / L; it slips and the tractor turns about x_1 = C / C_r sum(x - x_2) (L - h) / L.
     """
     vehicle = with_tyres(tractor_semitrailer, {})
-    L, h = vehicle.units[0].axles[0].x, vehicle.units[0].hitch_x
+    L, h = vehicle.units[0].axles[0].x, vehicle.units[0].rear_hitch[0]
     x = np.array([axle.x for axle in vehicle.units[1].axles])
     x_2 = np.sum(x**2) / np.sum(x)
     rear, load = vehicle.units[0].axles[1], static_axle_loads(vehicle)[0][1]

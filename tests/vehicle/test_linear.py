@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.lateral_outputs import OutputKind
 from vehicle.combination.layout import Input, input_sizes, parts
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.combination.loads import static_axle_loads
@@ -53,7 +54,7 @@ def by_hand(vehicle: Vehicle, V: float, trail: float) -> tuple[np.ndarray, np.nd
     Lateral accelerations of the centres of gravity: v' + V r_1 + x_1 r_1' and v' + V r_1 + h r_1' + x_2 r_2'. Axle
     forces C (delta - alpha), with alpha = (v + x r_1) / V and (v + h r_1 + x r_2) / V + gamma, act ``trail`` behind.
     """
-    (tractor, trailer), h = vehicle.units, vehicle.units[0].hitch_x
+    (tractor, trailer), h = vehicle.units, vehicle.units[0].rear_hitch[0]
     x_1, x_2 = tractor.cg_x, trailer.cg_x
     n_steered = len(tractor.steered_axles + trailer.steered_axles)
     M, K, B = np.zeros((5, 5)), np.zeros((5, 4)), np.zeros((5, n_steered))
@@ -105,7 +106,7 @@ def test_outputs_are_what_the_motion_says(longer_semitrailer: Vehicle, speed: fl
         path=True,
     )
     tractor, trailer = longer_semitrailer.units
-    h, state, row = tractor.hitch_x, model.states.index, model.outputs.index
+    h, state, row = tractor.rear_hitch[0], model.states.index, model.outputs.index
     v, r_1, r_2 = state("v_y"), state("yaw_rate_0"), state("yaw_rate_1")
     for matrix, given in ((model.A, model.C), (model.B, model.D)):
         turning = np.eye(len(model.A))[r_1] * speed if matrix is model.A else 0.0
@@ -123,10 +124,11 @@ def test_outputs_are_what_the_motion_says(longer_semitrailer: Vehicle, speed: fl
     np.testing.assert_allclose(a_axle, by_kinematics, atol=1e-9)  # rounding
     assert model.outputs[-1] == "follow_position_1"
     follow = model.C[-1] @ np.array([{"y": 1.0, "psi": 2.0, "articulation_1": 3.0}.get(s, 0.0) for s in model.states])
+    assert trailer.follow_x is not None
     assert follow == pytest.approx(1.0 + 2.0 * h + trailer.follow_x * (2.0 - 3.0), abs=1e-12)  # y + h psi + x psi_S
 
 
-ALL = ("yaw_rate", "lateral_velocity", "lateral_acceleration", "articulation", "load_transfer")
+ALL: tuple[OutputKind, ...] = ("yaw_rate", "lateral_velocity", "lateral_acceleration", "articulation", "load_transfer")
 
 
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "uk_longer_semitrailer"])
@@ -263,7 +265,7 @@ def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: V
     [(("yaw_rat",), "unknown output 'yaw_rat'; did you mean 'yaw_rate'?"), (("follow_position",), "path=True")],
 )
 def test_outputs_that_can_not_be_told_are_refused(
-    tractor_semitrailer: Vehicle, outputs: tuple[str, ...], complaint: str
+    tractor_semitrailer: Vehicle, outputs: tuple[OutputKind, ...], complaint: str
 ) -> None:
     """A misspelt output names the nearest one; a position needs a path to be beside of."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):

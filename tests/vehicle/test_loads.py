@@ -43,7 +43,8 @@ def test_shares_of_brakes_and_drive_add_up(chain: Vehicle) -> None:
 def loads_with_pull(vehicle: Vehicle, a: float, pull: float, gamma: float = 0.0) -> list[list[float]]:
     """Axle loads [N] of tractor and semi-trailer at an acceleration, the hitch pulling the trailer."""
     e = [Vector(1.0, 0.0), Vector(np.cos(gamma), np.sin(gamma))]
-    return axle_loads(vehicle, [GRAVITY] * 2, [a, a], [Vector(0.0, 0.0), Vector(pull, 0.0)], e)
+    loads = axle_loads(vehicle, [GRAVITY] * 2, [a, a], [Vector(0.0, 0.0), Vector(pull, 0.0)], e)
+    return [[float(load) for load in unit_loads] for unit_loads in loads]
 
 
 @given(a=accelerations, pull=st.floats(-5e4, 5e4), gamma=st.floats(-1.5, 1.5))
@@ -58,9 +59,9 @@ def test_the_wheels_balance_the_pitching_moment(tractor_semitrailer: Vehicle, a:
     """About the rear axle, for the straight whole: hitch forces are internal and must cancel."""
     tractor, trailer = tractor_semitrailer.units
     ahead, behind = loads_with_pull(tractor_semitrailer, a, pull)
-    x = [axle.x for axle in tractor.axles] + [tractor.hitch_x + axle.x for axle in trailer.axles]
+    x = [axle.x for axle in tractor.axles] + [tractor.rear_hitch[0] + axle.x for axle in trailer.axles]
     inertia = sum(unit.mass * a * unit.cg_height for unit in (tractor, trailer))
-    weight = GRAVITY * (tractor.mass * tractor.cg_x + trailer.mass * (tractor.hitch_x + trailer.cg_x))
+    weight = GRAVITY * (tractor.mass * tractor.cg_x + trailer.mass * (tractor.rear_hitch[0] + trailer.cg_x))
     assert np.dot(x, ahead + behind) == pytest.approx(weight - inertia, rel=1e-9)
 
 
@@ -128,7 +129,7 @@ def test_a_bogie_of_the_tractor_is_one_support_and_shares_within(tractor_semitra
     weight = tractor_semitrailer.mass * GRAVITY - sum(tridem)
     assert steer + driven + tag == pytest.approx(weight)
     kingpin = weight - 8000.0 * GRAVITY
-    assert 3.8 * steer - 1.35 * tag == pytest.approx(8000.0 * GRAVITY * tractor.cg_x + kingpin * tractor.hitch_x)
+    assert 3.8 * steer - 1.35 * tag == pytest.approx(8000.0 * GRAVITY * tractor.cg_x + kingpin * tractor.rear_hitch[0])
 
 
 def test_a_beam_on_three_springs_loads_them_by_its_tilt(tractor_semitrailer: Vehicle) -> None:

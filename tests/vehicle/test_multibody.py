@@ -18,7 +18,7 @@ class Lagrange:
         n = 2 + len(vehicle.units)
         q, qd, qdd = (ca.SX.sym(name, n) for name in ("q", "qd", "qdd"))
         hitch = q[:2]
-        T, P, L = 0, 0, 0
+        T, P, L = ca.SX(0), ca.SX.zeros(2), ca.SX(0)
         places = []
         for i, unit in enumerate(vehicle.units):
             axis = ca.vertcat(ca.cos(q[2 + i]), ca.sin(q[2 + i]))
@@ -109,4 +109,5 @@ def test_the_symmetric_solver_solves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(5, 5))
     M, b = A @ A.T + np.eye(5), rng.normal(size=5)
-    np.testing.assert_allclose(solve_ldl(M.tolist(), b.tolist()), np.linalg.solve(M, b), rtol=1e-9)
+    solution = np.array(solve_ldl(M.tolist(), b.tolist()), dtype=np.float64)
+    np.testing.assert_allclose(solution, np.linalg.solve(M, b), rtol=1e-9)

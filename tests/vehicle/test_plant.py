@@ -250,7 +250,7 @@ def test_bodies_roll_outwards_and_dive_under_braking(tractor_semitrailer: Vehicl
     ahead, behind = (-math.asin(body[2, 0]) for body in braking[-1].bodies)
     tractor = tractor_semitrailer.units[0]
     assert ahead == pytest.approx(tractor.pitch_gradient * 3.0, rel=0.05)
-    risen = (tractor.cg_x - tractor.hitch_x) * ahead  # the hitch lies behind what the tractor pitches about
+    risen = (tractor.cg_x - tractor.rear_hitch[0]) * ahead  # the hitch lies behind what the tractor pitches about
     assert behind == pytest.approx(trailer.pitch_gradient * 3.0 - risen / 7.70, rel=0.05)
 
 
@@ -261,13 +261,13 @@ def test_bodies_stand_on_the_slope(tractor_semitrailer: Vehicle) -> None:
     tractor, trailer = tractor_semitrailer.units
     risen = 0.0  # of the front hitch with the body ahead [m]
     for unit, X_WB, pose in zip((tractor, trailer), now.bodies, now.poses, strict=True):
-        ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(*pose, (0.0, -1.0))
+        ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(pose[0], pose[1], pose[2], (0.0, -1.0))
         lean = ground[:3, :3].T @ X_WB[:3, :3]
         g = ground[:3, :3].T @ np.array([0.0, 0.0, GRAVITY])
         pitch = -unit.pitch_gradient * g[0] - risen / 7.70
         # axes of a unit on a plane and of its body agree to second order in the slope
         np.testing.assert_allclose(lean, rotation_zyx(0.0, pitch, unit.roll_gradient * g[1]), atol=2e-5)
-        risen = (tractor.cg_x - tractor.hitch_x) * pitch
+        risen = (tractor.cg_x - tractor.rear_hitch[0]) * pitch
 
 
 def test_velocities_are_the_rates_of_poses(longer_semitrailer: Vehicle) -> None:
@@ -292,10 +292,11 @@ def test_a_body_is_carried_by_the_ground_and_moved_by_its_springs(longer_semitra
     now, s = plant.observe(state, 2000), State(*parts(state, state_sizes(longer_semitrailer)))
     assert np.abs(s.roll).min() > 0.002
     for i, unit in enumerate(longer_semitrailer.units):
+        x, y, psi = now.poses[i].tolist()
         R = rotation_zyx(0.0, s.pitch[i], s.roll[i])
         pivot = np.array([unit.cg_x, 0.0, unit.roll_axis_height])
         on_springs = transform(R, pivot + np.array([0.0, 0.0, s.heave[i]]) - R @ pivot)
-        expected = cone.pose_on(*now.poses[i], longer_semitrailer.supports(i)) @ on_springs
+        expected = cone.pose_on(x, y, psi, longer_semitrailer.supports(i)) @ on_springs
         np.testing.assert_allclose(now.bodies[i], expected, atol=1e-12)  # the same to rounding, on some 10 m
 
 

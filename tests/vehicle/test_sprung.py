@@ -43,7 +43,8 @@ def swing(vehicle: Vehicle, unit: int, a_y: float, t: np.ndarray) -> np.ndarray:
         ride = bodies(vehicle, s._replace(roll=roll, roll_spring=spring), u)[unit]
         return np.array([ride.rate.roll, spring_rates(vehicle.units[unit], ride, 0.0, a_y).roll])
 
-    return solve_ivp(f, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-13).y[0]
+    roll: np.ndarray = solve_ivp(f, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-10, atol=1e-13).y[0]
+    return roll
 
 
 def test_a_step_of_lateral_acceleration_rolls_a_body_as_a_second_order_system(tractor_semitrailer: Vehicle) -> None:
@@ -92,7 +93,7 @@ def test_settled_bodies_stay(chain: Vehicle, a: float, b: float) -> None:
 def test_a_body_stands_on_a_plane_as_the_plane_lies(chain: Vehicle) -> None:
     """Road heights of any plane under all wheels: after a long time every body has its height, pitch and roll."""
     level, slope, tilt = 0.02, 0.004, -0.006
-    origins = np.cumsum([0.0, *(unit.hitch_x for unit in chain.units[:-1])])
+    origins = np.cumsum([0.0, *(unit.rear_hitch[0] for unit in chain.units[:-1])])
     heights = [level + slope * (origins[w.unit] + w.axle.x) + tilt * w.y for w in wheels(chain)]
     s, u = at_rest(chain, road=np.array(heights))
     cg = origins + np.array([unit.cg_x for unit in chain.units])
@@ -106,7 +107,7 @@ def test_the_trailer_stands_on_the_hitch_of_the_tractor_that_dives(tractor_semit
     tractor, trailer = tractor_semitrailer.units
     s, u = at_rest(tractor_semitrailer)
     ride = bodies(tractor_semitrailer, s._replace(pitch=np.array([0.01, 0.0])), u)[1]
-    risen = 0.01 * (tractor.cg_x - tractor.hitch_x)
+    risen = 0.01 * (tractor.cg_x - tractor.rear_hitch[0])
     assert ride.offset.pitch == pytest.approx(-risen / 7.70)
     assert ride.offset.heave == pytest.approx(risen * (1.0 + trailer.cg_x / 7.70))
 

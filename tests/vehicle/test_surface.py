@@ -52,7 +52,7 @@ def test_on_a_plane_a_body_stands_along_the_normal(cross_fall: float, grade: flo
     slope_x, slope_y = surface.gradient(3.0, -2.0)
     normal = np.array([-slope_x, -slope_y, 1.0]) / math.sqrt(1.0 + slope_x**2 + slope_y**2)
     np.testing.assert_allclose(X_WB[:3, 2], normal, atol=1e-12)
-    np.testing.assert_allclose(X_WB[:3, 3], [3.0, -2.0, surface.height(3.0, -2.0)], atol=1e-12)
+    np.testing.assert_allclose(X_WB[:3, 3], [3.0, -2.0, float(surface.height(3.0, -2.0))], atol=1e-12)
 
 
 def test_a_plane_falls_to_the_right_and_a_cone_away_from_its_centre() -> None:

@@ -83,11 +83,13 @@ def test_every_law_of_the_catalogue_is_tested_here() -> None:
 
 
 @given(F_z=loads, friction=frictions, v_x=speeds, gain=speeds, drift=speeds)
-def test_a_deflection_at_rest_gives_the_steady_force(tyre, F_z, friction, v_x, gain, drift) -> None:
+def test_a_deflection_at_rest_gives_the_steady_force(
+    tyre: Tyre, F_z: float, friction: float, v_x: float, gain: float, drift: float
+) -> None:
     """Where the rate vanishes the force is the law's, at any speed."""
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
-    scale = 1e-12 * (1.0 + abs(rate_in.x) + abs(rate_in.y))  # rounding of a difference of two rates
+    scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
     assert deflection_rate(n, rate_in, grip.decay) == pytest.approx((0.0, 0.0), abs=scale)
     slip = Planar(gain / rolling_speed(v_x), -drift / rolling_speed(v_x))
     expected = tyre.steady_force(slip, F_z, friction)
@@ -95,7 +97,7 @@ def test_a_deflection_at_rest_gives_the_steady_force(tyre, F_z, friction, v_x, g
     assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
 
 
-def test_the_friction_circle_is_never_exceeded_in_random_states(tyre) -> None:
+def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> None:
     """Whatever the state of the carcass, the ground gives no more than friction times load: 20 000 of them."""
     rng = np.random.default_rng(1)
     # TMeasy's tables have their own peak, along and at no load 2 * 0.88468 - 0.7479 on the ground of reference, 0.8.
@@ -111,7 +113,9 @@ def test_the_friction_circle_is_never_exceeded_in_random_states(tyre) -> None:
 
 
 @given(F_z=loads, friction=frictions, v_x=speeds, gain=speeds, drift=speeds)
-def test_a_deflection_beyond_the_friction_shrinks(tyre, F_z, friction, v_x, gain, drift) -> None:
+def test_a_deflection_beyond_the_friction_shrinks(
+    tyre: Tyre, F_z: float, friction: float, v_x: float, gain: float, drift: float
+) -> None:
     """The bristle cannot wind up: the force it stands for falls outside of the largest force, whatever the sliding."""
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     x_factor, y_factor = grip.factor, grip.factor * grip.skew
@@ -121,14 +125,14 @@ def test_a_deflection_beyond_the_friction_shrinks(tyre, F_z, friction, v_x, gain
         assert u.x * x_factor * rate.x + u.y * y_factor * rate.y < 0.0
 
 
-def test_the_force_opposes_the_slip_angle_and_drives_with_slip(tyre) -> None:
+def test_the_force_opposes_the_slip_angle_and_drives_with_slip(tyre: Tyre) -> None:
     """A wheel that drifts left is pulled right; a wheel that spins faster than it rolls pulls forward."""
     F = tyre.steady_force(Planar(0.01, -0.02), NOMINAL, 0.8)
     assert F.x > 0.0 > F.y
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
-def test_friction_scales_the_peak_and_leaves_the_initial_stiffness(tyre, friction: float) -> None:
+def test_friction_scales_the_peak_and_leaves_the_initial_stiffness(tyre: Tyre, friction: float) -> None:
     """Slope at no slip: stiffness times load; largest side force: friction times load, for TMeasy its table's part."""
     small = tyre.steady_force(Planar(0.0, 1e-4), NOMINAL, friction)
     # falling off with C s / (mu * a number of the law below 1.5): 1e-2 at most here, for 5.9e-4 / 0.1
@@ -138,18 +142,18 @@ def test_friction_scales_the_peak_and_leaves_the_initial_stiffness(tyre, frictio
     assert max(forces) == pytest.approx(peak * friction * NOMINAL, rel=1e-4)  # the grid hits the flat top
 
 
-def test_stiffness_falls_with_load(tyre) -> None:
+def test_stiffness_falls_with_load(tyre: Tyre) -> None:
     """7.4 % of it from one to two nominal loads; more along in TMeasy's tables."""
     one, two = tyre.stiffness(NOMINAL), tyre.stiffness(2.0 * NOMINAL)
     along = 13.805 / 17.687 if tyre.model == "tmeasy" else 0.926
     assert (two.x / one.x, two.y / one.y) == pytest.approx((along, 0.926), abs=4e-4)  # 5.506 / 5.948 is 0.9257
 
 
-def test_the_aligning_lever_is_the_trail_at_small_slip_and_gone_in_sliding(tyre) -> None:
+def test_the_aligning_lever_is_the_trail_at_small_slip_and_gone_in_sliding(tyre: Tyre) -> None:
     """At nominal load; at twice of it half as large again, as the tangent to the root of the load says."""
     assert sliding(tyre, NOMINAL, 0.8, 0.0, 1e-5, 1.0)[1].trail == pytest.approx(0.05, rel=1e-3)  # C s / mu of it gone
     assert sliding(tyre, 2.0 * NOMINAL, 0.8, 0.0, 1e-5, 1.0)[1].trail == pytest.approx(0.075, rel=1e-3)
-    levers = [sliding(tyre, NOMINAL, 0.8, 0.0, s, 1.0)[1].trail for s in np.linspace(1e-4, 0.35, 101)]
+    levers = [float(sliding(tyre, NOMINAL, 0.8, 0.0, s, 1.0)[1].trail) for s in np.linspace(1e-4, 0.35, 101)]
     assert (np.diff(levers) <= 1e-12).all()  # up to the peak of every one of these curves
     # what a curve has fallen off beyond its peak comes back: 8 % of the magic formula's, 8 % of TMeasy's
     assert 0.0 <= sliding(tyre, NOMINAL, 0.8, 0.0, 5.0, 1.0)[1].trail <= 0.05 * 0.09
@@ -160,7 +164,7 @@ def test_the_lever_is_about_that_of_a_brush(name: str, apart: float) -> None:
     """(1 - t)^3 / (1 - t + t^2 / 3) of it is left where a share t of a brush's patch slides, t = linear force / 3."""
     tyre = TYRES[name]
     for t in (0.05, 0.2, 0.5, 0.9):
-        slip = 3.0 * t * 0.8 / tyre.stiffness(NOMINAL).y
+        slip = 3.0 * t * 0.8 / float(tyre.stiffness(NOMINAL).y)
         left = sliding(tyre, NOMINAL, 0.8, 0.0, slip, 1.0)[1].trail / 0.05
         brush = (1.0 - t) ** 3 / (1.0 - t + t**2 / 3.0)
         assert left == pytest.approx(brush, abs=apart)  # for the curves a stated simplification
@@ -226,7 +230,7 @@ ANGLES = (0.5, 1.0, 2.0, 4.0, 6.0, 10.0, 15.0, 20.0)  # [deg]
 def test_tmeasy_gives_the_published_truck_tyre_on_every_ground(friction: float) -> None:
     """Friction stretches force and slip of peak and sliding; the initial slope stays."""
     got = [
-        TRUCK_TMEASY.steady_force(Planar(0.0, math.tan(math.radians(angle))), NOMINAL, friction).y / NOMINAL
+        float(TRUCK_TMEASY.steady_force(Planar(0.0, math.tan(math.radians(angle))), NOMINAL, friction).y) / NOMINAL
         for angle in ANGLES
     ]
     np.testing.assert_allclose(got, TABLE[friction], atol=0.6e-4)  # the table's last digit
