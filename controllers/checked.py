@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from controllers.driver import Driver, DriverCommand
+from controllers.driver import DriverCommand, DriverLike
 from controllers.rover_driver import RoverDriverLike
 from controllers.trailer import Memory, SteerCommand, TrailerSteering
 from estimators.estimates import OffTracking
@@ -59,19 +59,9 @@ class CheckedLaw(Generic[Memory]):
 class CheckedDriver(Generic[Memory]):
     """A tractor driver whose every step is checked."""
 
-    def __init__(self, driver: Driver[Memory], name: str) -> None:
+    def __init__(self, driver: DriverLike[Memory], name: str) -> None:
         """Check a driver, whom messages call ``name``."""
         self.driver, self._name = driver, name
-
-    @property
-    def duration(self) -> float:
-        """Planned duration of the drive [s]."""
-        return self.driver.duration
-
-    @property
-    def start_speed(self) -> float | None:
-        """Speed at the start [m/s]; None: any."""
-        return self.driver.start_speed
 
     def init(self) -> Memory:
         """Memory before the first step."""

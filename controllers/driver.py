@@ -51,8 +51,18 @@ class DriverCommand(NamedTuple):
 Memory = TypeVar("Memory")
 
 
-class Driver(Protocol[Memory]):
+class DriverLike(Protocol[Memory]):
     """A driver of the tractor: pure, memory in and memory out."""
+
+    def init(self) -> Memory:
+        """Memory before the first step."""
+
+    def step(self, memory: Memory, tick: int, ego: EgoState, /) -> tuple[Memory, DriverCommand]:
+        """New memory and command at ``tick``."""
+
+
+class Driver(DriverLike[Memory], Protocol[Memory]):
+    """A driver with a timetable."""
 
     @property
     def duration(self) -> float:
@@ -61,12 +71,6 @@ class Driver(Protocol[Memory]):
     @property
     def start_speed(self) -> float | None:
         """Speed at the start [m/s]; None: any."""
-
-    def init(self) -> Memory:
-        """Memory before the first step."""
-
-    def step(self, memory: Memory, tick: int, ego: EgoState, /) -> tuple[Memory, DriverCommand]:
-        """New memory and command at ``tick``."""
 
 
 class DriverMemory(NamedTuple):

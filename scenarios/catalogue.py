@@ -59,7 +59,7 @@ DRIVER: Final = {
     "recorded": "scenarios.assembly.drivers:AsRecorded",
 }
 ROVER_DRIVER: Final = {
-    "path": "scenarios.assembly.rover:OnPath",
+    "path": "controllers.rover_driver:RoverDriver",
 }
 PLANT: Final = {
     "multibody": "scenarios.assembly.plants:Multibody",

@@ -39,6 +39,8 @@ def _offtrack() -> None:
 
 
 app.command()(listing.scenarios)
+app.command(epilog=listing.PARTS_EXAMPLES)(listing.parts)
+app.command(epilog=listing.KEYS_EXAMPLES)(listing.keys)
 app.command(epilog=run.EXAMPLES)(run.run)
 app.command(epilog=vehicle.EXAMPLES)(vehicle.vehicle)
 app.command(epilog=assess.EXAMPLES)(assess.assess)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from controllers.driver import PreviewDriver, TractorGeometry
+from controllers.checked import CheckedDriver
+from controllers.driver import DriverLike, PreviewDriver, TractorGeometry
 from controllers.driver_trace import TraceDriver
 from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
@@ -16,7 +17,6 @@ from scenarios.assembly.adapters import tractor_geometry
 from scenarios.assembly.courses import Course
 from scenarios.assembly.recorded_drive import read_trace
 from scenarios.catalogue import DRIVER, constructed, resolve
-from scenarios.loop.driving import Driver
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario
 from vehicle.combination.description import Vehicle
@@ -39,7 +39,7 @@ class DriverContext:
 class OpenedDriver:
     """A driver with his timetable."""
 
-    driver: Driver[Any]
+    driver: DriverLike[Any]
     duration: float  # of the drive, as planned [s]
     start_speed: float  # [m/s]
     is_recorded: bool = False  # he repeats a recorded drive, wherever it leads
@@ -49,7 +49,7 @@ class DriverPart(Protocol):
     """Class of drivers, as the catalogue holds them."""
 
     @classmethod
-    def of(cls, context: DriverContext) -> OpenedDriver | Driver[Any]:
+    def of(cls, context: DriverContext) -> OpenedDriver | DriverLike[Any]:
         """Driver for one run; a bare driver is expected to keep to the set speed.
 
         Raises:
@@ -112,6 +112,6 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
         parameters=options.parameters,
     )
     driver = constructed("driver.kind", kind, part, context)
-    if isinstance(driver, OpenedDriver):
-        return driver
-    return OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)
+    if not isinstance(driver, OpenedDriver):
+        driver = OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)
+    return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))

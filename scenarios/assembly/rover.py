@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from controllers.checked import CheckedRoverDriver
 from controllers.path import Path
-from controllers.rover_driver import Compensation, RoverDriver
+from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
-from estimators.slip.rover_odometry import RoverGeometry, RoverPose
+from estimators.slip.rover_odometry import RoverGeometry
 from scenarios.assembly.rover_courses import rover_path
 from scenarios.assembly.rover_sensors import (
     ReadOnce,
@@ -32,8 +32,6 @@ from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
 from sensors.sensor import Message, Sensor
 from vehicle.clock import TICK, Schedule
-from vehicle.option import Parameter
-from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap, load_height_map
 from vehicle.rover.plant import RoverPlant
@@ -44,48 +42,6 @@ from vehicle.rover.truth import RoverTruth
 PERIOD = 50  # of control and log, and how far the plant is integrated in one call [ticks]
 _GRID, _LEVEL, _SLOPING, _BESIDE = 0.1, 1.0, 20.0, 20.0  # of ground whose slopes set in: its mesh and extent [m]
 _ROUTE = 0.1  # between points of the way that the ground is laid out along [m]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RoverDriverContext:
-    """Everything that a rover's driver may know before the run."""
-
-    rover: RoverGeometry
-    path: Path
-    speed: float  # set speed of the wheels [m/s]
-    compensation: Compensation
-    parameters: Mapping[str, Parameter]  # ``driving.…`` of the scenario: those of one's own driver
-
-
-class RoverDriverLike(Protocol):
-    """A rover's driver: pure, memory in and memory out."""
-
-    def init(self) -> Any:
-        """Memory before the first step."""
-
-    def step(self, memory: Any, pose: RoverPose, /) -> tuple[Any, RoverCommand]:
-        """New memory and command at the tick of the pose that the rover believes in."""
-
-
-class RoverDriverPart(Protocol):
-    """Class of rover drivers, as the catalogue holds them."""
-
-    @classmethod
-    def of(cls, context: RoverDriverContext) -> RoverDriverLike:
-        """Driver for one run.
-
-        Raises:
-            ValueError: one line, if the context does not fit.
-        """
-
-
-class OnPath:
-    """Keeps the rover's origin on its path at set speed, and compensates the slip that it is told."""
-
-    @classmethod
-    def of(cls, context: RoverDriverContext) -> RoverDriverLike:
-        """Driver on the path."""
-        return RoverDriver(context.rover, context.path, context.speed, compensation=context.compensation)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +64,7 @@ class RoverAssembly:
     geometry: RoverGeometry
     path: Path
     plant: RoverPlant
-    driver: RoverDriverLike
+    driver: RoverDriverLike[Any]
     instruments: ReadOnce
     laser: LaserTracker
     sensing: RoverSensing
@@ -197,16 +153,18 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     )
 
 
-def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> RoverDriverLike:
-    part: type[RoverDriverPart] = resolve("driver", scenario.driver, ROVER_DRIVER)
+def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> RoverDriverLike[Any]:
+    part: type[RoverDriverPart[Any]] = resolve("driver", scenario.driver, ROVER_DRIVER)
     context = RoverDriverContext(
         rover=geometry,
         path=path,
         speed=scenario.speed,
         compensation=scenario.slip_compensation,
-        parameters=scenario.driving,
+        options=scenario.driving,
     )
-    return constructed("driver", scenario.driver, part, context)
+    return CheckedRoverDriver(
+        constructed("driver", scenario.driver, part, context), f"driver = {scenario.driver}", len(geometry.places())
+    )
 
 
 def rover_geometry(rover: Rover) -> RoverGeometry:

@@ -1,16 +1,100 @@
-"""`offtrack scenarios`: what there is to run."""
+"""`offtrack scenarios`, `offtrack parts` and `offtrack keys`: everything there is to choose from."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.syntax import Syntax
 from rich.table import Table
 
-from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.commands.console import one_line_errors
+
+PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
+KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")]
+Find = Annotated[str, typer.Option(metavar="TEXT", help="Only lines that contain this text.", show_default=False)]
 
 
-def scenarios() -> None:
-    """List the scenarios, a line each. Run one with: offtrack run NAME."""
-    table = Table(box=None, show_header=False, pad_edge=False)
-    for name in scenario_names():
-        table.add_row(name, load_any_scenario(name).description)
-    Console().print(table)
+def scenarios(
+    name: Annotated[
+        str | None, typer.Argument(help="A scenario to show in full, by its name or TOML file.", show_default=False)
+    ] = None,
+) -> None:
+    """List all scenarios, one line each, or show one. Run one with: offtrack run NAME."""
+    from scenarios.options.scenario import load_any_scenario, scenario_names
+
+    with one_line_errors():
+        if name is None:
+            table = Table(box=None, show_header=False, pad_edge=False)
+            for known in scenario_names():
+                table.add_row(known, load_any_scenario(known).description)
+            Console().print(table)
+            return
+        scenario = load_any_scenario(name)
+        console = Console()
+        console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True, highlight=False, markup=False)
+        console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
+        console.print(f"Run it:     offtrack run {name}", soft_wrap=True, highlight=False, markup=False)
+        console.print(f"Change it:  offtrack keys {name}", soft_wrap=True, highlight=False, markup=False)
+
+
+def parts(
+    kind: Annotated[
+        str | None, typer.Argument(help="Kind of parts, e.g. trailer_steering; all kinds if not given.")
+    ] = None,
+    find: Find = "",
+    as_json: AsJson = False,
+) -> None:
+    """List the replaceable parts with their parameters, defaults, units and ranges.
+
+    Choose a part with --set KEY=NAME, or your own with --set KEY=package.module:Name.
+    """
+    from scenarios import listing
+
+    with one_line_errors():
+        found = [part for part in listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
+        if as_json:
+            typer.echo(json.dumps([part.to_json() for part in found], indent=2, ensure_ascii=False))
+            return
+        table = Table(box=None, pad_edge=False)
+        for column in ("kind", "name", "parameter", "default", "unit", "range", "meaning"):
+            table.add_column(column, overflow="fold", no_wrap=column in ("kind", "name"))
+        last = None
+        for part in found:
+            table.add_row("" if part.kind == last else part.kind, part.name, "", "", "", "", escape(part.meaning))
+            last = part.kind
+            for key in part.parameters:
+                table.add_row("", "", *map(escape, (key.name, key.default, key.unit, key.range, key.meaning)))
+        Console().print(table)
+
+
+def keys(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(help="Scenario whose values are shown as defaults; all keys of trailer scenarios if not given."),
+    ] = None,
+    find: Find = "",
+    as_json: AsJson = False,
+) -> None:
+    """List every key of a scenario with its value, unit, range and meaning.
+
+    Change a key with --set KEY=VALUE. A key that ends with [] belongs to a list of tables.
+    """
+    from scenarios import listing
+
+    with one_line_errors():
+        found = [key for key in listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
+        if as_json:
+            typer.echo(json.dumps([asdict(key) for key in found], indent=2, ensure_ascii=False))
+            return
+        table = Table(box=None, pad_edge=False)
+        for column in ("key", "default" if scenario is None else "value", "unit", "range", "meaning"):
+            table.add_column(column, overflow="fold", no_wrap=column == "key")
+        for key in found:
+            table.add_row(*map(escape, (key.name, key.default, key.unit, key.range, key.meaning)))
+        Console().print(table)

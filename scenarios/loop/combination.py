@@ -10,12 +10,11 @@ from typing import TypeVar
 import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
-from controllers.driver import DriverCommand
+from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand, TrailerSteering
 from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
 from scenarios.loop.channel import Channel
-from scenarios.loop.driving import Driver
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
@@ -72,7 +71,9 @@ class SteeredTrailer:
 class CombinationPilot:
     """Driver and trailer steering together; both are updated at the driver's rate and hold in between."""
 
-    def __init__(self, vehicle: Vehicle, driver: Driver[MemoryT] | None, trailers: Sequence[SteeredTrailer]) -> None:
+    def __init__(
+        self, vehicle: Vehicle, driver: DriverLike[MemoryT] | None, trailers: Sequence[SteeredTrailer]
+    ) -> None:
         """Control a ``vehicle``; without a driver its motion is prescribed."""
         self.trailers = trailers
         self._driver = None if driver is None else _stateful_driver(driver)
@@ -198,7 +199,7 @@ def _stateful_law(
     return step
 
 
-def _stateful_driver(driver: Driver[MemoryT]) -> Callable[[int, EgoState], DriverCommand]:
+def _stateful_driver(driver: DriverLike[MemoryT]) -> Callable[[int, EgoState], DriverCommand]:
     memory = driver.init()
 
     def step(tick: int, ego: EgoState) -> DriverCommand:

@@ -1,4 +1,4 @@
-"""What all tables of a scenario file have in common."""
+"""Base class and field helpers of all tables of a scenario file."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 
-def quantity(default: float | None, unit: str, *, ge: float, le: float) -> Any:
-    """A number with its default, limits and unit."""
-    return Field(default, ge=ge, le=le, json_schema_extra={"unit": unit})
+def quantity(default: float | None, unit: str, low: float, high: float, meaning: str) -> Any:
+    """A number with its default, unit, limits and meaning."""
+    return Field(default, ge=low, le=high, description=meaning, json_schema_extra={"unit": unit})
+
+
+def option(meaning: str, default: Any = ...) -> Any:
+    """A value with its meaning; required if it has no default."""
+    return Field(default, description=meaning)
 
 
 class Options(BaseModel):

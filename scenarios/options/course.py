@@ -6,81 +6,83 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 
 
 class RoundaboutOptions(Options):
     """The tractor's outer front corner on a circle, tangent entry and exit."""
 
-    kind: Literal["roundabout"]
-    direction: Literal["left", "right"] = "left"
-    radius: float = quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circle
-    turn_deg: float = quantity(360.0, "deg", ge=30.0, le=1800.0)
-    entry: float = quantity(30.0, "m", ge=20.0, le=500.0)  # straight before the circle
-    exit: float = quantity(35.0, "m", ge=5.0, le=500.0)  # straight behind it
+    kind: Literal["roundabout"] = option("Kind of the course.")
+    direction: Literal["left", "right"] = option("Direction of travel round the circle.", "left")
+    radius: float = quantity(12.5, "m", 11.0, 100.0, "Radius of the circle of the tractor's outer front corner.")
+    turn_deg: float = quantity(360.0, "deg", 30.0, 1800.0, "Angle driven round the circle.")
+    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the circle.")
+    exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circle.")
 
 
 class FigureOfEightOptions(Options):
     """A full left circle, then a full right circle."""
 
-    kind: Literal["figure-of-eight"]
-    radius: float = quantity(12.5, "m", ge=11.0, le=100.0)  # of the outer front corner's circles
-    entry: float = quantity(30.0, "m", ge=20.0, le=500.0)
-    exit: float = quantity(35.0, "m", ge=5.0, le=500.0)
+    kind: Literal["figure-of-eight"] = option("Kind of the course.")
+    radius: float = quantity(12.5, "m", 11.0, 100.0, "Radius of both circles of the tractor's outer front corner.")
+    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the circles.")
+    exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circles.")
 
 
 class ConstantSlipOptions(Options):
     """The trailer dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
 
-    kind: Literal["constant-slip"]
-    slip_angle_deg: float = quantity(14.0, "deg", ge=-60.0, le=60.0)  # from where the trailer points, + left
-    length: float = quantity(100.0, "m", ge=20.0, le=1000.0)
+    kind: Literal["constant-slip"] = option("Kind of the course.")
+    slip_angle_deg: float = quantity(14.0, "deg", -60.0, 60.0, "Direction of travel from the trailer's x axis, + left.")
+    length: float = quantity(100.0, "m", 20.0, 1000.0, "Length of the straight line.")
 
 
 class TurnOptions(Options):
     """The low-speed turn of performance-based standards: the outer steered tyre's wall on an arc, tangent both ends."""
 
-    kind: Literal["turn"]
-    direction: Literal["left", "right"] = "left"
-    radius: float = quantity(12.5, "m", ge=8.0, le=100.0)  # of the arc
-    turn_deg: float = quantity(90.0, "deg", ge=10.0, le=180.0)
-    entry: float = quantity(30.0, "m", ge=20.0, le=500.0)
-    exit: float = quantity(35.0, "m", ge=5.0, le=500.0)
+    kind: Literal["turn"] = option("Kind of the course.")
+    direction: Literal["left", "right"] = option("Direction of the turn.", "left")
+    radius: float = quantity(12.5, "m", 8.0, 100.0, "Radius of the arc of the outer steered tyre's wall.")
+    turn_deg: float = quantity(90.0, "deg", 10.0, 180.0, "Angle of the turn.")
+    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the turn.")
+    exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the turn.")
 
 
 class LaneChangeOptions(Options):
     """The single lane change of ISO 14791, at the scenario's set speed."""
 
-    kind: Literal["lane-change"]
-    direction: Literal["left", "right"] = "left"
-    frequency_hz: float = quantity(0.4, "Hz", ge=0.1, le=2.0)  # of the lateral acceleration's one period
-    peak_acceleration: float = quantity(1.4715, "m/s2", ge=0.1, le=6.0)  # 0.15 g
-    entry: float = quantity(60.0, "m", ge=20.0, le=500.0)
-    exit: float = quantity(150.0, "m", ge=20.0, le=1000.0)
+    kind: Literal["lane-change"] = option("Kind of the course.")
+    direction: Literal["left", "right"] = option("Side to which the lane is changed.", "left")
+    frequency_hz: float = quantity(0.4, "Hz", 0.1, 2.0, "Frequency of the single period of lateral acceleration.")
+    peak_acceleration: float = quantity(1.4715, "m/s2", 0.1, 6.0, "Peak lateral acceleration; 1.4715 is 0.15 g.")
+    entry: float = quantity(60.0, "m", 20.0, 500.0, "Straight before the lane change.")
+    exit: float = quantity(150.0, "m", 20.0, 1000.0, "Straight after the lane change.")
 
 
 class StraightOptions(Options):
     """Straight ahead."""
 
-    kind: Literal["straight"]
-    length: float = quantity(200.0, "m", ge=20.0, le=5000.0)
+    kind: Literal["straight"] = option("Kind of the course.")
+    length: float = quantity(200.0, "m", 20.0, 5000.0, "Length of the course.")
 
 
 class TurnTable(Options):
     """A turn, and the straight behind it."""
 
-    direction: Literal["left", "right"]
-    radius: float = quantity(12.5, "m", ge=8.0, le=5000.0)  # of the way of the front's middle
-    turn_deg: float = quantity(90.0, "deg", ge=10.0, le=720.0)
-    straight: float = quantity(10.0, "m", ge=0.1, le=5000.0)
+    direction: Literal["left", "right"] = option("Direction of the turn.")
+    radius: float = quantity(12.5, "m", 8.0, 5000.0, "Radius of the path of the middle of the tractor's front.")
+    turn_deg: float = quantity(90.0, "deg", 10.0, 720.0, "Angle of the turn.")
+    straight: float = quantity(10.0, "m", 0.1, 5000.0, "Straight after the turn.")
 
 
 class SegmentsOptions(Options):
     """One turn after the other, with straights between them; the middle of the tractor's front is guided."""
 
-    kind: Literal["segments"]
-    entry: float = quantity(30.0, "m", ge=20.0, le=500.0)  # straight before the first
-    turns: tuple[TurnTable, ...] = Field(min_length=1)
+    kind: Literal["segments"] = option("Kind of the course.")
+    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the first turn.")
+    turns: tuple[TurnTable, ...] = Field(
+        min_length=1, description="Turns, each with direction, radius, turn_deg and straight."
+    )
 
 
 COURSES = (

@@ -6,26 +6,30 @@ from typing import Any, Final
 
 from controllers.trailer_steering.fallback import FallbackName
 from controllers.trailer_steering.guard import LIMITS, Degradation
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 
 _DEFAULT: Final = Degradation()
 
 
-def _limited(name: str) -> Any:
+def _limited(name: str, meaning: str) -> Any:
     low, high, unit = LIMITS[name]
-    return quantity(getattr(_DEFAULT, name), unit, ge=low, le=high)
+    return quantity(getattr(_DEFAULT, name), unit, low, high, meaning)
 
 
 class DegradationOptions(Options):
-    """When an estimate is passed over, how long its last good one is steered by, and what by after that."""
+    """Limits of usable estimates, and the law that steers without them."""
 
-    hold: float = _limited("hold")  # by the last good estimate, and for a quarter of the follow distance at most
-    fade_rate: float = _limited("fade_rate")  # at which a change of hands begins; it quickens
-    max_age: float = _limited("max_age")  # of an estimate when it arrives
-    max_std: float = _limited("max_std")  # of a degraded one
-    max_jump: float = _limited("max_jump")  # of an estimate beside what is expected
-    recovery: float = _limited("recovery")  # good ones for so long, and they are relied on again
-    fallback: FallbackName = _DEFAULT.fallback  # or straight; command steer is whole to 30 km/h and gone at 50 km/h
+    hold: float = _limited(
+        "hold", "Time for which the last good estimate is used; limited to a quarter of the follow distance."
+    )
+    fade_rate: float = _limited("fade_rate", "Initial rate of the change-over between laws.")
+    max_age: float = _limited("max_age", "Largest accepted age of an estimate on arrival.")
+    max_std: float = _limited("max_std", "Largest accepted standard deviation of a degraded estimate.")
+    max_jump: float = _limited("max_jump", "Largest accepted difference of an estimate from the prediction.")
+    recovery: float = _limited("recovery", "Duration of good estimates after which they are used again.")
+    fallback: FallbackName = option(
+        "Law without usable estimates; command_steer fades out between 30 and 50 km/h.", _DEFAULT.fallback
+    )
 
     def degradation(self) -> Degradation:
         """In the words of the controllers."""

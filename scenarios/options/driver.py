@@ -7,25 +7,37 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 
 
 class StopTable(Options):
     """A standstill on the way, and a way back from it."""
 
-    station: float = quantity(0.0, "m", ge=1.0, le=1e5)  # of the guided point along the course
-    wait: float = quantity(3.0, "s", ge=0.0, le=60.0)  # how long he stands, there and at the end of a way back
-    back: float = quantity(0.0, "m", ge=0.0, le=100.0)  # how far he reverses from there before he goes on
+    station: float = quantity(
+        0.0, "m", 1.0, 1e5, "Position of the guided point along the course where the driver stops."
+    )
+    wait: float = quantity(3.0, "s", 0.0, 60.0, "Duration of the standstill, there and after reversing.")
+    back: float = quantity(0.0, "m", 0.0, 100.0, "Distance that the driver reverses before continuing.")
 
 
 class DriverOptions(Options):
     """The driver: follows the course at set speed, slower where a limit says so, or repeats a recorded drive."""
 
-    kind: str | None = None  # preview, recorded or package.module:Name; not given: recorded if there is a trace
-    parameters: dict[str, bool | int | float | str] = Field(default_factory=dict)  # of a driver of one's own
-    max_lateral_acceleration: float | None = quantity(None, "m/s2", ge=0.05, le=10.0)  # he slows down to in turns
-    stops: tuple[StopTable, ...] = Field(default=(), max_length=50)
-    trace: str | None = None  # CSV file: time_s, steer_deg, and speed_kmh or acceleration (m/s2)
+    kind: str | None = option(
+        "preview, recorded or package.module:Name; not given: recorded if driver.trace is given, else preview.", None
+    )
+    parameters: dict[str, bool | int | float | str] = Field(
+        default_factory=dict, description="Parameters of the user's own driver."
+    )
+    max_lateral_acceleration: float | None = quantity(
+        None, "m/s2", 0.05, 10.0, "Limit to which the driver slows down in turns; not given: no limit."
+    )
+    stops: tuple[StopTable, ...] = Field(
+        default=(), max_length=50, description="Standstills on the course, each with station, wait and back."
+    )
+    trace: str | None = option(
+        "CSV file of a recorded drive with time_s, steer_deg, and speed_kmh or acceleration [m/s2].", None
+    )
 
     @field_validator("trace")
     @classmethod

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from scenarios.catalogue import resolve
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 from sensors.faults.catalogue import FAULTS, checked_kind
 from sensors.faults.fault import Fault
 from vehicle.parameter_file import nearest
@@ -36,10 +36,12 @@ def _numbers(amount: Any) -> Any:
 class FaultOptions(Options):
     """One fault."""
 
-    kind: str  # a name of the catalogue, or package.module:Name
-    amount: Annotated[tuple[float, ...], BeforeValidator(_numbers)] = ()  # empty: the kind's default
-    start: float = quantity(0.0, "s", ge=0.0, le=1e5)
-    duration: float | None = quantity(None, "s", ge=0.001, le=1e5)
+    kind: str = option("Fault kind (see offtrack parts fault) or package.module:Name.")
+    amount: Annotated[tuple[float, ...], BeforeValidator(_numbers)] = option(
+        "Numbers of the fault; not given: the kind's defaults.", ()
+    )
+    start: float = quantity(0.0, "s", 0.0, 1e5, "Time at which the fault begins.")
+    duration: float | None = quantity(None, "s", 0.001, 1e5, "Duration of the fault; not given: to the end.")
 
     @model_validator(mode="after")
     def _possible(self) -> FaultOptions:

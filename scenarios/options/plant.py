@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import ConfigDict
 
+from scenarios.options.base import option
 from vehicle.combination.plant_changes import NamedChanges
 
 
@@ -14,7 +15,9 @@ class PlantOptions(NamedChanges):
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
-    kind: str | None = None  # multibody, constant_slip or package.module:Name; not given: as the course needs
+    kind: str | None = option(
+        "multibody, constant_slip or package.module:Name; not given: the one that the course needs.", None
+    )
 
     def changes(self) -> dict[str, Any]:
         """Changes of the vehicle that are not at their defaults."""

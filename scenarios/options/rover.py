@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import tomli_w
 from pydantic import Field, field_validator
 
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 from scenarios.options.faults import Faults
 from vehicle.option import Parameter
 
@@ -18,25 +18,25 @@ Compensation = Literal["none", "heading", "crab"]
 class RoverStraightOptions(Options):
     """Straight ahead."""
 
-    kind: Literal["straight"]
-    length: float = quantity(7.0, "m", ge=0.5, le=200.0)  # Reina 2008, section III: about 7 m
+    kind: Literal["straight"] = option("Kind of the path.")
+    length: float = quantity(7.0, "m", 0.5, 200.0, "Length of the path; Reina 2008, section III: about 7 m.")
 
 
 class RoverFigureOfEightOptions(Options):
     """A full left circle, then a full right circle, a straight before and after."""
 
-    kind: Literal["figure-of-eight"]
-    radius: float = quantity(2.0, "m", ge=1.0, le=50.0)
-    straight: float = quantity(1.0, "m", ge=0.2, le=50.0)
+    kind: Literal["figure-of-eight"] = option("Kind of the path.")
+    radius: float = quantity(2.0, "m", 1.0, 50.0, "Radius of both circles.")
+    straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before and after the circles.")
 
 
 class RoverArcOptions(Options):
     """A straight, then an arc to the left (turn > 0) or to the right."""
 
-    kind: Literal["arc"]
-    radius: float = quantity(3.0, "m", ge=1.0, le=100.0)
-    turn_deg: float = quantity(90.0, "deg", ge=-720.0, le=720.0)
-    straight: float = quantity(1.0, "m", ge=0.2, le=50.0)
+    kind: Literal["arc"] = option("Kind of the path.")
+    radius: float = quantity(3.0, "m", 1.0, 100.0, "Radius of the arc.")
+    turn_deg: float = quantity(90.0, "deg", -720.0, 720.0, "Angle of the arc, + left.")
+    straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before the arc.")
 
 
 ROVER_COURSES = (RoverStraightOptions, RoverFigureOfEightOptions, RoverArcOptions)
@@ -46,28 +46,30 @@ RoverCourse = Annotated[RoverStraightOptions | RoverFigureOfEightOptions | Rover
 class MoundOptions(Options):
     """A round mound, or with a negative height a crater."""
 
-    x: float = quantity(0.0, "m", ge=-1e3, le=1e3)  # W of its middle
-    y: float = quantity(0.0, "m", ge=-1e3, le=1e3)
-    radius: float = quantity(1.0, "m", ge=0.2, le=100.0)  # where its height has fallen to 0.14 of that of its top
-    height: float = quantity(0.1, "m", ge=-5.0, le=5.0)
+    x: float = quantity(0.0, "m", -1e3, 1e3, "Position of its middle in W.")
+    y: float = quantity(0.0, "m", -1e3, 1e3, "Position of its middle in W.")
+    radius: float = quantity(
+        1.0, "m", 0.2, 100.0, "Distance from the middle at which the height has fallen to 0.14 of the top."
+    )
+    height: float = quantity(0.1, "m", -5.0, 5.0, "Height of the top; negative: a crater.")
 
 
 class RoverSurfaceOptions(Options):
     """The ground: a plane, mounds on it, and what it is made of."""
 
-    soil: str = "toyoura_sand"  # a known soil, a TOML file, or none: hard ground
-    friction: float = quantity(0.8, "-", ge=0.05, le=1.5)  # where it is hard
-    cross_fall: float = quantity(0.0, "-", ge=-0.6, le=0.6)  # a slope: it falls to the right of W's x
-    grade: float = quantity(0.0, "-", ge=-0.6, le=0.6)  # it rises along W's x
+    soil: str = option("Soil by name (see offtrack parts soil) or TOML file; none: hard ground.", "toyoura_sand")
+    friction: float = quantity(0.8, "-", 0.05, 1.5, "Friction of hard ground.")
+    cross_fall: float = quantity(0.0, "-", -0.6, 0.6, "Cross slope; the ground falls to the right of W's x.")
+    grade: float = quantity(0.0, "-", -0.6, 0.6, "Slope along W's x; the ground rises.")
     slope_from: float | None = quantity(
-        None, "m", ge=0.0, le=1e3
-    )  # along W's x, where the slopes set in; else everywhere
-    slope_over: float = quantity(1.0, "m", ge=0.1, le=100.0)  # way over which they do
-    mounds: tuple[MoundOptions, ...] = ()
-    height_map: str | None = None  # a file of heights [m], .npy or comma-separated text, rows of growing y
-    height_map_spacing: float = quantity(0.05, "m", ge=0.001, le=10.0)
-    height_map_x: float = quantity(0.0, "m", ge=-1e4, le=1e4)  # W of its first column
-    height_map_y: float = quantity(0.0, "m", ge=-1e4, le=1e4)  # W of its first row
+        None, "m", 0.0, 1e3, "Position along W's x where the slopes begin; not given: everywhere."
+    )
+    slope_over: float = quantity(1.0, "m", 0.1, 100.0, "Distance over which the slopes build up.")
+    mounds: tuple[MoundOptions, ...] = option("Mounds and craters, each with x, y, radius and height.", ())
+    height_map: str | None = option("File of heights [m], .npy or comma-separated text, rows of growing y.", None)
+    height_map_spacing: float = quantity(0.05, "m", 0.001, 10.0, "Grid spacing of the height map.")
+    height_map_x: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first column in W.")
+    height_map_y: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first row in W.")
 
     @field_validator("height_map")
     @classmethod
@@ -78,48 +80,69 @@ class RoverSurfaceOptions(Options):
 class SandOptions(Options):
     """What the ground looks like, and the light."""
 
-    terrain: str = "uniform"  # see sensors.sand.kinds
-    sun_azimuth_deg: float | None = quantity(None, "deg", ge=0.0, le=360.0)  # as on a compass; not given: by the seed
-    sun_elevation_deg: float | None = quantity(None, "deg", ge=10.0, le=90.0)
+    terrain: str = option("Look of the sand: uniform, ripples, pebbles and others (see docs/rover.md).", "uniform")
+    sun_azimuth_deg: float | None = quantity(
+        None, "deg", 0.0, 360.0, "Compass direction of the sun; not given: decided by the seed."
+    )
+    sun_elevation_deg: float | None = quantity(
+        None, "deg", 10.0, 90.0, "Elevation of the sun above the horizon; not given: decided by the seed."
+    )
 
 
 class TraceRigOptions(Options):
     """The camera behind the left rear wheel (Reina 2008, section II); its place is that of the paper's."""
 
-    rate_hz: float = quantity(5.0, "Hz", ge=1.0, le=20.0)
-    latency: float = quantity(0.1, "s", ge=0.0, le=2.0)  # exposure to finished estimate
-    noise: float = quantity(2.0, "grey levels", ge=0.0, le=50.0)  # standard deviation of the image noise
-    shot_noise: float = quantity(3.0, "grey levels", ge=0.0, le=50.0)  # of the light's own noise, where it is white
+    rate_hz: float = quantity(5.0, "Hz", 1.0, 20.0, "Frame rate.")
+    latency: float = quantity(0.1, "s", 0.0, 2.0, "Time from exposure to the finished estimate.")
+    noise: float = quantity(
+        2.0, "grey levels", 0.0, 50.0, "Standard deviation of the image noise that does not depend on the light."
+    )
+    shot_noise: float = quantity(
+        3.0, "grey levels", 0.0, 50.0, "Standard deviation of the shot noise of a white pixel."
+    )
 
 
 class RoverSignalOptions(Options):
     """Encoders, compass and laser tracker."""
 
-    noise: float = quantity(1.0, "-", ge=0.0, le=10.0)  # 1: as on their data sheets, 0: exact
+    noise: float = quantity(
+        1.0, "-", 0.0, 10.0, "Scale of the errors of encoders, compass and laser tracker; 1: data sheets, 0: exact."
+    )
 
 
 class RoverScenario(Options):
     """One closed-loop run of a rover."""
 
-    kind: Literal["rover"]
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$")
-    description: str = ""
-    course: RoverCourse
-    vehicle: str = "el_dorado_ii"  # a known rover or a TOML file
-    speed_kmh: float = quantity(0.288, "km/h", ge=0.05, le=1.08)  # 8 cm/s; the paper's rover does 2 to 30 cm/s
-    slip_estimator: str = "ftrace_plus"  # truth, ftrace, ftrace_plus or package.module:Name
-    estimator: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
-    sensor: str | None = None  # that it reads: a known one or package.module:Name; not given: the estimator's own
-    sensing: dict[str, Parameter] = Field(default_factory=dict)  # parameters of the sensor, if it is one's own
-    driver: str = "path"  # a known rover driver or package.module:Name
-    driving: dict[str, Parameter] = Field(default_factory=dict)  # its parameters, if it is one's own
-    slip_compensation: Compensation = "crab"
-    navigation: Literal["odometry", "laser"] = "odometry"  # where the rover has its position from
+    kind: Literal["rover"] = option("rover: a scenario for rovers.")
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
+    description: str = option("One line for offtrack scenarios.", "")
+    course: RoverCourse = option("Path of the rover.")
+    vehicle: str = option("Rover by name (see offtrack parts rover) or TOML file.", "el_dorado_ii")
+    speed_kmh: float = quantity(0.288, "km/h", 0.05, 1.08, "Set speed of the wheels; 0.288 km/h is 8 cm/s.")
+    slip_estimator: str = option(
+        "Slip estimator (see offtrack parts slip_estimator) or package.module:Name.", "ftrace_plus"
+    )
+    estimator: dict[str, Parameter] = Field(
+        default_factory=dict, description="Parameters of the slip estimator; those not given keep their defaults."
+    )
+    sensor: str | None = option(
+        "Sensor (see offtrack parts rover_sensor) or package.module:Name; not given: the estimator's own.",
+        None,
+    )
+    sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
+    driver: str = option("Rover driver (see offtrack parts rover_driver) or package.module:Name.", "path")
+    driving: dict[str, Parameter] = Field(
+        default_factory=dict, description="Parameters of the rover driver; those not given keep their defaults."
+    )
+    slip_compensation: Compensation = option(
+        "How the estimated slip is compensated: not at all, by heading, or by pointing the wheels (crab).", "crab"
+    )
+    navigation: Literal["odometry", "laser"] = option("Source of the position that the rover steers by.", "odometry")
     surface: RoverSurfaceOptions = RoverSurfaceOptions()
     world: SandOptions = SandOptions()
     rig: TraceRigOptions = TraceRigOptions()
     signals: RoverSignalOptions = RoverSignalOptions()
-    faults: Faults = ()
+    faults: Faults = option("Faults of the sensor, as text kind:amount@start+duration or as tables.", ())
 
     @property
     def speed(self) -> float:

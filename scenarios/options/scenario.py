@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_core import ErrorDetails
 
 from controllers.trailer_steering.policy import shipped_networks
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 from scenarios.options.course import COURSES, Course, TurnTable
 from scenarios.options.degradation import DegradationOptions
 from scenarios.options.driver import DriverOptions, DriverTable, StopTable
@@ -35,7 +35,9 @@ Parameter = bool | int | float | str
 class PolicyOptions(Options):
     """The trained network of ``trailer_steering=policy``."""
 
-    path: str | None = None  # its file, see controllers.trailer_steering.policy, or the name of a shipped one
+    path: str | None = option(
+        "File of the trained network, or the name of a shipped one (see docs/environments.md).", None
+    )
 
     @field_validator("path")
     @classmethod
@@ -48,32 +50,50 @@ class PolicyOptions(Options):
 class Scenario(Options):
     """One closed-loop run."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$")
-    description: str = ""
-    course: Course
-    vehicle: str = "uk_longer_semitrailer"  # a known vehicle or a TOML file
-    speed_kmh: float = quantity(10.0, "km/h", ge=1.0, le=120.0)
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
+    description: str = option("One line for offtrack scenarios.", "")
+    course: Course = option("Course of the guided point of the tractor.")
+    vehicle: str = option(
+        "Vehicle by name (see offtrack parts vehicle) or TOML file, as controllers know it.", "uk_longer_semitrailer"
+    )
+    speed_kmh: float = quantity(10.0, "km/h", 1.0, 120.0, "Set speed.")
     plant: PlantOptions = PlantOptions()  # how the simulated vehicle differs from the one that controllers know
     driver: DriverTable = DriverOptions()
-    trailer_steering: str = "path_preview"  # a known controller or package.module:Name
-    steering: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
+    trailer_steering: str = option(
+        "Trailer steering law (see offtrack parts trailer_steering) or package.module:Name.", "path_preview"
+    )
+    steering: dict[str, Parameter] = Field(
+        default_factory=dict, description="Parameters of the law; those not given keep their defaults."
+    )
     policy: PolicyOptions = PolicyOptions()
-    off_tracking: str = "viso_ot"  # a known estimator (see offtrack parts off_tracking) or package.module:Name
-    estimator: dict[str, Parameter] = Field(default_factory=dict)  # its parameters; those not given keep their defaults
-    sensor: str | None = None  # that it reads: a known one or package.module:Name; not given: the estimator's own
-    sensing: dict[str, Parameter] = Field(default_factory=dict)  # parameters of the sensor, if it is one's own
+    off_tracking: str = option(
+        "Off-tracking estimator (see offtrack parts off_tracking) or package.module:Name.", "viso_ot"
+    )
+    estimator: dict[str, Parameter] = Field(
+        default_factory=dict, description="Parameters of the estimator; those not given keep their defaults."
+    )
+    sensor: str | None = option(
+        "Sensor (see offtrack parts sensor) or package.module:Name; not given: the estimator's own.",
+        None,
+    )
+    sensing: dict[str, Parameter] = Field(default_factory=dict, description="Parameters of the user's own sensor.")
     viso_ot: VisoOtOptions = VisoOtOptions()
-    odometry: str = "keyframe"  # a known odometry or package.module:Name
-    steer_groups: SteerGroups = "vehicle"  # or, of each trailer: single, one angle; common_centre, an angle an axle
+    odometry: str = option("Stereo odometry (see offtrack parts odometry) or package.module:Name.", "keyframe")
+    steer_groups: SteerGroups = option(
+        "Grouping of steered trailer axles: as in the vehicle file, one common angle, or an actuator for each axle.",
+        "vehicle",
+    )
     signals: SignalOptions = SignalOptions()
     surface: SurfaceOptions = SurfaceOptions()
     rig: RigOptions = RigOptions()
     ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
     world: WorldOptions = WorldOptions()
     traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
-    faults: Faults = ()
+    faults: Faults = option("Faults of the sensor, as text kind:amount@start+duration or as tables.", ())
     degradation: DegradationOptions = DegradationOptions()  # what bad estimates are answered by
-    reference_unit: bool = True  # carry one, to judge estimates by as field tests do
+    reference_unit: bool = option(
+        "Carry a GNSS-aided reference unit, by which estimates are judged as in field tests.", True
+    )
 
     @property
     def speed(self) -> float:

@@ -12,4 +12,6 @@ SteerGroups = Literal["vehicle", "single", "common_centre"]
 class SignalOptions(Options):
     """What steering laws and no-slip estimates know of the combination: speed, angles, gyros, an accelerometer."""
 
-    noise: float = quantity(1.0, "-", ge=0.0, le=10.0)  # of all of them: 1 as on data sheets, 0 none
+    noise: float = quantity(
+        1.0, "-", 0.0, 10.0, "Scale of the errors of speed, angle and motion sensors; 1: data sheets, 0: exact."
+    )

@@ -6,14 +6,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 
 
 class TrafficOptions(Options):
     """What other people's vehicles do around the trailer, in its cameras' view."""
 
-    kind: Literal["none", "following", "overtaking", "crossing", "mixed"] = "none"  # mixed: one of each
-    gap: float = quantity(3.8, "m", ge=2.0, le=50.0)  # from the trailer's rear to who follows, give or take 0.4 m
+    kind: Literal["none", "following", "overtaking", "crossing", "mixed"] = option(
+        "Traffic around the trailer; mixed: one vehicle of each kind.", "none"
+    )
+    gap: float = quantity(3.8, "m", 2.0, 50.0, "Distance from the trailer's rear to a following vehicle, +- 0.4 m.")
 
 
 def _table(traffic: Any) -> Any:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from estimators.off_tracking.buffer import REVERSING
-from scenarios.options.base import Options, quantity
+from scenarios.options.base import Options, option, quantity
 
 
 class VisoOtOptions(Options):
     """The buffer of ``off_tracking = "viso_ot"``."""
 
-    smoothing: bool = False  # a Kalman filter of the motions that fill it, with a fixed lag for the path behind
-    reversing_distance: float = quantity(REVERSING, "m", ge=0.0, le=200.0)  # for which the path is kept
+    smoothing: bool = option("Smooth the motions in the buffer with a Kalman filter.", False)
+    reversing_distance: float = quantity(
+        REVERSING, "m", 0.0, 200.0, "Distance of reversing for which the path is kept."
+    )

@@ -9,9 +9,9 @@ from typing import Final, TypeVar
 import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
+from controllers.driver import DriverLike
 from scenarios.loop.channel import InLine
 from scenarios.loop.combination import CombinationPilot, SteeredTrailer
-from scenarios.loop.driving import Driver
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
@@ -81,7 +81,7 @@ class ManoeuvreJudge:
 def drive(
     vehicle: Vehicle,
     surface: Surface,
-    driver: Driver[MemoryT],
+    driver: DriverLike[MemoryT],
     *,
     trailer_steering: str,
     speed: float,

@@ -75,7 +75,6 @@ def test_a_good_step_passes_through_unchanged() -> None:
     demand = DriverCommand(steer=0.1, acceleration=0.2)
     driver = CheckedDriver(Driver(demand, 12.0, 3.0), "driver = mine")
     assert driver.step(driver.init(), TICK, EGO) == (1, demand)
-    assert (driver.duration, driver.start_speed) == (12.0, 3.0)
     wheels = RoverCommand(wheel_speed=(1.0,) * 4, steer=(0.0,) * 4)
     rover = CheckedRoverDriver(RoverDriver(wheels), "driver = mine", 4)
     assert rover.step(rover.init(), POSE) == (1, wheels)
