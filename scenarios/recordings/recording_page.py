@@ -12,7 +12,7 @@ from scenarios.recordings import recording_figures as figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 from scenarios.recordings.images import read_grey
 from scenarios.report.flow import flow_photos
-from scenarios.report.numbers import ShownNumber, number_cards, number_table
+from scenarios.report.numbers import number_cards, number_table
 from scenarios.report.page import Items, Page, Section, outcome_verdict, software_section
 from scenarios.results.log import Log
 from scenarios.results.run_result import CameraFrame
@@ -21,39 +21,12 @@ from vehicle.clock import TICK
 
 _LISTED = 50  # dropped frames named on the page; the summary names all
 
-_NUMBERS: Final = (
-    ShownNumber("off_tracking", "estimate_error_rms_m", "Error, RMS", "mm", 1e3, 1,
-          "Estimated off-tracking minus that of the recorded poses."),
-    ShownNumber("off_tracking", "estimate_error_max_m", "Error, maximum", "mm", 1e3, 1,
-          "The largest error of a single estimate."),
-    ShownNumber("off_tracking", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
-          "Share of the errors below 2.5 stated standard deviations: 95 % or more if these are correct."),
-    ShownNumber("off_tracking", "rms_m", "Off-tracking, RMS", "m", 1, 3,
-          "Distance of the trailer's follow point from the path of its hitch."),
-    ShownNumber("off_tracking", "max_m", "Off-tracking, maximum", "m", 1, 3, "The largest such distance."),
-    ShownNumber("off_tracking", "std_mean_m", "Stated standard deviation", "mm", 1e3, 1, "Mean over the estimates."),
-    ShownNumber("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
-          "Share of the frames with a usable estimate, counted from when the trailer has driven its own length."),
-    ShownNumber("odometry", "distance_m", "Distance driven", "m", 1, 1, "Length of the hitch's path by the odometry."),
-    ShownNumber("odometry", "matches_mean", "Matches per frame", "", 1, 0,
-          "Features matched in all images of a frame, on average."),
-    ShownNumber("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
-          "Matches that agree on one motion of the camera, on average."),
-    ShownNumber("odometry", "degraded_frames", "Degraded frames", "", 1, 0, "Frames whose motion is doubtful."),
-    ShownNumber("odometry", "lost_frames", "Lost frames", "", 1, 0, "Frames from which no motion could be estimated."),
-    ShownNumber("frames", "dropped", "Dropped frames", "", 1, 0, "Frames whose images were missing or broken."),
-    ShownNumber("odometry", "drift_percent", "Drift", "%", 1, 3,
-          "Position error over one follow distance, as a share of that distance."),
-    ShownNumber("odometry", "drift_deg_per_m", "Drift in rotation", "°/m", 1, 5,
-          "Angle error over one follow distance, per metre."),
-    ShownNumber("kitti", "drift_percent", "Drift as KITTI defines it", "%", 1, 3,
-          "Position error over stretches of 100, 200, … 800 m, as far as the recording is long enough."),
-    ShownNumber("kitti", "drift_deg_per_m", "Drift in rotation as KITTI defines it", "°/m", 1, 5,
-          "Angle error over the same stretches, per metre."),
-    ShownNumber("timing", "odometry_ms_per_frame", "Odometry per frame", "ms", 1, 1,
-          "Computing time on this machine."),
-)  # fmt: skip
-_ON_CARDS: Final = ("estimate_error_rms_m", "rms_m", "drift_percent", "odometry_ms_per_frame")
+_ON_CARDS: Final = (
+    "off_tracking.estimate_error_rms_m",
+    "off_tracking.rms_m",
+    "odometry.drift_percent",
+    "timing.odometry_ms_per_frame",
+)
 
 
 def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> str:
@@ -69,7 +42,7 @@ def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> st
             f"follow point {recording.follow_distance:g} m behind the hitch · odometry {numbers['odometry']['name']}"
         ),
         verdict=outcome_verdict(estimation.outcome),
-        cards=number_cards(numbers, [one for one in _NUMBERS if one.group != "kitti"], _ON_CARDS),
+        cards=number_cards(numbers, _ON_CARDS),
         sections=list(_sections(estimation, log, numbers)),
     ).html()
 
@@ -81,7 +54,7 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
         yield from _drawn(estimation, log)
     if numbers["dropped_frames"] or numbers["notes"]:
         yield Section("Notes on the recording", content=[Items(_notes(numbers))])
-    yield Section("All numbers", content=[number_table(numbers, _NUMBERS)])
+    yield Section("All numbers", content=[number_table(numbers)])
     yield software_section(versions())
 
 

@@ -12,22 +12,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.recording_figures import elapsed, paths
 from scenarios.recordings.recording_page import camera_frame
-from scenarios.report.canvas import (
-    ESTIMATED,
-    INK,
-    PAPER,
-    TRUE,
-    WIDTH,
-    Picture,
-    Reading,
-    StripChart,
-    blank,
-    curve,
-    known_part,
-    nice_step,
-    scale_bar,
-    write,
-)
+from scenarios.report import canvas
 from scenarios.report.flow import camera_picture
 from scenarios.report.run_video import PLAN_WIDTH, READINGS, ROW_HEIGHT, off_tracking_panel, side_by_side
 from scenarios.report.video import Reel, write_reel
@@ -57,7 +42,7 @@ class Composition:
 
     estimation: Estimation
     log: Log
-    chart: StripChart
+    chart: canvas.StripChart
     hitch: FloatArray  # (n, 2) in the plan [px]
     follow: FloatArray  # (n, 2)
     true: FloatArray | None  # (n, 2) hitch by the recorded poses
@@ -81,12 +66,12 @@ class Composition:
             return placed
 
         largest = float(np.nanmax([0.0, peak(log["off_tracking"]), peak(log["off_tracking_poses"])]))
-        size = (WIDTH - PLAN_WIDTH - 1, ROW_HEIGHT - READINGS)
+        size = (canvas.WIDTH - PLAN_WIDTH - 1, ROW_HEIGHT - READINGS)
         first = next(frame for frame in estimation.frames if not frame.dropped)
         return cls(
             estimation=estimation,
             log=log,
-            chart=StripChart.with_axes(size, float(elapsed(log)[-1]), largest),
+            chart=canvas.StripChart.with_axes(size, float(elapsed(log)[-1]), largest),
             hitch=pixels(hitch),
             follow=pixels(follow),
             true=None if true is None else pixels(true),
@@ -94,53 +79,63 @@ class Composition:
             camera_height=len(camera_picture(camera_frame(estimation, first))),
         )
 
-    def picture(self, k: int) -> Picture:
+    def picture(self, k: int) -> canvas.Picture:
         """The picture of frame ``k``."""
         now = float(elapsed(self.log)[k])
         name = self.estimation.recording.sequence.directory.resolve().name[:40]
         curves = tuple(
-            (*known_part(elapsed(self.log), self.log[signal]), colour, thickness)
-            for signal, colour, thickness in (("off_tracking", ESTIMATED, 4), ("off_tracking_poses", TRUE, 2))
+            (*canvas.known_part(elapsed(self.log), self.log[signal]), colour, thickness)
+            for signal, colour, thickness in (
+                ("off_tracking", canvas.ESTIMATED, 4),
+                ("off_tracking_poses", canvas.TRUE, 2),
+            )
         )
         panel = off_tracking_panel(name, now, self._readings(k), self.chart, curves)
         return np.concatenate([self._camera(k), side_by_side(self._plan(k), panel)])
 
-    def _camera(self, k: int) -> Picture:
+    def _camera(self, k: int) -> canvas.Picture:
         frame = self.estimation.frames[k]
         try:
             if not frame.dropped:
                 return camera_picture(camera_frame(self.estimation, frame))
         except ValueError:  # the image has disappeared since
             pass
-        dark = np.full((self.camera_height, WIDTH, 3), INK, np.uint8)
-        write(dark, "frame dropped", (WIDTH // 2, self.camera_height // 2 - 12), size=20, colour=PAPER, anchor=0.5)
+        dark = np.full((self.camera_height, canvas.WIDTH, 3), canvas.INK, np.uint8)
+        canvas.write(
+            dark,
+            "frame dropped",
+            (canvas.WIDTH // 2, self.camera_height // 2 - 12),
+            size=20,
+            colour=canvas.PAPER,
+            anchor=0.5,
+        )
         return dark
 
-    def _plan(self, k: int) -> Picture:
-        plan = blank(PLAN_WIDTH, ROW_HEIGHT)
+    def _plan(self, k: int) -> canvas.Picture:
+        plan = canvas.blank(PLAN_WIDTH, ROW_HEIGHT)
         if self.true is not None:
-            curve(plan, self.true[: k + 1], (200, 206, 212), 6)
-        curve(plan, self.hitch[: k + 1], TRUE, 2)
-        curve(plan, self.follow[: k + 1], ESTIMATED, 2)
-        curve(plan, np.stack([self.hitch[k], self.follow[k]]), INK, 3)
-        keys = [("hitch", TRUE), ("follow point", ESTIMATED), ("trailer", INK)]
+            canvas.curve(plan, self.true[: k + 1], (200, 206, 212), 6)
+        canvas.curve(plan, self.hitch[: k + 1], canvas.TRUE, 2)
+        canvas.curve(plan, self.follow[: k + 1], canvas.ESTIMATED, 2)
+        canvas.curve(plan, np.stack([self.hitch[k], self.follow[k]]), canvas.INK, 3)
+        keys = [("hitch", canvas.TRUE), ("follow point", canvas.ESTIMATED), ("trailer", canvas.INK)]
         if self.true is not None:
             keys.append(("hitch, recorded poses", (150, 158, 166)))
         for (text, colour), u in zip(keys, (20, 90, 200, 280), strict=False):
-            write(plan, text, (u, 12), size=15, colour=colour)
-        scale_bar(plan, self.scale, nice_step(120.0 / self.scale, 1))
+            canvas.write(plan, text, (u, 12), size=15, colour=colour)
+        canvas.scale_bar(plan, self.scale, canvas.nice_step(120.0 / self.scale, 1))
         return plan
 
-    def _readings(self, k: int) -> list[Reading]:
+    def _readings(self, k: int) -> list[canvas.Reading]:
         log = self.log
-        readings: list[Reading] = [
-            ("speed", _text(3.6 * log["v_x"][k], "{:.1f} km/h"), INK),
-            ("off-tracking", _text(log["off_tracking"][k], "{:+z.3f} m"), ESTIMATED),
-            ("std. dev.", _text(1e3 * log["off_tracking_std"][k], "{:.0f} mm"), INK),
-            ("health", self._health(k), INK),
+        readings: list[canvas.Reading] = [
+            ("speed", _text(3.6 * log["v_x"][k], "{:.1f} km/h"), canvas.INK),
+            ("off-tracking", _text(log["off_tracking"][k], "{:+z.3f} m"), canvas.ESTIMATED),
+            ("std. dev.", _text(1e3 * log["off_tracking_std"][k], "{:.0f} mm"), canvas.INK),
+            ("health", self._health(k), canvas.INK),
         ]
         if self.true is not None:
-            readings.insert(1, ("recorded poses", _text(log["off_tracking_poses"][k], "{:+z.3f} m"), TRUE))
+            readings.insert(1, ("recorded poses", _text(log["off_tracking_poses"][k], "{:+z.3f} m"), canvas.TRUE))
         return readings
 
     def _health(self, k: int) -> str:

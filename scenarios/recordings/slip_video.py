@@ -12,17 +12,7 @@ import numpy as np
 
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.slip_estimation import SlipEstimation
-from scenarios.report.canvas import (
-    ESTIMATED,
-    INK,
-    TRUE,
-    Picture,
-    Reading,
-    StripChart,
-    blank,
-    known_part,
-    write_readings,
-)
+from scenarios.report import canvas
 from scenarios.report.trace_view import draw_trace
 from scenarios.report.video import Reel, write_reel
 
@@ -42,7 +32,7 @@ class Film:
     """Everything that does not change from one picture to the next."""
 
     estimation: SlipEstimation
-    chart: StripChart
+    chart: canvas.StripChart
 
     @classmethod
     def of(cls, estimation: SlipEstimation) -> Film:
@@ -52,24 +42,24 @@ class Film:
         size = (estimation.recording.rig.camera.width, _CHART_HEIGHT - _HEAD)
         duration = float(log["time"][-1] - log["time"][0])
         largest = float(np.nanmax(np.abs(curves), initial=2.0))
-        return cls(estimation=estimation, chart=StripChart.with_axes(size, duration, largest))
+        return cls(estimation=estimation, chart=canvas.StripChart.with_axes(size, duration, largest))
 
-    def picture(self, k: int) -> Picture:
+    def picture(self, k: int) -> canvas.Picture:
         """The picture of image ``k``, RGB."""
         log = self.estimation.log
         shown = self._camera(k)
-        lower = blank(shown.shape[1], _CHART_HEIGHT)
-        write_readings(lower, self._readings(k), 4, left=16, size=22)
+        lower = canvas.blank(shown.shape[1], _CHART_HEIGHT)
+        canvas.write_readings(lower, self._readings(k), 4, left=16, size=22)
         time = log["time"] - log["time"][0]
         curves = [
-            (*known_part(time, np.degrees(log[name])), colour, width)
-            for name, colour, width in (("slip_angle", ESTIMATED, 3), ("slip_angle_reference", TRUE, 2))
+            (*canvas.known_part(time, np.degrees(log[name])), colour, width)
+            for name, colour, width in (("slip_angle", canvas.ESTIMATED, 3), ("slip_angle_reference", canvas.TRUE, 2))
         ]
         lower[_HEAD:] = self.chart.draw(float(time[k]), curves)
         picture = np.concatenate([shown, lower])
         return np.pad(picture, ((0, len(picture) % 2), (0, picture.shape[1] % 2), (0, 0)))  # H.264 wants even sizes
 
-    def _camera(self, k: int) -> Picture:
+    def _camera(self, k: int) -> canvas.Picture:
         recording, log = self.estimation.recording, self.estimation.log
         view = recording.view(k)
         if isinstance(view, str):
@@ -77,15 +67,15 @@ class Film:
         shown = np.asarray(cv2.cvtColor(view.image, cv2.COLOR_GRAY2RGB), dtype=np.uint8)
         pointed, slip = math.radians(recording.readings[k, 8]), float(log["wheel_slip"][k])
         if math.isfinite(slip):
-            draw_trace(shown, recording.rig, pointed + slip, float(log["trace_offset"][k]), ESTIMATED)
+            draw_trace(shown, recording.rig, pointed + slip, float(log["trace_offset"][k]), canvas.ESTIMATED)
         return shown
 
-    def _readings(self, k: int) -> tuple[Reading, ...]:
+    def _readings(self, k: int) -> tuple[canvas.Reading, ...]:
         log = self.estimation.log
         return (
-            ("time", f"{float(log['time'][k]):.1f} s", INK),
-            ("slip angle", _degrees(float(log["slip_angle"][k])), ESTIMATED),
-            ("by the recording", _degrees(float(log["slip_angle_reference"][k])), TRUE),
+            ("time", f"{float(log['time'][k]):.1f} s", canvas.INK),
+            ("slip angle", _degrees(float(log["slip_angle"][k])), canvas.ESTIMATED),
+            ("by the recording", _degrees(float(log["slip_angle_reference"][k])), canvas.TRUE),
         )
 
 

@@ -69,6 +69,24 @@ def fixed_point(points: FloatArray) -> NDArray[np.int32]:
     return fixed
 
 
+def fill(picture: Picture, points: FloatArray, colour: Colour) -> None:
+    """Fills the convex polygon with corners (n, 2) [px]."""
+    cv2.fillConvexPoly(picture, fixed_point(points), colour, cv2.LINE_AA, SHIFT)
+
+
+def dot(picture: Picture, point: FloatArray, radius: int, colour: Colour) -> None:
+    """Draws a filled circle around a pixel coordinate (2,)."""
+    u, v = fixed_point(point).tolist()
+    cv2.circle(picture, (u, v), radius << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
+
+
+def write_key(picture: Picture, entries: Sequence[tuple[str, Colour, int]]) -> None:
+    """Writes a key along the top: texts, the colours of their dots, and the dots' columns [px]."""
+    for text, colour, u in entries:
+        cv2.circle(picture, (u, 20), 5, colour, -1, cv2.LINE_AA)
+        write(picture, text, (u + 10, 10), size=14, colour=SOFT)
+
+
 def write_readings(panel: Picture, readings: Sequence[Reading], top: int, *, left: int = 20, size: int = 24) -> None:
     """Writes labels with their values below, side by side across the panel from ``top`` downwards."""
     for k, (label, value, colour) in enumerate(readings):

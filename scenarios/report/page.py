@@ -52,7 +52,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A drawing as the text of an SVG element; made by :mod:`scenarios.report.drawing` only."""
+    """A drawing as the text of an SVG element; made by :mod:`scenarios.report.plots` only."""
 
     svg: str
     title: str = ""

@@ -8,63 +8,28 @@ from typing import Final
 import numpy as np
 
 from scenarios.report import rover_figures as figures
-from scenarios.report.numbers import ShownNumber, number_cards, number_table
-from scenarios.report.page import Page, Photo, Photos, Section, outcome_verdict
-from scenarios.report.run_sections import provenance_sections, timing_section
+from scenarios.report.numbers import number_table
+from scenarios.report.page import Photo, Photos, Section
+from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.report.trace_view import traced
 from scenarios.results.numbers import Summary
 from scenarios.results.rover import RoverResult
 from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
-_NUMBERS: Final = (
-    ShownNumber("slip", "cross_track_rms_m", "Cross-track error, RMS", "mm", 1e3, 1,
-          "Lateral distance of the rover from its path."),
-    ShownNumber("slip", "cross_track_max_m", "Cross-track error, maximum", "mm", 1e3, 1, "The largest such distance."),
-    ShownNumber("slip", "error_rms_deg", "Slip angle error, RMS", "°", 1, 2,
-          "Estimated minus true slip angle at the time the image was taken."),
-    ShownNumber("slip", "error_max_deg", "Slip angle error, maximum", "°", 1, 2,
-          "The largest error of a single estimate."),
-    ShownNumber("slip", "lagged_error_rms_deg", "Error of the later estimate, RMS", "°", 1, 2,
-          "Error of the slip angle estimated some seconds later, once more of its trace has been seen."),
-    ShownNumber("slip", "valid_fraction", "Images with an estimate", "%", 100, 1,
-          "Share of the images in which a trace was found."),
-    ShownNumber("slip", "within_2_5_sigma", "Errors within 2.5 σ", "%", 100, 1,
-          "Share of the errors below 2.5 stated standard deviations: 95 % or more if these are correct."),
-    ShownNumber("slip", "true_mean_deg", "True slip angle, mean", "°", 1, 2,
-          "Direction of travel relative to the body's axis, + left."),
-    ShownNumber("slip", "reference_error_rms_deg", "Error of laser tracker and compass, RMS", "°", 1, 2,
-          "Slip angle error of the reference instruments of the paper's field tests."),
-    ShownNumber("position", "distance_m", "Distance driven", "m", 1, 2, "Length of the path that the rover drove."),
-    ShownNumber("position", "wheels_error_m", "Position error, wheels and compass", "m", 1, 3,
-          "Error of dead reckoning at the end of the run."),
-    ShownNumber("position", "corrected_error_m", "Position error, corrected", "m", 1, 3,
-          "The same for dead reckoning corrected by the slip angle."),
-    ShownNumber("wheels", "slip_ratio_mean", "Longitudinal slip, mean", "%", 100, 1, "Of all wheels."),
-    ShownNumber("wheels", "sinkage_max_m", "Sinkage, maximum", "mm", 1e3, 1, "Of any wheel."),
-    ShownNumber("timing", "realtime_factor", "Simulation speed", "× real time", 1, 2,
-          "Simulated time divided by computing time."),
-)  # fmt: skip
-_ON_CARDS: Final = ("cross_track_rms_m", "error_rms_deg", "true_mean_deg", "realtime_factor")
+_ON_CARDS: Final = ("slip.cross_track_rms_m", "slip.error_rms_deg", "slip.true_mean_deg", "timing.realtime_factor")
 _SHOWN: Final = (0.15, 0.5, 0.85)  # frames on the page, as shares of the run
 
 
 def rover_report_html(result: RoverResult, summary: Summary) -> str:
     """The page as HTML."""
-    return Page(
-        title=result.scenario,
-        heading=result.scenario,
-        subtitle=f"{result.rover} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated",
-        verdict=outcome_verdict(result.outcome),
-        cards=number_cards(summary, _NUMBERS, _ON_CARDS),
-        sections=list(_sections(result, summary)),
-    ).html()
+    return run_html(result, result.rover, summary, _ON_CARDS, _sections(result, summary))
 
 
 def _sections(result: RoverResult, summary: Summary) -> Iterator[Section]:
     if len(result.log) > 1:
         yield from _drawn(result)
-    yield Section("All numbers", content=[number_table(summary, _NUMBERS)])
+    yield Section("All numbers", content=[number_table(summary)])
     yield timing_section(result.timing, ("physics", "sand and camera", "slip estimator"))
     yield from provenance_sections(result.scenario_toml, manifest(result))
 

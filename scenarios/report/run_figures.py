@@ -9,22 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import NDArray
 
-from scenarios.report.drawing import (
-    ESTIMATED,
-    GREY,
-    INK,
-    LOST_BAND,
-    SERIES,
-    TRUE,
-    drawn,
-    error_band,
-    limit_lines,
-    outlines,
-    over_time,
-    plan_drawn,
-    shade,
-    swept_bodies,
-)
+from scenarios.report import plots
 from scenarios.report.page import Figure
 from scenarios.results.log import LOST
 from scenarios.results.run_result import RunResult, error_of_estimate
@@ -34,22 +19,22 @@ from vehicle.polyline import arc_length, rows_every
 
 _ROAD = "#eef0f2"
 _DASHED = (0, (3, 2))
-_MOMENTS = 5  # at which the combination is drawn in the plan view
+_MOMENTS = 5  # at which the combination is plots.drawn in the plan view
 
 
 def plan_view(result: RunResult) -> Figure:
     """The course from above: road, swept path, paths of hitch and follow point, and the combination at some moments."""
     poses = [result.poses(unit) for unit in result.units]
     swept = [placed(unit.corners, pose) for unit, pose in zip(result.units, poses, strict=True)]
-    with plan_drawn("plan", swept, tallest=8.2) as (drawing, ax):
+    with plots.plan_drawn("plan", swept, tallest=8.2) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
         rows = rows_every(poses[0][:, :2], 0.15)
-        swept_bodies(ax, [corners[rows] for corners in swept])
+        plots.swept_bodies(ax, [corners[rows] for corners in swept])
         if drawing.to_scale:
             _combination(ax, result, poses)
         follow = placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0]
-        ax.plot(*poses[-1][:, :2].T, color=TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
-        ax.plot(*follow.T, color=ESTIMATED, label="path of the follow point", zorder=5)
+        ax.plot(*poses[-1][:, :2].T, color=plots.TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
+        ax.plot(*follow.T, color=plots.ESTIMATED, label="path of the follow point", zorder=5)
     return drawing.content
 
 
@@ -58,9 +43,9 @@ def _combination(ax: Axes, result: RunResult, poses: list[FloatArray]) -> None:
     along = arc_length(poses[0][:, :2])
     rows = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
     for unit, pose in zip(result.units, poses, strict=True):
-        outlines(ax, placed(unit.corners, pose[rows]))
+        plots.outlines(ax, placed(unit.corners, pose[rows]))
         tyres = placed_wheels(unit, pose[rows], result.axle_steer(unit)[rows]).reshape(-1, 4, 2)
-        ax.add_collection(PolyCollection(list(tyres), facecolor=INK, linewidth=0.0, zorder=3))
+        ax.add_collection(PolyCollection(list(tyres), facecolor=plots.INK, linewidth=0.0, zorder=3))
 
 
 def _band(centre_line: FloatArray, half_width: float) -> FloatArray:
@@ -73,55 +58,55 @@ def _band(centre_line: FloatArray, half_width: float) -> FloatArray:
 
 def off_tracking(result: RunResult) -> Figure:
     """True and estimated off-tracking over time."""
-    with drawn("off_tracking") as (drawing, ax):
+    with plots.drawn("off_tracking") as (drawing, ax):
         usable = _usable(result)
         time = result.log["time"]
-        ax.plot(time, result.signal("off_tracking_true"), color=TRUE, label="true", zorder=4)
+        ax.plot(time, result.signal("off_tracking_true"), color=plots.TRUE, label="true", zorder=4)
         if usable.any():
             estimate = result.signal("off_tracking_estimate")[usable]
-            ax.plot(time[usable], estimate, ".", color=ESTIMATED, label="estimated")
-        over_time(ax, time, "off-tracking [m], + left")
+            ax.plot(time[usable], estimate, ".", color=plots.ESTIMATED, label="estimated")
+        plots.over_time(ax, time, "off-tracking [m], + left")
     return drawing.content
 
 
 def estimate_error(result: RunResult) -> Figure:
     """Error of the estimate over time, inside the band of twice its stated standard deviation."""
-    with drawn("error") as (drawing, ax):
+    with plots.drawn("error") as (drawing, ax):
         usable = _usable(result)
         _shade_lost(ax, result, result.signal("health"), "no estimate")
         error, std = 1e3 * error_of_estimate(result), 1e3 * result.signal("off_tracking_std")
-        error_band(ax, result.log["time"][usable], error[usable], std[usable])
-        over_time(ax, result.log["time"], "error [mm]")
+        plots.error_band(ax, result.log["time"][usable], error[usable], std[usable])
+        plots.over_time(ax, result.log["time"], "error [mm]")
     return drawing.content
 
 
 def steer(result: RunResult) -> Figure:
     """Actual and commanded steer angles of the trailer's axles, with the limit of the actuators."""
     time = result.log["time"]
-    with drawn("steer") as (drawing, ax):
+    with plots.drawn("steer") as (drawing, ax):
         for k, name in enumerate(result.steer_signals()):
-            colour = SERIES[k % len(SERIES)]
+            colour = plots.SERIES[k % len(plots.SERIES)]
             command, actual = np.degrees(result.signal(f"{name}_command")), np.degrees(result.log[name])
             ax.plot(time, command, color=colour, linewidth=1.0, linestyle=_DASHED)
             ax.plot(time, actual, color=colour, label=f"trailer axle {k + 1}")
-        ax.plot(time, np.degrees(result.signal("steer_tractor")), color=GREY, linewidth=1.0, label="tractor")
-        ax.plot([], [], color=INK, linewidth=1.0, linestyle=_DASHED, label="commanded")
+        ax.plot(time, np.degrees(result.signal("steer_tractor")), color=plots.GREY, linewidth=1.0, label="tractor")
+        ax.plot([], [], color=plots.INK, linewidth=1.0, linestyle=_DASHED, label="commanded")
         if result.trailer_steer_limit is not None:
-            limit_lines(ax, math.degrees(result.trailer_steer_limit), "limit")
-        over_time(ax, time, "steer angle [°], + left", zero=False)
+            plots.limit_lines(ax, math.degrees(result.trailer_steer_limit), "limit")
+        plots.over_time(ax, time, "steer angle [°], + left", zero=False)
     return drawing.content
 
 
 def matches(result: RunResult) -> Figure:
     """Matched features and inliers of the odometry, frame by frame."""
-    with drawn("matches", 2.5) as (drawing, ax):
+    with plots.drawn("matches", 2.5) as (drawing, ax):
         known = np.isfinite(result.signal("matches"))
         time = result.log["time"]
         _shade_lost(ax, result, result.signal("odometry_health"), "odometry lost")
-        for name, colour in (("matches", GREY), ("inliers", TRUE)):
+        for name, colour in (("matches", plots.GREY), ("inliers", plots.TRUE)):
             ax.plot(time[known], result.signal(name)[known], color=colour, label=name)
         ax.set_ylim(bottom=0.0)
-        over_time(ax, time, "features per frame [-]", zero=False)
+        plots.over_time(ax, time, "features per frame [-]", zero=False)
     return drawing.content
 
 
@@ -135,4 +120,4 @@ def _shade_lost(ax: Axes, result: RunResult, health: FloatArray, label: str) -> 
     """Shades the time from each capture with lost health to the next capture."""
     captures = np.flatnonzero(np.isfinite(health))
     edges = np.append(result.log["time"][captures], result.log["time"][-1])
-    shade(ax, edges, health[captures] >= LOST, LOST_BAND, label)
+    plots.shade(ax, edges, health[captures] >= LOST, plots.LOST_BAND, label)

@@ -9,73 +9,27 @@ import numpy as np
 
 from scenarios.report import run_figures as figures
 from scenarios.report.flow import flow_photos
-from scenarios.report.numbers import ShownNumber, number_cards, number_table
-from scenarios.report.page import Column, Page, Row, Section, Table, outcome_verdict
-from scenarios.report.run_sections import provenance_sections, timing_section
+from scenarios.report.numbers import groups, number_table
+from scenarios.report.page import Column, Row, Section, Table
+from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.results.numbers import Summary
 from scenarios.results.run_result import CameraFrame, RunResult
 from scenarios.results.summary import trailer_summaries
 from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
-_NUMBERS: Final = (
-    ShownNumber("off_tracking", "true_rms_m", "True off-tracking, RMS", "m", 1, 3,
-          "Distance of the trailer's follow point from the path of its hitch."),
-    ShownNumber("off_tracking", "true_max_m", "True off-tracking, maximum", "m", 1, 3, "The largest such distance."),
-    ShownNumber("off_tracking", "estimate_error_rms_m", "Estimate error, RMS", "mm", 1e3, 1,
-          "Estimated minus true off-tracking when the image was taken."),
-    ShownNumber("off_tracking", "estimate_error_max_m", "Estimate error, maximum", "mm", 1e3, 1,
-          "The largest error of a single estimate."),
-    ShownNumber("off_tracking", "valid_fraction", "Valid estimates", "%", 100, 1,
-          "Share of usable estimates, counted from when the trailer has driven its own length."),
-    ShownNumber("swept_path", "max_width_m", "Swept width", "m", 1, 2,
-          "The widest strip of ground that the bodies of the combination cover."),
-    ShownNumber("swept_path", "min_inner_radius_m", "Inner radius", "m", 1, 2,
-          "The smallest distance of any body from the centre of the roundabout."),
-    ShownNumber("swept_path", "tail_swing_m", "Tail swing", "m", 1, 3,
-          "The largest distance of a rear corner beyond the straight before or after the turn."),
-    ShownNumber("swept_path", "tail_swing_entry_m", "Tail swing at entry", "m", 1, 3,
-          "Beyond the straight before the first turn."),
-    ShownNumber("swept_path", "tail_swing_exit_m", "Tail swing at exit", "m", 1, 3,
-          "Beyond the straight after the last turn."),
-    ShownNumber("steer", "max_deg", "Trailer steer angle, maximum", "°", 1, 1,
-          "The largest steer angle of any trailer axle."),
-    ShownNumber("steer", "max_rate_deg_s", "Trailer steer rate, maximum", "°/s", 1, 1,
-          "The largest steer rate of any trailer axle."),
-    ShownNumber("tyres", "friction_used_max", "Friction used", "%", 100, 0,
-          "The largest share of the available friction that any tyre used."),
-    ShownNumber("odometry", "matches_mean", "Matches per frame", "", 1, 0,
-          "Features matched in all images of a frame, on average."),
-    ShownNumber("odometry", "inliers_mean", "Inliers per frame", "", 1, 0,
-          "Matches that agree on one motion of the camera, on average."),
-    ShownNumber("odometry", "lost_frames", "Lost frames", "", 1, 0, "Frames from which no motion could be estimated."),
-    ShownNumber("odometry", "drift_percent", "Drift", "%", 1, 3,
-          "Position error of the odometry over one follow distance, as a share of that distance."),
-    ShownNumber("timing", "realtime_factor", "Simulation speed", "× real time", 1, 2,
-          "Simulated time divided by computing time."),
-)  # fmt: skip
-_GROUPS: Final = {
-    "off_tracking": "Off-tracking",
-    "swept_path": "Swept path",
-    "steer": "Steering",
-    "tyres": "Tyres",
-    "odometry": "Visual odometry",
-    "timing": "Timing",
-}
-_ON_CARDS: Final = ("true_rms_m", "estimate_error_rms_m", "max_width_m", "realtime_factor")
+_ON_CARDS: Final = (
+    "off_tracking.true_rms_m",
+    "off_tracking.estimate_error_rms_m",
+    "swept_path.max_width_m",
+    "timing.realtime_factor",
+)
 
 
 def report_html(result: RunResult, summary: Summary) -> str:
     """The page as HTML; ``summary`` is the run in numbers as :func:`scenarios.results.summary.summary` gives it."""
     combination = " + ".join(unit.name for unit in result.units)
-    return Page(
-        title=result.scenario,
-        heading=result.scenario,
-        subtitle=f"{combination} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated",
-        verdict=outcome_verdict(result.outcome),
-        cards=number_cards(summary, _NUMBERS, _ON_CARDS),
-        sections=list(_sections(result, summary)),
-    ).html()
+    return run_html(result, combination, summary, _ON_CARDS, _sections(result, summary))
 
 
 def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
@@ -83,7 +37,7 @@ def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
         yield from _drawn(result)
     else:
         yield Section("Nothing to draw", "The run ended before the vehicle had moved.")
-    yield Section("All numbers", content=[number_table(summary, _NUMBERS, _GROUPS)])
+    yield Section("All numbers", content=[number_table(summary)])
     if result.trailers_ahead:
         yield Section("Trailers", _TRAILERS, [_trailers(result)])
     yield timing_section(result.timing, ("physics", "rendering", "odometry"))
@@ -129,11 +83,11 @@ def _trailers(result: RunResult) -> Table:
     """Off-tracking and steering of every watched trailer side by side."""
     of_each = trailer_summaries(result)
     rows: list[Row] = []
-    for number in _NUMBERS:
-        key = f"steer_{number.name}" if number.group == "steer" else number.name
-        values = [numbers.get(key) for numbers in of_each.values()]
-        if any(value is not None for value in values):
-            rows.append([number.label, *(number.text(value) for value in values)])
+    for group, prefix in (("off_tracking", ""), ("steer", "steer_")):
+        for name, number in groups()[group].numbers.items():
+            values = [numbers.get(prefix + name) for numbers in of_each.values()]
+            if any(value is not None for value in values):
+                rows.append([number.label, *(number.text(value) for value in values)])
     return Table((Column("name"), *(Column("number", name) for name in of_each)), rows)
 
 

@@ -1,13 +1,46 @@
-"""Sections that the pages of trailers' and rovers' runs have in common."""
+"""Parts that the pages of trailers' and rovers' runs have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from scenarios.report.page import Bar, Cell, Column, Preformatted, Row, Section, Table, facts_table
+from scenarios.report.numbers import number_cards
+from scenarios.report.page import (
+    Bar,
+    Cell,
+    Column,
+    Page,
+    Preformatted,
+    Row,
+    Section,
+    Table,
+    facts_table,
+    outcome_verdict,
+)
+from scenarios.results.numbers import Summary
+from scenarios.results.rover import RoverResult
+from scenarios.results.run_result import RunResult
 from scenarios.results.timing import Timing
 
 _COLOURS = ("#1f5fa8", "#2a9d8f", "#e0761a", "#b8c0c8")
+
+
+def run_html(
+    result: RunResult | RoverResult,
+    vehicle: str,
+    summary: Summary,
+    on_cards: Sequence[str],
+    sections: Iterable[Section],
+) -> str:
+    """The page of a run as HTML, with these numbers of the summary on cards."""
+    return Page(
+        title=result.scenario,
+        heading=result.scenario,
+        subtitle=f"{vehicle} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated",
+        verdict=outcome_verdict(result.outcome),
+        cards=number_cards(summary, on_cards),
+        sections=list(sections),
+    ).html()
 
 
 def timing_section(timing: Timing, stages: Sequence[str]) -> Section:

@@ -10,23 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scenarios.progress import Progress, no_progress
-from scenarios.report.canvas import (
-    ESTIMATED,
-    INK,
-    LINE,
-    SOFT,
-    TRUE,
-    WIDTH,
-    Curve,
-    Picture,
-    Reading,
-    StripChart,
-    blank,
-    known_part,
-    newest_row,
-    write,
-    write_readings,
-)
+from scenarios.report import canvas
 from scenarios.report.flow import camera_picture
 from scenarios.report.plan_view import PlanView
 from scenarios.report.video import Reel, write_reel
@@ -49,7 +33,7 @@ def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progr
     return write_reel(reel, path_without_suffix, progress=progress)
 
 
-def still(result: RunResult, tick: int) -> Picture:
+def still(result: RunResult, tick: int) -> canvas.Picture:
     """One picture of the video, RGB."""
     return _Composition.of_run(result).picture(tick)
 
@@ -60,7 +44,7 @@ class _Composition:
 
     result: RunResult
     plan: PlanView
-    chart: StripChart
+    chart: canvas.StripChart
     true: tuple[FloatArray, FloatArray]  # time, value where there is one
     estimated: tuple[FloatArray, FloatArray]
     frame_ticks: FloatArray
@@ -73,59 +57,53 @@ class _Composition:
         largest = float(np.nanmax([0.0, peak(true), peak(estimate)]))
         return cls(
             result=result,
-            plan=PlanView.of_course(
-                (PLAN_WIDTH, height),
-                units=result.units,
-                poses=tuple(result.poses(unit) for unit in result.units),
-                steer=tuple(result.axle_steer(unit) for unit in result.units),
-                follow_distance=result.follow_distance,
-                road=result.road,
-                road_half_width=result.road_half_width,
+            plan=PlanView.of_run((PLAN_WIDTH, height), result),
+            chart=canvas.StripChart.with_axes(
+                (canvas.WIDTH - PLAN_WIDTH - 1, height - READINGS), float(time[-1]), largest
             ),
-            chart=StripChart.with_axes((WIDTH - PLAN_WIDTH - 1, height - READINGS), float(time[-1]), largest),
-            true=known_part(time, true, every=5),
-            estimated=known_part(time, estimate),
+            true=canvas.known_part(time, true, every=5),
+            estimated=canvas.known_part(time, estimate),
             frame_ticks=np.array([frame.tick for frame in result.frames]),
         )
 
-    def picture(self, tick: int) -> Picture:
+    def picture(self, tick: int) -> canvas.Picture:
         """The picture at a tick; the camera shows the newest frame by then."""
-        row = newest_row(self.result.log["tick"], tick)
+        row = canvas.newest_row(self.result.log["tick"], tick)
         now = float(self.result.log["time"][row])
-        curves = ((*self.estimated, ESTIMATED, 4), (*self.true, TRUE, 2))
+        curves = ((*self.estimated, canvas.ESTIMATED, 4), (*self.true, canvas.TRUE, 2))
         panel = off_tracking_panel(self.result.scenario, now, self._readings(row, now), self.chart, curves)
         lower = side_by_side(self.plan.draw(row), panel)
         if not self.result.frames:
             return lower
-        return np.concatenate([camera_picture(self.result.frames[newest_row(self.frame_ticks, tick)]), lower])
+        return np.concatenate([camera_picture(self.result.frames[canvas.newest_row(self.frame_ticks, tick)]), lower])
 
-    def _readings(self, row: int, now: float) -> tuple[Reading, ...]:
+    def _readings(self, row: int, now: float) -> tuple[canvas.Reading, ...]:
         steer = [math.degrees(self.result.log[name][row]) for name in self.result.steer_signals()]
         speed = 3.6 * self.result.signal("v_x_" + self.result.units[0].name)[row]
         return (
-            ("speed", f"{speed:.1f} km/h", INK),
-            ("rear axle steer", f"{steer[-1]:+z.1f}°" if steer else "none", INK),
-            ("true off-tracking", _newest(self.true, now), TRUE),
-            ("estimated", _newest(self.estimated, now), ESTIMATED),
+            ("speed", f"{speed:.1f} km/h", canvas.INK),
+            ("rear axle steer", f"{steer[-1]:+z.1f}°" if steer else "none", canvas.INK),
+            ("true off-tracking", _newest(self.true, now), canvas.TRUE),
+            ("estimated", _newest(self.estimated, now), canvas.ESTIMATED),
         )
 
 
 def off_tracking_panel(
-    title: str, now: float, readings: Sequence[Reading], chart: StripChart, curves: Sequence[Curve]
-) -> Picture:
+    title: str, now: float, readings: Sequence[canvas.Reading], chart: canvas.StripChart, curves: Sequence[canvas.Curve]
+) -> canvas.Picture:
     """Title, time and readings above a chart of the off-tracking up to ``now`` [s]."""
-    panel = blank(WIDTH - PLAN_WIDTH - 1, chart.background.shape[0] + READINGS)
-    write(panel, title, (20, 14), size=19)
-    write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
-    write_readings(panel, readings, 58)
-    write(panel, "off-tracking [m], + when the hitch's path lies left", (20, 126), size=14, colour=SOFT)
+    panel = canvas.blank(canvas.WIDTH - PLAN_WIDTH - 1, chart.background.shape[0] + READINGS)
+    canvas.write(panel, title, (20, 14), size=19)
+    canvas.write(panel, f"{now:.1f} s", (panel.shape[1] - 20, 14), size=19, anchor=1.0)
+    canvas.write_readings(panel, readings, 58)
+    canvas.write(panel, "off-tracking [m], + when the hitch's path lies left", (20, 126), size=14, colour=canvas.SOFT)
     panel[READINGS:] = chart.draw(now, curves)
     return panel
 
 
-def side_by_side(left: Picture, right: Picture) -> Picture:
+def side_by_side(left: canvas.Picture, right: canvas.Picture) -> canvas.Picture:
     """Two panels of the same height with a line between them."""
-    return np.concatenate([left, np.full((len(left), 1, 3), LINE, np.uint8), right], axis=1)
+    return np.concatenate([left, np.full((len(left), 1, 3), canvas.LINE, np.uint8), right], axis=1)
 
 
 def _newest(signal: tuple[FloatArray, FloatArray], now: float) -> str:

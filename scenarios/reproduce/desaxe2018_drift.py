@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.plots import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
 from scenarios.reproduce.figure import Reproduction, compared

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.plots import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import ENOUGH, SOURCE
 from scenarios.reproduce.figure import Comparison, Reproduction, compared

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
-from scenarios.report.drawing import GREY
+from scenarios.report.plots import GREY
 from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven
 from scenarios.results import metrics
 from scenarios.results.log import Log, Signal

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from scenarios.progress import Progress
-from scenarios.report.drawing import ESTIMATED, TRUE
+from scenarios.report.plots import ESTIMATED, TRUE
 from scenarios.reproduce.desaxe2018_drive import unfinished
 from scenarios.reproduce.desaxe2018_outcomes import (
     SOURCE,

@@ -22,7 +22,7 @@ from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.progress import Progress, part_of
-from scenarios.report.drawing import ESTIMATED
+from scenarios.report.plots import ESTIMATED
 from scenarios.reproduce.desaxe2018_drive import with_estimator
 from scenarios.reproduce.desaxe2018_field import Facing, field_case
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE

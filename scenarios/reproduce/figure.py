@@ -12,7 +12,7 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
-from scenarios.report.drawing import STYLE
+from scenarios.report.plots import STYLE
 from scenarios.results.log import Log, write_log
 from scenarios.results.run_directory import appearing_at_once
 from scenarios.results.writer import versions

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from scenarios.progress import Progress
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.plots import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.results.log import Log, Signal
 from sensors.sand.rig import nominal_rig

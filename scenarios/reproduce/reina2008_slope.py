@@ -20,7 +20,7 @@ from estimators.slip.reference import LaserSlip
 from estimators.slip.wheel_trace.ftrace import FTrace
 from scenarios.progress import Progress
 from scenarios.randomness import stream
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.plots import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.results.log import Log, Signal
 from sensors.instruments.rover_navigation import LaserTracker

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE
+from scenarios.report.plots import ESTIMATED, GREY, TRUE
 from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from scenarios.assembly.adapters import outlines
-from scenarios.report import drawing as plots
-from scenarios.report.drawing import ESTIMATED, GREY, INK, SERIES, TRUE, drawn, limit_lines, over_time, plan_drawn
+from scenarios.report import plots
 from scenarios.report.page import Figure
 from scenarios.results.swept_path import placed
 from scenarios.standards.lane_change import PEAK
@@ -18,7 +17,7 @@ from scenarios.standards.tilt import threshold
 from vehicle.combination.description import Vehicle
 from vehicle.polyline import arc_length, rows_every
 
-_MOMENTS = 6  # at which the combination is drawn in a plan view
+_MOMENTS = 6  # at which the combination is plots.drawn in a plan view
 
 
 def figures(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Iterator[Figure]:
@@ -44,14 +43,16 @@ def plan(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
     swept = [placed(body.corners, pose) for body, pose in zip(outlines(vehicle), moved, strict=True)]
     path = moved[0][:, :2]
     along = arc_length(path)
-    with plan_drawn(manoeuvre.key, swept, tallest=7.0) as (drawing, ax):
+    with plots.plan_drawn(manoeuvre.key, swept, tallest=7.0) as (drawing, ax):
         rows = rows_every(path, 0.2)
         plots.swept_bodies(ax, [corners[rows] for corners in swept])
         moments = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
         for corners in swept:
             plots.outlines(ax, corners[moments])
         if manoeuvre.course is not None:
-            ax.plot(*manoeuvre.course.T, color=ESTIMATED, linewidth=1.3, label="path of the guided point", zorder=4)
+            ax.plot(
+                *manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label="path of the guided point", zorder=4
+            )
     return drawing.content
 
 
@@ -60,11 +61,13 @@ def paths(vehicle: Vehicle, manoeuvre: Manoeuvre, span: tuple[float, float] | No
     first, last = vehicle.units[0], vehicle.units[-1]
     front = point_path(manoeuvre.log, first.name, first.steered_axles[0].x)
     rear = point_path(manoeuvre.log, last.name, last.axles[-1].x)
-    with drawn(f"{manoeuvre.key}-paths") as (drawing, ax):
-        ax.plot(*front.T, color=TRUE, label="front axle", zorder=4)
-        ax.plot(*rear.T, color=ESTIMATED, label=f"last axle ({last.name})", zorder=5)
+    with plots.drawn(f"{manoeuvre.key}-paths") as (drawing, ax):
+        ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
+        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({last.name})", zorder=5)
         if manoeuvre.course is not None:
-            ax.plot(*manoeuvre.course.T, color=INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6)
+            ax.plot(
+                *manoeuvre.course.T, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6
+            )
         ax.set(xlim=span or (0.0, float(front[-1, 0])), xlabel="along the road [m]", ylabel="lateral [m], + left")
     return drawing.content
 
@@ -72,35 +75,35 @@ def paths(vehicle: Vehicle, manoeuvre: Manoeuvre, span: tuple[float, float] | No
 def accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
     """Lateral acceleration of the front axle and of every trailer's centre of gravity over time."""
     log, tractor = manoeuvre.log, vehicle.units[0]
-    with drawn(f"{manoeuvre.key}-accelerations") as (drawing, ax):
+    with plots.drawn(f"{manoeuvre.key}-accelerations") as (drawing, ax):
         front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
-        ax.plot(log["time"], front, color=INK, linewidth=1.1, label="front axle", zorder=5)
-        for unit, colour in zip(vehicle.units[1:], SERIES[1:], strict=False):
+        ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
+        for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
             ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
-        limit_lines(ax, PEAK, "0.15 g", colour=GREY)
-        over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
+        plots.limit_lines(ax, PEAK, "0.15 g", colour=plots.GREY)
+        plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
     return drawing.content
 
 
 def yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
     """Yaw rate of every unit over time."""
     log = manoeuvre.log
-    with drawn(manoeuvre.key) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, SERIES, strict=False):
+    with plots.drawn(manoeuvre.key) as (drawing, ax):
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
             ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
-        over_time(ax, log["time"][log["time"] <= 8.0], "yaw rate [°/s]")
+        plots.over_time(ax, log["time"][log["time"] <= 8.0], "yaw rate [°/s]")
     return drawing.content
 
 
 def load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
     """Load transfer of every unit over the slope of the tilt table."""
     log = manoeuvre.log
-    with drawn(manoeuvre.key) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, SERIES, strict=False):
+    with plots.drawn(manoeuvre.key) as (drawing, ax):
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
             transfer = np.abs(log[f"load_transfer_{unit.name}"])
             ax.plot(log["slope"], transfer, color=colour, label=unit.name)
             ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
-        ax.axhline(1.0, color=GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
+        ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
         ax.set(xlim=(0.0, 1.05 * max(threshold(log, unit.name) for unit in vehicle.units)), ylim=(0.0, 1.08))
         ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
     return drawing.content

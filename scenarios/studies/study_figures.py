@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from scenarios.options.scenario import load_scenario
-from scenarios.report.drawing import INK, drawn, plan_drawn, zero_line
 from scenarios.report.page import Figure
+from scenarios.report.plots import INK, drawn, plan_drawn, zero_line
 from scenarios.results.log import read_log
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.pool import kept_signals

@@ -1,4 +1,4 @@
-"""What a study shows: one row for each point on its axes, over all seeds."""
+"""The table of a study: one row for each combination of its axes' values, over all seeds."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from scenarios.studies.case import Outcome, Settings
 Reduction = Literal["rms", "max"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number of the summary, and what it is over several seeds."""
+    """A number of the summary as a column of a study's table."""
 
     path: str  # in the summary
     label: str  # short: many stand side by side
-    meaning: str
     unit: str
     digits: int
     over_seeds: Reduction
+    meaning: str
 
     @property
     def column(self) -> str:
@@ -34,88 +34,29 @@ class Quantity:
 
 
 QUANTITIES: Final = (
-    Quantity(
-        path="off_tracking.true_rms_m",
-        label="error RMS",
-        meaning="distance of the follow point from the hitch's path, RMS",
-        unit="m",
-        digits=3,
-        over_seeds="rms",
-    ),
-    Quantity(
-        path="off_tracking.true_max_m",
-        label="error max",
-        meaning="distance of the follow point from the hitch's path, maximum",
-        unit="m",
-        digits=3,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="off_tracking.estimate_error_rms_m",
-        label="estimate RMS",
-        meaning="error of the estimated off-tracking, RMS",
-        unit="m",
-        digits=3,
-        over_seeds="rms",
-    ),
-    Quantity(path="swept_path.max_width_m", label="width", meaning="swept width", unit="m", digits=2, over_seeds="max"),
-    Quantity(
-        path="swept_path.tail_swing_entry_m",
-        label="swing in",
-        meaning="tail swing at the entry of the turn",
-        unit="m",
-        digits=2,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="swept_path.tail_swing_exit_m",
-        label="swing out",
-        meaning="tail swing at the exit of the turn",
-        unit="m",
-        digits=2,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="steer.max_deg",
-        label="steer",
-        meaning="largest steer angle of a trailer axle",
-        unit="°",
-        digits=1,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="steer.max_rate_deg_s",
-        label="rate",
-        meaning="largest steer rate of a trailer axle",
-        unit="°/s",
-        digits=1,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="tyres.friction_used_max",
-        label="friction",
-        meaning="largest share of the friction that a tyre used",
-        unit="-",
-        digits=2,
-        over_seeds="max",
-    ),
-    Quantity(
-        path="slip.cross_track_rms_m",
-        label="cross RMS",
-        meaning="cross-track error of the rover, RMS",
-        unit="m",
-        digits=3,
-        over_seeds="rms",
-    ),
-    Quantity(
-        path="slip.error_rms_deg",
-        label="slip RMS",
-        meaning="error of the estimated slip angle, RMS",
-        unit="°",
-        digits=2,
-        over_seeds="rms",
-    ),
-)
+    Quantity("off_tracking.true_rms_m", "error RMS", "m", 3, "rms",
+             "distance of the follow point from the hitch's path, RMS"),
+    Quantity("off_tracking.true_max_m", "error max", "m", 3, "max",
+             "distance of the follow point from the hitch's path, maximum"),
+    Quantity("off_tracking.estimate_error_rms_m", "estimate RMS", "m", 3, "rms",
+             "error of the estimated off-tracking, RMS"),
+    Quantity("swept_path.max_width_m", "width", "m", 2, "max",
+             "swept width"),
+    Quantity("swept_path.tail_swing_entry_m", "swing in", "m", 2, "max",
+             "tail swing at the entry of the turn"),
+    Quantity("swept_path.tail_swing_exit_m", "swing out", "m", 2, "max",
+             "tail swing at the exit of the turn"),
+    Quantity("steer.max_deg", "steer", "°", 1, "max",
+             "largest steer angle of a trailer axle"),
+    Quantity("steer.max_rate_deg_s", "rate", "°/s", 1, "max",
+             "largest steer rate of a trailer axle"),
+    Quantity("tyres.friction_used_max", "friction", "-", 2, "max",
+             "largest share of the friction that a tyre used"),
+    Quantity("slip.cross_track_rms_m", "cross RMS", "m", 3, "rms",
+             "cross-track error of the rover, RMS"),
+    Quantity("slip.error_rms_deg", "slip RMS", "°", 2, "rms",
+             "error of the estimated slip angle, RMS"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from scenarios.report.drawing import ESTIMATED, GREY, INK, TRUE, drawn
 from scenarios.report.page import Cell, Column, Figure, Page, Row, Section, Table, software_section
+from scenarios.report.plots import ESTIMATED, GREY, INK, TRUE, drawn
 from scenarios.results.writer import versions
 from scenarios.studies.tuning import Trial, Tuning, pareto
 

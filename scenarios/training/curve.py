@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from scenarios.report.drawing import ESTIMATED, GREY, INK, STYLE, TRUE, WIDTH
+from scenarios.report.plots import ESTIMATED, GREY, INK, STYLE, TRUE, WIDTH
 from vehicle.frames import FloatArray
 
 _TOGETHER = 15  # points that a mean of the curve is of

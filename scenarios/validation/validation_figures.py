@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from scenarios.report.drawing import ESTIMATED, GREY, TRUE, WIDTH, drawn
 from scenarios.report.page import Figure
+from scenarios.report.plots import ESTIMATED, GREY, TRUE, WIDTH, drawn
 from scenarios.validation.check import Plot
 
 _STYLES: Final[dict[str, dict[str, Any]]] = {

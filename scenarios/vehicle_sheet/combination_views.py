@@ -9,7 +9,7 @@ from typing import Final
 
 from matplotlib.axes import Axes
 
-from scenarios.report.drawing import INK, TRUE
+from scenarios.report.plots import INK, TRUE
 from scenarios.vehicle_sheet.combination_outlines import (
     axle_from_above,
     body_from_above,

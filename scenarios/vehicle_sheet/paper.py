@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle, Wedge
 
-from scenarios.report.drawing import INK
+from scenarios.report.plots import INK
 
 DIMENSION, LOAD = "#5b6673", "#b3261e"
 WIDTH: Final = 15.0  # of the sheet [in]

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 
-from scenarios.report.drawing import GREY, INK, TRUE
+from scenarios.report.plots import GREY, INK, TRUE
 from scenarios.vehicle_sheet.paper import (
     LOAD,
     Scale,

@@ -19,7 +19,6 @@ from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.rover_reader import RoverRecording
 from scenarios.recordings.slip_estimation import _SIGNALS as SLIP_SIGNALS
 from scenarios.recordings.slip_estimation import SlipEstimation
-from scenarios.report.drawing import drawn
 from scenarios.report.page import (
     Bar,
     Card,
@@ -36,6 +35,7 @@ from scenarios.report.page import (
     Table,
     Verdict,
 )
+from scenarios.report.plots import drawn
 from scenarios.report.rover_page import rover_report_html
 from scenarios.report.run_page import report_html
 from scenarios.results.log import Log, Signal

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 
 import numpy as np
 import pytest
 
+from scenarios.report.numbers import groups
 from scenarios.report.run_page import report_html
 from scenarios.results.log import Log
 from scenarios.results.run_result import RunResult
@@ -49,6 +51,35 @@ def test_numbers_are_shown_in_the_unit_beside_them(page: str, camera_run: RunRes
     assert isinstance(error, float)
     assert f"{1e3 * error:.1f} mm" in page
     assert "0.62 <small>× real time" in page
+
+
+def test_every_number_of_a_summary_has_a_label(camera_run: RunResult) -> None:
+    """All that a run measures, but for its computing times and for what only recorded reference units have."""
+    unlabelled = {
+        f"{group}.{name}"
+        for group, numbers in summary(camera_run).items()
+        if isinstance(numbers, dict)
+        for name in numbers
+        if name not in groups()[group].numbers
+    }
+    times = {"simulated_s", "wall_s", "physics_s", "render_s", "odometry_s"}
+    reference = {"reference_error_rms_m", "estimate_against_reference_rms_m"}
+    assert unlabelled == {f"timing.{name}" for name in times} | {f"off_tracking.{name}" for name in reference}
+
+
+def test_a_label_has_the_unit_of_its_number() -> None:
+    """Factors turn metres into millimetres, radians into degrees and shares into percent; an ending _m is a length."""
+    factors = {"m": 1.0, "mm": 1e3, "%": 100.0, "°": 1.0, "°/s": 1.0, "g": 1.0, "m/s²": 1.0}
+    for group in groups().values():
+        for name, number in group.numbers.items():
+            if name.endswith("_rad"):
+                assert (number.unit, number.factor) == ("°", math.degrees(1.0))
+            elif number.unit == "%" and name.endswith("_percent"):
+                assert number.factor == 1.0
+            else:
+                assert number.factor == factors.get(number.unit, 1.0), name
+            if name.endswith("_m"):
+                assert number.unit in ("m", "mm", "°/m"), name
 
 
 def test_the_scenario_is_quoted_not_interpreted(page: str) -> None:
