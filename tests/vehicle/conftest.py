@@ -1,10 +1,14 @@
-"""Vehicles to test with, each also as a chain of one, two or three units."""
+"""Vehicles to test with, each also as a chain of one to four units; engines."""
 
 from __future__ import annotations
 
 import pytest
 
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.engine.compiler import compiler
+from vehicle.engine.kernels import Engine
+
+with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
 
 def a_double(tractor_semitrailer: Vehicle) -> Vehicle:
@@ -27,6 +31,12 @@ def a_double(tractor_semitrailer: Vehicle) -> Vehicle:
         }
     )
     return Vehicle(name="a_double", drive=tractor_semitrailer.drive, units=(tractor, lead, dolly, trailer))
+
+
+@pytest.fixture(params=[pytest.param("compiled", marks=with_compiler), "interpreted"])
+def engine(request: pytest.FixtureRequest) -> Engine:
+    engine: Engine = request.param
+    return engine
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,6 @@ from vehicle.combination.description import Vehicle
 from vehicle.combination.ground_inputs import SurfaceLookup
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.symbolic import numbers
-from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -25,11 +24,6 @@ APEX = (5.0, 20.0)
 # Rounding of 1e-16 grows by the few hundred operations of a step and by the stiffness of tyres, some 1e5 N per unit of
 # slip; over 0.2 s nothing of it is unstable.
 CLOSE = 1e-9
-
-ENGINES = [
-    pytest.param("compiled", marks=pytest.mark.skipif(compiler() is None, reason="no C compiler here")),
-    "interpreted",
-]
 
 
 def commands(n_trailer: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -48,7 +42,6 @@ def placed(vehicle: Vehicle, engine: Engine = "auto") -> PlantBatch:
     return batch
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 def test_each_lane_on_a_plane_is_a_plant(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """Loads from empty to full, and each on its own friction and cross-fall, forwards and backwards."""
     tractor, trailer = longer_semitrailer.units
@@ -72,7 +65,6 @@ def test_each_lane_on_a_plane_is_a_plant(longer_semitrailer: Vehicle, engine: En
         np.testing.assert_allclose(motion.load_transfer[k], truth.load_transfer, atol=CLOSE)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 def test_each_lane_on_a_cone_is_a_plant(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """Steps of 5 ticks: up to 20 m/s a plant looks the ground up as often, so that both hold the same slopes."""
     batch = PlantBatch(longer_semitrailer, N, engine)
@@ -94,7 +86,6 @@ def test_each_lane_on_a_cone_is_a_plant(longer_semitrailer: Vehicle, engine: Eng
             np.testing.assert_allclose(getattr(truth, part), getattr(expected, part), rtol=CLOSE, atol=CLOSE)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 def test_placed_lanes_begin_anew_and_the_others_go_on(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """To the bit: a lane neither knows what it did before nor that another is placed."""
     steer, acceleration, trailer_steer = commands(2)
@@ -113,7 +104,6 @@ def test_placed_lanes_begin_anew_and_the_others_go_on(longer_semitrailer: Vehicl
     np.testing.assert_array_equal(motion.velocities[again], first.velocities[again])
 
 
-@pytest.mark.parametrize("engine", ENGINES)
 def test_one_that_breaks_leaves_the_others_alone(longer_semitrailer: Vehicle, engine: Engine) -> None:
     """A state or command that is no number: these lanes are known as lost until they are placed again."""
     steer, acceleration, trailer_steer = commands(2)

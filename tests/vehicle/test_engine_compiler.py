@@ -97,6 +97,6 @@ def test_what_the_compiler_refuses_is_told(gcc: Compiler, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("wanted", ["none", "NONE", "a-compiler-that-nobody-has"])
 def test_no_compiler_is_none(wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether it is switched off or not there, whoever asks must do without."""
+    """A compiler that is switched off or missing counts as none."""
     monkeypatch.setenv("OFFTRACK_COMPILER", wanted)
     assert compiler() is None

@@ -1,4 +1,4 @@
-"""Whatever is asked of whatever vehicle on whatever ground: a sane state, or the word that there is none."""
+"""Random vehicles, ground and commands: the state is sane, or the plant reports that it diverged."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NUMBERS = (
     *("cornering_stiffness", "longitudinal_stiffness", "nominal_load", "load_sensitivity", "relaxation_length"),
     *("rolling_resistance", "pneumatic_trail", "shape", "curvature"),
 )
-"""Numbers of a file that can be anything within their limits, whatever the others are."""
+"""Numbers of a file that may take any value within their limits, independent of the others."""
 
 
 def varied(thing: Any, factors: dict[str, float]) -> Any:
@@ -73,7 +73,7 @@ calls = st.lists(st.tuples(anything, anything, anything, st.integers(1, 150)), m
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(vehicles(), surfaces(), st.floats(-20.0, 40.0), st.floats(-10.0, 10.0), calls)
-def test_a_state_is_sane_or_said_to_be_none(
+def test_a_state_is_sane_or_reported_as_diverged(
     vehicle: Vehicle, surface: Surface, speed: float, psi: float, commands: list[tuple[float, float, float, int]]
 ) -> None:
     """Forces are bounded by friction times load, so speed gains no more than mu g t; loads stay upright."""

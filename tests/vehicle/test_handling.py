@@ -173,7 +173,7 @@ def test_group_of_axles_runs_as_one_farther_back(tractor_semitrailer: Vehicle) -
 
 
 def test_circles_too_tight_are_refused(tractor_semitrailer: Vehicle) -> None:
-    """Where the trailer would have to stand across, there is no steady turn."""
+    """There is no steady turn in which the trailer would be at right angles."""
     with pytest.raises(ValueError, match=r"radius = 8.0 m is too tight for semitrailer"):
         steady_off_tracking(tractor_semitrailer, 8.0)
     with pytest.raises(ValueError, match=r"radius = -20.0 m"):

@@ -254,7 +254,7 @@ def with_steered(vehicle: Vehicle, steered: int) -> Vehicle:
 
 
 def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: Vehicle) -> None:
-    """How a vehicle steers at a speed does not depend on whether its engine could hold it there."""
+    """The steering response at a speed does not depend on the engine's power to hold it."""
     drive = tractor_semitrailer.drive.model_copy(update={"max_power": 1e4})  # [W], of some 50 kW that drag takes
     weak = tractor_semitrailer.model_copy(update={"drive": drive})
     np.testing.assert_array_equal(lateral_model(weak, 25.0).A, lateral_model(tractor_semitrailer, 25.0).A)
@@ -264,10 +264,10 @@ def test_an_engine_too_weak_for_the_speed_does_not_matter(tractor_semitrailer: V
     ("outputs", "complaint"),
     [(("yaw_rat",), "unknown output 'yaw_rat'; did you mean 'yaw_rate'?"), (("follow_position",), "path=True")],
 )
-def test_outputs_that_can_not_be_told_are_refused(
+def test_unknown_outputs_are_refused(
     tractor_semitrailer: Vehicle, outputs: tuple[OutputKind, ...], complaint: str
 ) -> None:
-    """A misspelt output names the nearest one; a position needs a path to be beside of."""
+    """A misspelt output names the nearest one; a position needs a path."""
     with pytest.raises(ValueError, match=complaint.replace("?", r"\?")):
         lateral_model(tractor_semitrailer, 20.0, outputs=outputs)
 

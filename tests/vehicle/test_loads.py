@@ -75,7 +75,7 @@ def test_braking_loads_the_front_and_a_pull_at_the_hitch_unloads_it(tractor_semi
 
 
 def test_roll_moments_add_up_and_load_the_outside(chain: Vehicle) -> None:
-    """Whatever the hitches pass on, all of m h a_y arrives; in a left turn (a_y > 0) at the right wheels."""
+    """All of m h a_y loads the wheels, through any number of hitches; in a left turn (a_y > 0) the right ones."""
     a_y = [1.0 + 0.1 * i for i in range(len(chain.units))]
     moments = roll_moments(chain, a_y, [0.0] * len(a_y), [GRAVITY] * len(a_y))
     total = sum(unit.mass * unit.cg_height * a for unit, a in zip(chain.units, a_y, strict=True))

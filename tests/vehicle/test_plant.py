@@ -164,7 +164,7 @@ def test_it_neither_slides_nor_rolls_off_a_banked_road(longer_semitrailer: Vehic
 
 
 def follow_point_error(seen: list[Truth], follow_x: float) -> float:
-    """Where the hitch path passes the follow point at the end, in the trailer's frame [m]."""
+    """Lateral position of the hitch path at the follow point at the end, in the trailer's frame [m]."""
     path = np.array([now.poses[1, :2] for now in seen])
     x, y = Pose2(*seen[-1].poses[1]).inverse().apply(path).T
     newest_beyond = int(np.flatnonzero(x <= follow_x)[-1])

@@ -18,7 +18,7 @@ IDLE = VehicleCommand(0.3, 1.0, (0.1, 0.1))
 
 
 def off_tracking(plant: ConstantSlipPlant, X_WT: Pose2, follow_x: float) -> float:
-    """Where the hitch path crosses the trailer's lateral axis at the follow point, from observed poses [m]."""
+    """Position of the hitch path on the trailer's lateral axis at the follow point, from observed poses [m]."""
     state, path = plant.initial_state(X_WT, 5.0), []
     for tick in range(0, 6000, 20):
         path.append(plant.observe(state, tick).poses[1])

@@ -14,7 +14,6 @@ from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.layout import State, parts, state_sizes, wheels
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.symbolic import numbers
-from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
@@ -22,7 +21,6 @@ from vehicle.surface import Surface
 DRY = Surface(friction=0.8)
 ORIGIN = Pose2(0.0, 0.0, 0.0)
 HELD = 20  # [ticks]
-with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 
 
 def named(vehicle: Vehicle, state: FloatArray) -> State[Any]:
@@ -149,7 +147,6 @@ def test_a_pushed_trailer_turns_away_as_its_tractrix_does(tractor_semitrailer: V
 
 
 @pytest.mark.parametrize("name", ["tractor_semitrailer", "longer_semitrailer"])
-@pytest.mark.parametrize("engine", [pytest.param("compiled", marks=with_compiler), "interpreted"])
 def test_a_batch_reverses_as_single_plants_do(name: str, engine: Engine, request: pytest.FixtureRequest) -> None:
     """Each lane in a gear of its own, as the plant of that gear; only rounding is between the back ends."""
     vehicle: Vehicle = request.getfixturevalue(name)

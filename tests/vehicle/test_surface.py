@@ -46,7 +46,7 @@ def test_a_body_stands_on_its_two_supports_with_its_heading(surface: Surface, x:
 
 @given(slopes, slopes, st.floats(-7.0, 7.0))
 def test_on_a_plane_a_body_stands_along_the_normal(cross_fall: float, grade: float, psi: float) -> None:
-    """Whatever its supports: z axis normal to the ground, origin on it."""
+    """With any supports: z axis normal to the ground, origin on it."""
     surface = Surface(friction=0.8, cross_fall=cross_fall, grade=grade)
     X_WB = surface.pose_on(3.0, -2.0, psi, (0.0, -9.3))
     slope_x, slope_y = surface.gradient(3.0, -2.0)

@@ -122,7 +122,7 @@ def test_the_seed_decides_the_road() -> None:
 
 
 def test_a_smooth_surface_says_so_and_is_level() -> None:
-    """What needs no looking up can be left out."""
+    """Ground that needs no lookup is recognised."""
     smooth = Surface(friction=0.8)
     assert smooth.is_smooth
     np.testing.assert_array_equal(smooth.roughness_at(np.zeros((3, 1)), np.zeros(4)), np.zeros((3, 4)))

@@ -86,7 +86,7 @@ def test_every_law_of_the_catalogue_is_tested_here() -> None:
 def test_a_deflection_at_rest_gives_the_steady_force(
     tyre: Tyre, F_z: float, friction: float, v_x: float, gain: float, drift: float
 ) -> None:
-    """Where the rate vanishes the force is the law's, at any speed."""
+    """When the rate vanishes the force is that of the law, at any speed."""
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
     scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
@@ -98,7 +98,7 @@ def test_a_deflection_at_rest_gives_the_steady_force(
 
 
 def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> None:
-    """Whatever the state of the carcass, the ground gives no more than friction times load: 20 000 of them."""
+    """In 20 000 random states of the carcass the force is at most friction times load."""
     rng = np.random.default_rng(1)
     # TMeasy's tables have their own peak, along and at no load 2 * 0.88468 - 0.7479 on the ground of reference, 0.8.
     most = 1.0214 / 0.8 if tyre.model == "tmeasy" else 1.0
