@@ -1,4 +1,4 @@
-"""What a wheel leaves in sand follows from how it went: depth, width, side, and the marks of its lugs."""
+"""Imprint of a wheel in sand: depth, width, berms and lug marks follow from its motion."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from vehicle.rover.terrain import Terrain
 
 TREAD = Tread(radius=0.102, width=0.100, lugs=20, lug_height=0.005)
 SUN = daylight(0.6, elevation=math.radians(35.0))
-AROUND = Window(-150, 0, 150, 600)  # of the wheel's way along x [texels]
-MIDDLE = slice(200, 400)  # columns far from where the way begins and ends
+AROUND = Window(-150, 0, 150, 600)  # of the wheel's path along x [texels]
+MIDDLE = slice(200, 400)  # columns far from both ends of the path
 SINKAGE = 0.012  # [m]
 
 
 @pytest.fixture(scope="module")
 def relief() -> Relief:
-    """Level sand with nothing on it but its own roughness of 0.3 mm."""
+    """Level sand with a roughness of 0.3 mm and nothing else."""
     smooth = SandKind(ripples=0.0, low_relief=0.0, stones=0.0, blotches=0.0)
     return Relief.draw(np.random.default_rng(1), smooth, Terrain(), 0.0)
 
@@ -45,7 +45,7 @@ def roll(
     y: float = 0.0,
     watched: bool = False,
 ) -> None:
-    """Let a wheel roll 0.6 m along x, and look at it all the while; with a slip angle it points off its way."""
+    """Roll a wheel 0.6 m along x; ``watched``: update the light after each step. Side slip turns its heading off x."""
     wheel = Wheel(TREAD)
     for x in np.arange(0.0, 0.6, 0.016):
         turned = x * math.cos(slip_angle) / (TREAD.radius * (1.0 - slip))
@@ -54,41 +54,44 @@ def roll(
             field.light(AROUND)
 
 
-def changed(relief: Relief, **how: float) -> Floats:
-    """How much higher the ground is after a wheel has rolled over it [m]."""
+def changed(
+    relief: Relief, *, slip_angle: float = 0.0, slip: float = 0.0, sinkage: float = SINKAGE, y: float = 0.0
+) -> Floats:
+    """Change of the ground's height by a wheel that rolls over it [m]."""
     field = field_of(relief)
     before = field.height(AROUND)
-    roll(field, **how)
+    roll(field, slip_angle=slip_angle, slip=slip, sinkage=sinkage, y=y)
     return field.height(AROUND) - before
 
 
 def width_of(change: Floats, depth: float) -> float:
-    """Mean width of what lies deeper than a depth in the middle of the way [m]."""
+    """Mean width of the part deeper than a depth, in the middle of the path [m]."""
     return float((change[:, MIDDLE] < -depth).sum(axis=0).mean()) * TEXEL
 
 
 def lug_marks(change: Floats, across: float) -> Floats:
-    """Relief along the rut's floor, so far beside its middle, as a mean over 5 mm [m]."""
+    """Relief along the rut at a lateral distance ``across`` from its middle, as a mean over 5 mm [m]."""
     row = round(across / TEXEL) - AROUND.top
-    return change[row - 2 : row + 3, MIDDLE].mean(axis=0)
+    marks: Floats = change[row - 2 : row + 3, MIDDLE].mean(axis=0)
+    return marks
 
 
 def spacing_of(marks: Floats) -> float:
-    """Shift that brings the relief best onto itself [m]."""
+    """Shift with the largest autocorrelation of the relief [m]."""
     shifts = range(12, 60)
-    likeness = [np.corrcoef(marks[shift:], marks[:-shift])[0, 1] for shift in shifts]
-    return shifts[int(np.argmax(likeness))] * TEXEL
+    correlation = [np.corrcoef(marks[shift:], marks[:-shift])[0, 1] for shift in shifts]
+    return shifts[int(np.argmax(correlation))] * TEXEL
 
 
 @pytest.mark.parametrize("sinkage", [0.006, 0.012, 0.020])
 def test_rut_is_as_deep_as_the_wheel_sinks(relief: Relief, sinkage: float) -> None:
     """The lowest point of a wheel is the floor of its rut."""
     floor = changed(relief, sinkage=sinkage)[140:160, MIDDLE]
-    assert -floor.mean() == pytest.approx(sinkage, abs=0.001)  # lugs press 5 mm deeper and heap as much behind them
+    assert -floor.mean() == pytest.approx(sinkage, abs=0.001)  # lugs press 5 mm deeper and pile up as much behind them
 
 
-def test_rut_lies_where_the_wheel_went(relief: Relief) -> None:
-    """The middle of the rut is the way of the wheel's lowest point, whatever the slip."""
+def test_rut_lies_on_the_path_of_the_wheel(relief: Relief) -> None:
+    """The middle of the rut is the path of the wheel's lowest point, at any slip."""
     for slip_angle in (-0.2, 0.0, 0.2):
         change = changed(relief, slip_angle=slip_angle, y=0.0123)
         rows, _ = np.nonzero(change[:, MIDDLE] < -0.4 * SINKAGE)
@@ -105,8 +108,8 @@ def test_side_slip_widens_the_rut(relief: Relief) -> None:
     assert slipping - straight == pytest.approx(swept, rel=0.5)  # walls slump, and round the corners off
 
 
-def test_berm_is_higher_where_the_wheel_slides_to(relief: Relief) -> None:
-    """A wheel that travels to the left of where it points pushes sand to its left; mirrored, to its right."""
+def test_berm_is_higher_on_the_side_the_wheel_slides_to(relief: Relief) -> None:
+    """A wheel that travels to the left of its heading pushes sand to its left; mirrored, to its right."""
     left, right = (
         np.clip(changed(relief, slip_angle=sign * 0.2)[rows, MIDDLE], 0.0, None).sum()
         for sign, rows in ((1.0, slice(150, 300)), (-1.0, slice(0, 150)))
@@ -118,7 +121,7 @@ def test_berm_is_higher_where_the_wheel_slides_to(relief: Relief) -> None:
 
 @pytest.mark.parametrize("slip", [0.0, 0.15, 0.3])
 def test_lug_marks_lie_as_far_apart_as_the_wheel_turns(relief: Relief, slip: float) -> None:
-    """From mark to mark the wheel turns by a lug and goes 2 pi r (1 - s) / n."""
+    """Between two marks the wheel turns by one lug and moves 2 pi r (1 - s) / n."""
     marks = lug_marks(changed(relief, slip=slip), 0.0)
     expected = 2.0 * math.pi * TREAD.radius * (1.0 - slip) / TREAD.lugs
     assert spacing_of(marks) == pytest.approx(expected, abs=0.0015)  # a texel, and raggedness
@@ -131,23 +134,23 @@ def test_a_spinning_wheel_smears_its_marks(relief: Relief) -> None:
 
 
 @pytest.mark.parametrize("slip_angle", [-0.15, 0.0, 0.15])
-def test_lug_marks_lie_across_the_heading_not_across_the_way(relief: Relief, slip_angle: float) -> None:
-    """Along the axle marks are at the same phase: 40 mm farther left they lie 40 mm tan(alpha) farther ahead."""
+def test_lug_marks_lie_across_the_heading_not_across_the_path(relief: Relief, slip_angle: float) -> None:
+    """Marks are parallel to the axle: 40 mm farther left they lie 40 mm tan(alpha) farther ahead."""
     change = changed(relief, slip_angle=slip_angle)
     right, left = lug_marks(change, -0.02), lug_marks(change, 0.02)
     shifts = np.arange(-12, 13)
-    likeness = [np.corrcoef(right[12:-12], np.roll(left, -shift)[12:-12])[0, 1] for shift in shifts]
-    ahead = float(shifts[int(np.argmax(likeness))]) * TEXEL
+    correlation = [np.corrcoef(right[12:-12], np.roll(left, -shift)[12:-12])[0, 1] for shift in shifts]
+    ahead = float(shifts[int(np.argmax(correlation))]) * TEXEL
     assert ahead == pytest.approx(0.04 * math.tan(slip_angle), abs=0.0025)  # raggedness; 0.15 rad would be 6 mm
 
 
-def test_what_does_not_sink_leaves_nothing(relief: Relief) -> None:
+def test_a_wheel_that_does_not_sink_leaves_nothing(relief: Relief) -> None:
     """A crust carries the wheel."""
     assert not changed(relief, sinkage=0.0).any()
 
 
 def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
-    """What is gone can not be pushed aside again: the rear wheel finds the front wheel's rut."""
+    """The rear wheel rolls in the front wheel's rut and displaces no more sand."""
     field = field_of(relief)
     before = field.height(AROUND)
     roll(field)
@@ -158,7 +161,7 @@ def test_a_second_wheel_in_the_rut_makes_no_second_berm(relief: Relief) -> None:
 
 
 def test_a_track_stays_where_another_crosses_it(relief: Relief) -> None:
-    """The later rut lies in the earlier one; beside the crossing the earlier one is as it was."""
+    """The later rut cuts the earlier one; away from the crossing the earlier one is unchanged."""
     field = field_of(relief)
     roll(field)
     first = field.height(AROUND)
@@ -166,13 +169,13 @@ def test_a_track_stays_where_another_crosses_it(relief: Relief) -> None:
     for y in np.arange(-0.3, 0.3, 0.016):
         across.roll_on(field, Stand(np.array([0.3, y]), 0.5 * math.pi, 0.0, y / TREAD.radius, SINKAGE))
     second = field.height(AROUND)
-    beside = slice(0, 150)  # columns 0.15 m and more before the crossing
-    assert np.array_equal(first[:, beside], second[:, beside])
+    outside = slice(0, 150)  # columns 0.15 m and more before the crossing
+    assert np.array_equal(first[:, outside], second[:, outside])
     assert (second[20:80, 290:310].mean() - first[20:80, 290:310].mean()) < -0.8 * SINKAGE
 
 
 def test_sand_slides_to_its_repose_and_none_is_lost() -> None:
-    """A wall slumps to 37 deg; what goes down there comes to lie here."""
+    """A wall slumps to 37 deg; the volume stays."""
     wall = np.zeros((40, 60), np.float32)
     wall[:, 30:] = 0.01
     inside = np.ones(wall.shape, dtype=bool)
@@ -189,8 +192,8 @@ def test_level_sand_is_lit_by_the_cosine_of_the_sun() -> None:
     np.testing.assert_allclose(sky, 1.0, atol=1e-6)
 
 
-def test_light_that_comes_back_is_albedo_times_light() -> None:
-    """Bytes keep the root of it: they are good to 1 % where it matters."""
+def test_reflected_light_is_albedo_times_light() -> None:
+    """Bytes hold its square root, which is good to 1 %."""
     albedo, packed = np.full((1, 3), round(0.8 * ALBEDO), np.uint8), np.zeros((1, 3), np.uint8)
     sun, sky = np.array([[0.0, 0.4, 0.9]], np.float32), np.array([[1.0, 0.7, 0.5]], np.float32)
     direct, ambient = map(decoded, encoded(albedo, packed, sun, sky))
@@ -211,23 +214,23 @@ def test_a_wall_throws_a_shadow_of_its_height_over_the_tangent_of_the_sun(azimut
     sun, _ = sunlit(height, reach, light)
     line = sun[50] if axis else sun[:, 50]
     dark = (line[:50] if towards else line[50:]) < 0.25
-    assert dark.sum() == pytest.approx(10.0 / math.tan(math.radians(30.0)), abs=2.5)  # [texels], a step of the search
+    assert dark.sum() == pytest.approx(10.0 / math.tan(math.radians(30.0)), abs=2.5)  # [texels], one step of the search
 
 
 def test_light_is_up_to_date_after_a_wheel(relief: Relief) -> None:
-    """A wheel that is watched leaves the same picture as one that nobody has seen."""
-    seen, unseen = field_of(relief), field_of(relief)
-    before = seen.light(AROUND)
-    roll(seen, watched=True)
-    roll(unseen)
-    after = seen.light(AROUND).astype(int)
+    """Updates after each step give the same light as one update at the end."""
+    stepwise, once = field_of(relief), field_of(relief)
+    before = stepwise.light(AROUND)
+    roll(stepwise, watched=True)
+    roll(once)
+    after = stepwise.light(AROUND).astype(int)
     assert (after != before).mean() > 0.1
     # Sums of single precision over different windows may round to another byte; a forgotten shadow is 20 and more.
-    assert np.abs(after - unseen.light(AROUND)).max() <= 1
+    assert np.abs(after - once.light(AROUND)).max() <= 1
 
 
-def test_rays_towards_any_sun_stay_on_the_ground_that_is_kept_for_them() -> None:
-    """The light of a window needs ground as far beyond it as its longest ray reaches, towards every side."""
+def test_rays_towards_any_sun_stay_within_the_margins() -> None:
+    """The margins of a window have the ground under its longest ray, on every side."""
     for azimuth, elevation in np.radians(np.random.default_rng(1).uniform((0.0, 25.0), (360.0, 50.0), (500, 2))):
         reach = Reach.of(daylight(float(azimuth), elevation=float(elevation)))
         rows, columns, _ = np.array(reach.rays).T

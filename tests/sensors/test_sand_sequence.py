@@ -1,4 +1,4 @@
-"""Labelled sequences: kinematics that hold together, and worlds that are what their names say."""
+"""Labelled sequences: consistent kinematics, and sand of the kind that its name says."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ def truths(rover: Rover) -> list[RoverTruth]:
     return RoverPass(frames=300, profile="fast", onset=10.0).truths(rover, SIDE_SLOPE, np.random.default_rng(2))
 
 
-def test_wheels_go_where_their_slip_angles_say(rover: Rover, truths: list[RoverTruth]) -> None:
-    """Direction of travel = heading + slip angle, for every wheel: what the trace shows is what the label says."""
+def test_wheels_travel_along_heading_plus_slip_angle(rover: Rover, truths: list[RoverTruth]) -> None:
+    """For every wheel, so that the trace in the image agrees with the label."""
     places = np.array([t.wheel_positions[:, :2] for t in truths])
     steps = places[2:] - places[:-2]
-    went = np.arctan2(steps[..., 1], steps[..., 0])
-    told = np.array([t.wheel_headings + t.slip_angles for t in truths])[1:-1]
-    error = np.degrees(went - told)
+    travel = np.arctan2(steps[..., 1], steps[..., 0])
+    label = np.array([t.wheel_headings + t.slip_angles for t in truths])[1:-1]
+    error = np.degrees(travel - label)
     assert np.abs(error).max() < 0.3  # central differences over 0.4 s of a slip that changes by 1 deg/s at most
     assert np.sqrt(np.mean(error**2)) < 0.05
 
@@ -70,8 +70,8 @@ def test_body_stands_on_the_slope(truths: list[RoverTruth]) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_slow_slip_is_none_until_its_onset_and_then_builds_up(seed: int) -> None:
-    """As in Fig. 8 of Reina 2008: no drift on the first part of the way, then a drift of some degrees."""
+def test_slow_slip_is_zero_until_its_onset_and_then_grows(seed: int) -> None:
+    """As in Fig. 8 of Reina 2008: no drift on the first part of the path, then a drift of some degrees."""
     slip = np.degrees(
         np.abs(RoverPass(frames=435, profile="slow", onset=40.0).slip_angles(np.random.default_rng(seed)))
     )
@@ -82,29 +82,29 @@ def test_slow_slip_is_none_until_its_onset_and_then_builds_up(seed: int) -> None
 
 
 def test_fast_slip_varies_as_prescribed() -> None:
-    """6 to 11 deg, with 1.6 deg about the mean of one way; over 20 ways of 120 s."""
-    ways = [
+    """6 to 11 deg, with a standard deviation of 1.6 deg within a pass; over 20 passes of 120 s."""
+    passes = [
         np.degrees(RoverPass(frames=600, profile="fast", onset=0.0).slip_angles(np.random.default_rng(seed)))[100:]
         for seed in range(20)
     ]
-    means = np.abs([way.mean() for way in ways])
+    means = np.abs([one.mean() for one in passes])
     assert 5.0 < means.min() < means.max() < 12.0
-    assert np.mean([way.std() for way in ways]) == pytest.approx(1.5, abs=0.4)  # smoothing takes some
-    assert {float(np.sign(way.mean())) for way in ways} == {-1.0, 1.0}
+    assert np.mean([one.std() for one in passes]) == pytest.approx(1.5, abs=0.4)  # smoothing takes some
+    assert {float(np.sign(one.mean())) for one in passes} == {-1.0, 1.0}
 
 
-def test_bare_stretches_take_their_share() -> None:
-    """On long ways, and each longer than a view."""
+def test_bare_stretches_have_their_share() -> None:
+    """On long paths; each stretch is longer than a view."""
     stretches = bare_stretches(np.random.default_rng(1), 400.0, 0.3)
     assert sum(end - start for start, end in stretches) / 400.0 == pytest.approx(0.3, abs=0.03)
     assert min(end - start for start, end in stretches) > 1.0
     assert bare_stretches(np.random.default_rng(1), 400.0, 0.0) == ()
 
 
-def test_labels_and_images_agree_whether_there_is_a_trace(rover: Rover) -> None:
-    """A wheel that does not sink leaves no trace; lug marks are what is rough in uniform sand."""
-    way = RoverPass(frames=120, profile="none", bare=((0.9, 3.0),))
-    truths = way.truths(rover, Terrain(), np.random.default_rng(1))
+def test_labels_and_images_agree_on_the_presence_of_a_trace(rover: Rover) -> None:
+    """A wheel that does not sink leaves no trace; in uniform sand only lug marks are rough."""
+    rover_pass = RoverPass(frames=120, profile="none", bare=((0.9, 3.0),))
+    truths = rover_pass.truths(rover, Terrain(), np.random.default_rng(1))
     world = SandWorld("uniform", rng=np.random.default_rng(2), rover=rover, terrain=Terrain(), route=route_of(truths))
     camera = TraceCamera(world, nominal_rig(rover), Webcam(), np.random.default_rng(3))
     shares, roughness = [], []
@@ -114,7 +114,7 @@ def test_labels_and_images_agree_whether_there_is_a_trace(rover: Rover) -> None:
         stripe = camera.sample(truths[end - 1])[100:300, 290:350].astype(float)
         roughness.append(np.abs(stripe[4:] - stripe[:-4]).mean())
     assert shares[0] == 1.0
-    assert 0.3 < shares[1] < 0.8  # the crust began 0.33 m behind where the wheel is now
+    assert 0.3 < shares[1] < 0.8  # the crust began 0.33 m behind the wheel's present place
     assert shares[2] == 0.0
     assert roughness[0] > roughness[1] > roughness[2]
     assert roughness[0] > 2.0 * roughness[2]
@@ -132,8 +132,8 @@ def test_a_sequence_is_labelled_frame_by_frame(rover: Rover) -> None:
     assert frames[1].view.heading == again[1].view.heading
 
 
-def test_ground_goes_on_from_tile_to_tile() -> None:
-    """Relief, pebbles and foreign tracks know nothing of tiles: steps across a border are as anywhere else."""
+def test_ground_is_continuous_across_tiles() -> None:
+    """Relief, pebbles and foreign tracks: steps across a border are as large as elsewhere."""
     light, route = daylight(0.4), np.array([[-1.0, 0.0], [1.5, 0.2]])
     kind = SandKind(stones=2500.0, ripples=0.002)
     rng = np.random.default_rng(3)
@@ -149,8 +149,8 @@ def test_ground_goes_on_from_tile_to_tile() -> None:
     assert steps[99] < 1.5 * np.median(steps)  # the mean of 512 rows, of which any column has its own pebbles
 
 
-def test_pebbles_of_a_tile_are_those_that_its_neighbours_know() -> None:
-    """One that lies across a border is in both tiles, at the same place."""
+def test_neighbouring_tiles_share_the_pebbles_on_their_border() -> None:
+    """A pebble across a border is in both tiles, at the same place."""
     pebbles = Pebbles.draw(np.random.default_rng(1), 3000.0)
     left, right = Window(0, 0, TILE, TILE), Window(0, TILE, TILE, 2 * TILE)
     in_left = {(p.row, p.column - TILE) for p in pebbles.near(9, left) if p.column > TILE - 4}
@@ -161,14 +161,14 @@ def test_pebbles_of_a_tile_are_those_that_its_neighbours_know() -> None:
     assert both <= in_right
 
 
-def test_rocks_leave_the_way_free() -> None:
+def test_rocks_leave_the_route_free() -> None:
     """A rover that keeps to its route does not meet them."""
     route = np.column_stack([np.linspace(0.0, 8.0, 200), 0.3 * np.sin(np.linspace(0.0, 6.0, 200))])
     rocks = scattered(np.random.default_rng(1), 4.0, route, Terrain())
     assert len(rocks) > 10
     for rock in rocks:
-        away = np.hypot(*(route - rock.place[:2]).T).min() - max(rock.radii[:2])
-        assert away > 0.44  # half the tread, half a wheel and some [m]
+        distance = np.hypot(*(route - rock.place[:2]).T).min() - max(rock.radii[:2])
+        assert distance > 0.44  # half the tread, half a wheel and a margin [m]
 
 
 def test_a_tile_takes_ten_bytes_a_texel() -> None:
@@ -185,7 +185,7 @@ def test_a_tile_takes_ten_bytes_a_texel() -> None:
 
 @pytest.mark.parametrize("name", sorted(KINDS))
 def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
-    """What a kind promises is there: stones, rocks, tracks of others, a sun from where it shows them."""
+    """The sun is in the range of the kind, and there are rocks if the kind has any."""
     route = np.array([[0.0, 0.0], [4.0, 0.0]])
     world = SandWorld(name, rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
     kind = KINDS[name]
@@ -194,8 +194,8 @@ def test_every_kind_is_drawn_from_its_seed(rover: Rover, name: str) -> None:
     assert bool(world.rocks) == bool(kind.rocks)
 
 
-def test_foreign_tracks_lie_in_view_all_along_the_way() -> None:
-    """Every metre of the left wheels' way has ground that others have pressed."""
+def test_foreign_tracks_lie_in_view_all_along_the_path() -> None:
+    """Every metre of the left wheels' path has compacted ground of other tracks."""
     light, route = daylight(0.4), np.array([[0.0, 0.0], [4.0, 0.0]])
     relief = Relief.draw(np.random.default_rng(1), SandKind(stones=0.0), Terrain(), 0.0)
     tracks = foreign_tracks(np.random.default_rng(2), route, 0.275)
@@ -204,8 +204,8 @@ def test_foreign_tracks_lie_in_view_all_along_the_way() -> None:
         assert field.sand(Window(0, start, 550, start + 1000)).packed.mean() > 10.0  # of 255: a track takes a tenth
 
 
-def test_unknown_kinds_and_ways_are_refused(rover: Rover) -> None:
-    """One line says what there is."""
+def test_unknown_kinds_and_impossible_passes_are_refused(rover: Rover) -> None:
+    """One line with name, value and limit."""
     route = np.array([[0.0, 0.0], [4.0, 0.0]])
     with pytest.raises(ValueError, match="terrain = 'snow' must be one of uniform"):
         SandWorld("snow", rng=np.random.default_rng(1), rover=rover, terrain=Terrain(), route=route)
@@ -215,7 +215,7 @@ def test_unknown_kinds_and_ways_are_refused(rover: Rover) -> None:
         daylight(0.0, elevation=0.0)
 
 
-def test_route_is_the_way_of_the_middle(truths: list[RoverTruth]) -> None:
-    """In W, one point a moment."""
+def test_route_is_the_path_of_the_origin_of_r(truths: list[RoverTruth]) -> None:
+    """In W, one point per moment."""
     assert route_of(truths).shape == (300, 2)
     np.testing.assert_array_equal(route_of(truths)[7], truths[7].pose[:2])

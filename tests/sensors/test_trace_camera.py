@@ -1,4 +1,4 @@
-"""The camera behind a rover's wheel shows sand, trace, wheel and shadows where geometry says they are."""
+"""Camera behind a rover's wheel: sand, trace, wheel and shadows are at the places that geometry gives."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
 
 SLOPE = Terrain(slope_x=0.03, slope_y=math.tan(math.radians(5.0)))
-LEFT = Sun(azimuth=math.radians(100.0), elevation=math.radians(40.0))  # the rover's own shadow falls out of view
+LEFT = Sun(azimuth=math.radians(100.0), elevation=math.radians(40.0))  # keeps the rover's own shadow out of view
 PLAIN = Webcam(read_noise=0.0, shot_noise=0.0, blur=0.0, exposure_time=0.0, exposure=None, jpeg_quality=None)
 FRAMES = 60  # 1 m: the trace is as long as the view
 
@@ -58,39 +58,39 @@ def camera_of(world: SandWorld, rig: TraceRig, webcam: Webcam = PLAIN) -> TraceC
     return TraceCamera(world, rig, webcam, np.random.default_rng(5))
 
 
-def full_place(view: GroundView, seen: VisibleGround) -> tuple[FloatArray, FloatArray]:
+def full_place(view: GroundView, ground: VisibleGround) -> tuple[FloatArray, FloatArray]:
     """W (n, 3) of some pixels (n, 2), away from the image's edge."""
     v, u = np.mgrid[20:460:40, 20:620:40]
-    places = np.stack([view.full(part)[v, u] for part in (seen.x, seen.y, seen.z)], axis=-1)
+    places = np.stack([view.full(part)[v, u] for part in (ground.x, ground.y, ground.z)], axis=-1)
     return places.reshape(-1, 3).astype(float), np.stack([u, v], axis=-1).reshape(-1, 2).astype(float)
 
 
-def test_pixels_see_the_points_of_the_relief_that_project_to_them(
+def test_points_on_the_relief_project_back_to_their_pixels(
     sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]
 ) -> None:
-    """Calibrated camera, lens, slope, roll, pitch, sinkage and the depth of the rut, all at once."""
+    """With lens, slope, roll, pitch, sinkage and the depth of the rut."""
     view, X_WC = GroundView.of(rig.camera), truths[-1].X_WB @ rig.X_RC
     places, pixels = full_place(view, view.look(X_WC, sand))
     X_CW = inverse(X_WC)
     error = rig.camera.project(places @ X_CW[:3, :3].T + X_CW[:3, 3]) - pixels
-    # A ray moves by the relief between two pixels, some tenths of a millimetre, times the tangent of the view.
+    # Error of interpolated rays: the relief between two pixels, some tenths of a millimetre, times the view's tangent.
     assert np.abs(error).max() < 0.6
     assert np.abs(error).mean() < 0.06
 
 
-def test_points_seen_lie_on_the_ground(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """Where a ray ends there is sand: it was not stopped by the plane that it was first aimed at."""
+def test_visible_points_lie_on_the_ground(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
+    """Rays end on the relief, not on the plane that the iteration starts from."""
     view, X_WC = GroundView.of(rig.camera), truths[-1].X_WB @ rig.X_RC
-    seen = view.look(X_WC, sand)
-    ground, (places, pixels) = sand.height(seen.window), full_place(view, seen)
-    at = [part[tuple(pixels[:, ::-1].astype(int).T)].round().astype(int) for part in (seen.v, seen.u)]
+    visible = view.look(X_WC, sand)
+    ground, (places, pixels) = sand.height(visible.window), full_place(view, visible)
+    at = [part[tuple(pixels[:, ::-1].astype(int).T)].round().astype(int) for part in (visible.v, visible.u)]
     error = ground[at[0], at[1]] - places[:, 2]
     assert np.abs(error).mean() < 0.0005  # roughness from texel to texel
     plane = SLOPE.height(places[:, 0], places[:, 1])
-    assert np.abs(places[:, 2] - plane).max() > 0.008  # the view has the rut in it, 11 mm deep
+    assert np.abs(places[:, 2] - plane).max() > 0.008  # the rut in the view is 11 mm deep
 
 
-def test_nominal_camera_sees_what_the_paper_says(rover: Rover, rig: TraceRig) -> None:
+def test_nominal_camera_has_the_field_of_view_of_the_paper(rover: Rover, rig: TraceRig) -> None:
     """Reina 2008: 0.60 m along by 0.80 m across, behind the left rear wheel."""
     H_inverse = np.linalg.inv(rig.image_of_ground())
     edges = rig.camera.undistort_points(np.array([[0.0, 239.5], [639.0, 239.5], [319.5, 0.0], [319.5, 479.0]]))
@@ -104,7 +104,7 @@ def test_nominal_camera_sees_what_the_paper_says(rover: Rover, rig: TraceRig) ->
 
 
 def test_roll_moves_the_view_by_its_tangent(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """A camera 0.75 m up that rolls by 2 deg, left side up, looks 26 mm farther to the left."""
+    """A camera at 0.75 m that rolls by 2 deg, left side up, sees ground 26 mm farther to the left."""
     view, straight = GroundView.of(rig.camera), truths[-1].X_WB @ rig.X_RC
     ahead = truths[-1].X_WB[:3, :3]
     R = ahead @ rotation_zyx(0.0, 0.0, math.radians(2.0)) @ ahead.T
@@ -114,7 +114,7 @@ def test_roll_moves_the_view_by_its_tangent(sand: SandWorld, rig: TraceRig, trut
 
 
 def test_wheel_hides_the_head_of_the_trace(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """The wheel's axle is 0.1 m up: behind its tread the ground comes into view only past its radius."""
+    """The wheel's axle is 0.1 m up: ground within its radius is hidden behind the tread."""
     image = camera_of(sand, rig).sample(truths[-1]).astype(float)
     lower, upper = image[430:470, 290:350], image[330:380, 290:350]
     assert lower.mean() < 0.75 * upper.mean()  # dull metal against sand
@@ -122,7 +122,7 @@ def test_wheel_hides_the_head_of_the_trace(sand: SandWorld, rig: TraceRig, truth
     assert beside.mean() > 0.9 * upper.mean()
 
 
-def test_trace_is_seen_where_the_truth_says(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
+def test_trace_in_the_image_is_on_the_true_line(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
     """Lug marks make the rut the only rough stripe in uniform sand: its middle is the true line."""
     truth = truths[-1]
     image = camera_of(sand, rig).sample(truth).astype(float)
@@ -137,7 +137,7 @@ def test_trace_is_seen_where_the_truth_says(sand: SandWorld, rig: TraceRig, trut
         inside = np.flatnonzero(rough > 0.5 * (rough.min() + rough.max()))
         inside = inside[np.abs(inside - u) < 90]
         offsets.append(inside.mean() - u)
-    # 1 px is 1.3 mm; bands of roughness are ragged, and what moves the camera (0.2 deg) moves the ground by 3 mm.
+    # 1 px is 1.3 mm; edges of the rough band are ragged, and 0.2 deg of the camera move the ground by 3 mm.
     assert abs(np.mean(offsets)) < 6.0
 
 
@@ -153,7 +153,7 @@ def test_same_seed_gives_the_same_image_to_the_last_bit(rover: Rover, rig: Trace
     assert np.array_equal(image(7), image(7))
 
 
-def test_rover_throws_its_shadow_away_from_the_sun(rover: Rover, truths: list[RoverTruth]) -> None:
+def test_rover_casts_its_shadow_away_from_the_sun(rover: Rover, truths: list[RoverTruth]) -> None:
     """A point is dark just where its ray to the sun meets the body."""
     truth, casters = truths[-1], Casters.of(rover, mast=False, lugs=20)
     sun = np.array([0.5, -0.4, 0.6]) / np.linalg.norm([0.5, -0.4, 0.6])
@@ -167,9 +167,9 @@ def test_rover_throws_its_shadow_away_from_the_sun(rover: Rover, truths: list[Ro
     assert share[0, 1] > 0.99
 
 
-def test_nothing_throws_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """Wherever the sun stands behind them, the picture is the same; without them it is not."""
-    behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would throw the rover's shadow into view
+def test_nothing_casts_a_shadow_under_clouds(rover: Rover, rig: TraceRig, truths: list[RoverTruth]) -> None:
+    """The image does not depend on the position of the hidden sun; without clouds it does."""
+    behind = Sun(azimuth=math.radians(-20.0), elevation=math.radians(40.0))  # would cast the rover's shadow into view
 
     def image(sun: Sun, overcast: bool) -> GreyImage:
         world = SandWorld(
@@ -200,26 +200,26 @@ def test_shutter_smears_along_the_motion(sand: SandWorld, rig: TraceRig, truths:
 
 
 def test_exposure_follows_the_light(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """The first image is exposed as after a long look."""
+    """The first image has the settled exposure."""
     image = camera_of(sand, rig, replace(Webcam(), jpeg_quality=None)).sample(truths[-1])
-    assert image.mean() == pytest.approx(118.0, abs=3.0)  # the target of AutoExposure; noise saturates nowhere
+    assert image.mean() == pytest.approx(118.0, abs=3.0)  # the target of AutoExposure; nothing saturates
 
 
 def test_colour_is_that_of_sand(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """People see the same view: more red than green, more green than blue."""
+    """More red than green, more green than blue."""
     red, green, blue = camera_of(sand, rig).colour(truths[-1]).reshape(-1, 3).mean(axis=0)
     assert red > green > blue
 
 
 def test_camera_below_the_ground_is_refused(sand: SandWorld, rig: TraceRig, truths: list[RoverTruth]) -> None:
-    """A rover that has fallen over sees nothing that could be drawn."""
+    """As on a rover that has fallen over."""
     over = transform(rotation_zyx(0.0, 0.0, math.pi), np.array([0.5, 0.0, 0.0]))
     with pytest.raises(ValueError, match="must look down"):
         camera_of(sand, rig).sample(replace(truths[-1], X_WB=over))
 
 
 def test_line_of_the_trace_is_in_the_rover_frame(sand: SandWorld, rover: Rover, truths: list[RoverTruth]) -> None:
-    """The wheel's own past places, seen from where the rover is now."""
+    """Earlier places of the wheel relative to the rover's present pose."""
     truth, trace = truths[-1], sand.trace_truth(truths[-1])
     past = np.array([t.wheel_positions[2, :2] for t in truths])
     x, y = Pose2(*truth.pose.tolist()).inverse().apply(past).T

@@ -1,4 +1,4 @@
-"""The rovers that come with the program, and what is said of a wrong one."""
+"""Shipped rovers, and errors in rover files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def numbers(node: object, key: str = "") -> set[str]:
 
 @pytest.mark.parametrize("name", rover_names())
 def test_every_number_of_a_rover_has_a_source(name: str) -> None:
-    """What nobody measured says that it is assumed; wheelbase and tread are the short form of four places."""
+    """A number that nobody measured has a source "assumed: …"; wheelbase and tread stand for four places."""
     expected = numbers(load_rover(name))
     if name != "six_wheel_rover":
         expected = {key for key in expected if not key.startswith("wheels.")} | {"wheelbase", "tread"}

@@ -1,4 +1,4 @@
-"""A rover on firm ground, where closed forms say what it must do."""
+"""A rover on firm ground, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def sides(left: float, right: float) -> RoverCommand:
 
 
 def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2 = HOME) -> RoverTruth:
-    """Where a standing rover is after a command was held for some time."""
+    """Truth after a command was held for some time from a standstill."""
     state = plant.initial_state(pose)
     for _ in range(round(10.0 * seconds)):
         state = plant.step(state, command, 100)
@@ -51,12 +51,12 @@ def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2
 
 
 def test_a_straight_line_is_straight_and_as_long_as_the_wheels_roll(rover: Rover) -> None:
-    """Firm level ground asks no force of rolling wheels: no slip is left when the start is over."""
+    """Rolling wheels need no force on firm level ground: no slip is left after the start."""
     truth = driven(RoverPlant(rover, Terrain(), None), sides(0.8, 0.8), 20.0)
     assert truth.pose[1:] == pytest.approx([0.0, 0.0], abs=1e-12)  # rounding
     assert truth.velocity[0] == pytest.approx(0.8 * rover.radius, rel=1e-9)
     assert truth.slip_ratios == pytest.approx(np.zeros(4), abs=1e-9)
-    # What is lost: the drive's lag, 0.1 s, and the way over which force follows slip, some mm of it.
+    # Lost distance: the drive's lag of 0.1 s, and some mm of relaxation length.
     assert truth.pose[0] == pytest.approx(0.8 * rover.radius * (20.0 - rover.drive_lag), abs=0.002)
 
 
@@ -70,10 +70,10 @@ def test_a_spin_has_the_closed_form_rate(skid: Rover, speed: float) -> None:
 
 
 def test_a_gentle_turn_has_the_effective_track(skid: Rover) -> None:
-    """Where forces grow with slip, wheel speeds 2 % apart turn the rover as the two-wheeled cart of that track."""
+    """At small slip, wheel speeds 2 % apart turn the rover as a two-wheeled cart of that track."""
     v = 0.8 * skid.radius
     truth = driven(RoverPlant(skid, Terrain(), None), sides(0.99 * 0.8, 1.01 * 0.8), 20.0)
-    # The brush bends by 1 % at these slips, its slope's product with the slip over three times the friction.
+    # At these slips the brush model is 1 % below its initial slope: slope times slip over three times the friction.
     assert 0.02 * v / truth.velocity[2] == pytest.approx(skid.effective_track, rel=0.02)
 
 
@@ -107,17 +107,17 @@ def test_a_skid_turn_agrees_with_an_independent_balance(skid: Rover, left: float
 
 @pytest.mark.parametrize("psi", [0.0, 0.5 * math.pi, 0.7])
 def test_it_stands_on_a_slope_below_the_angle_of_friction(rover: Rover, psi: float) -> None:
-    """Half a degree below, in whatever direction it looks: it comes to rest and stays there without creeping."""
+    """Half a degree below, at any heading: it comes to rest and does not creep."""
     slope_x, slope_y = slope_towards(0.0, math.atan(0.6) - math.radians(0.5))
     plant = RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y, friction=0.6), None)
     state = plant.step(plant.initial_state(Pose2(0.0, 0.0, psi)), STILL, 20_000)
     later = plant.step(state, STILL, 60_000)
-    assert later[:3] == pytest.approx(state[:3], abs=1e-6)  # what friction gives way by while it finds its balance
+    assert later[:3] == pytest.approx(state[:3], abs=1e-6)  # displacement until friction is in balance
 
 
 @pytest.mark.parametrize("psi", [0.0, 0.5 * math.pi, 0.7])
 def test_it_slides_down_a_slope_above_the_angle_of_friction(rover: Rover, psi: float) -> None:
-    """Half a degree above, it falls by g (sin - mu cos), whatever its wheels' loads are."""
+    """Half a degree above, it accelerates by g (sin - mu cos), for any distribution of loads."""
     steepness = math.atan(0.6) + math.radians(0.5)
     slope_x, slope_y = slope_towards(0.0, steepness)
     plant = RoverPlant(rover, Terrain(slope_x=slope_x, slope_y=slope_y, friction=0.6), None)
@@ -140,7 +140,7 @@ def test_loads_balance_weight_and_slope(rover: Rover) -> None:
 
 
 def test_a_drive_follows_its_demand_with_its_lag(rover: Rover) -> None:
-    """Where the torque suffices the speed is 1 - exp(-t / lag) of the demand: 1e-3 is the midpoint rule's at 5 ms."""
+    """With enough torque the speed is 1 - exp(-t / lag) of the demand; the midpoint rule errs by 1e-3 at 5 ms."""
     plant = RoverPlant(rover, Terrain(), None)
     state = plant.step(plant.initial_state(HOME), sides(0.5, 0.5), 150)
     reached = plant.observe(state, 150).wheel_speeds / 0.5
@@ -148,9 +148,9 @@ def test_a_drive_follows_its_demand_with_its_lag(rover: Rover) -> None:
 
 
 def test_a_weak_drive_climbs_as_fast_as_its_torque_allows(rover: Rover) -> None:
-    """On the line from stall torque to no-load speed, where it meets the weight's pull and the drag.
+    """The speed is on the line from stall torque to no-load speed, at the torque against slope and drag.
 
-    Rear wheels carry more and pull more; the line is straight, so the means of all wheels lie on it as well.
+    Rear wheels carry more and pull more. The line is straight, so the means over all wheels lie on it as well.
     """
     weak = rover.model_copy(update={"stall_torque": 1.0})
     steepness = math.radians(5.0)
@@ -164,7 +164,7 @@ def test_a_weak_drive_climbs_as_fast_as_its_torque_allows(rover: Rover) -> None:
 
 
 def test_a_drive_without_the_torque_is_driven_backward(rover: Rover) -> None:
-    """20 degrees ask 2.4 N m of each drive: with 1 N m at stall the rover rolls down against its demand."""
+    """20 degrees need 2.4 N m of each drive: with a stall torque of 1 N m the rover rolls down against its demand."""
     weak = rover.model_copy(update={"stall_torque": 1.0})
     truth = driven(RoverPlant(weak, Terrain(slope_x=math.tan(math.radians(20.0))), None), sides(0.5, 0.5), 3.0)
     assert np.all(truth.wheel_speeds < 0.0)
@@ -186,20 +186,20 @@ def test_steering_stops_at_its_limit(rover: Rover) -> None:
     assert truth.steer == pytest.approx([limit, -limit, limit, -limit], rel=1e-6)
 
 
-def test_locked_wheels_are_not_to_be_steered(skid: Rover) -> None:
+def test_a_demand_to_steer_locked_wheels_is_refused(skid: Rover) -> None:
     plant = RoverPlant(skid, Terrain(), None)
     with pytest.raises(ValueError, match="el_dorado_ii_skid steers no wheel"):
         plant.step(plant.initial_state(HOME), RoverCommand(STRAIGHT, (0.1, 0.0, 0.0, 0.0)), 10)
 
 
-def test_a_demand_that_is_no_number_is_refused(rover: Rover) -> None:
+def test_a_demand_that_is_not_finite_is_refused(rover: Rover) -> None:
     plant = RoverPlant(rover, Terrain(), None)
     with pytest.raises(ValueError, match="4 finite wheel speeds"):
         plant.step(plant.initial_state(HOME), RoverCommand((math.nan, 0.0, 0.0, 0.0), STRAIGHT), 10)
 
 
 def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
-    """Accelerations (3,) of a rover of v_x, v_y, yaw rate on ice that leans one way in front and the other behind."""
+    """Accelerations (3,) for v_x, v_y, yaw rate on ice that slopes to opposite sides in front and behind."""
     in_x, in_u = state_sizes(4), input_sizes(4)
     x, given = ca.SX.sym("x", sum(in_x)), ca.SX.sym("u", sum(in_u))
     s, demands = RoverState(*parts(x, in_x)), RoverInput(*parts(given, in_u))
@@ -212,17 +212,18 @@ def on_leaning_ground(rover: Rover, motion: Sequence[float]) -> FloatArray:
     return np.array(accelerations(state, u)).ravel()
 
 
-def test_ground_that_leans_unlike_under_front_and_rear_turns_the_rover(rover: Rover) -> None:
-    """Front wheels on ground that rises to the left by 0.1, rear ones to the right: a plane through all is level.
+def test_opposite_slopes_under_front_and_rear_turn_the_rover(rover: Rover) -> None:
+    """Front wheels on ground that rises to the left by 0.1, rear wheels to the right: the mean plane is level.
 
-    Each wheel's load, a quarter of the weight, slides off with 0.1 of it at half a wheelbase: m g 0.1 a in all.
+    Each wheel carries a quarter of the weight and is pushed downhill by 0.1 of it, half a wheelbase from R's origin:
+    m g 0.1 a in all.
     """
     yaw = -rover.mass * GRAVITY * 0.1 * 0.5 * rover.wheelbase / rover.yaw_inertia
     assert on_leaning_ground(rover, (0.0, 0.0, 0.0)) == pytest.approx([0.0, 0.0, yaw], abs=1e-9)
 
 
-def test_a_mass_centre_ahead_moves_as_newton_and_euler_have_it(rover: Rover) -> None:
-    """0.1 m ahead it loads the front wheels more, by m g 2 c / L in all, and they slide off with 0.1 of that.
+def test_a_mass_centre_ahead_follows_newton_and_euler(rover: Rover) -> None:
+    """0.1 m ahead it adds m g 2 c / L to the load of the front wheels, which 0.1 of that pushes downhill.
 
     In the turning frame of R the mass centre's acceleration is (v_x' - r v_y - r^2 c, v_y' + r v_x + r' c).
     """
@@ -235,8 +236,8 @@ def test_a_mass_centre_ahead_moves_as_newton_and_euler_have_it(rover: Rover) -> 
     assert got == pytest.approx([r * v_y + r**2 * c, Y / rover.mass - r * v_x - yaw * c, yaw], abs=1e-9)
 
 
-def test_wheels_move_as_their_places_do(rover: Rover) -> None:
-    """On a slope, turning: the wheels' velocities are the rates of their places, turned into their headings."""
+def test_wheel_velocities_are_rates_of_wheel_positions(rover: Rover) -> None:
+    """On a slope, in a turn: velocities are the rates of the positions, in the frames of the wheels."""
     terrain = Terrain(slope_x=0.1, slope_y=-0.05)
     plant = RoverPlant(rover, terrain, None)
     command = RoverCommand((0.8, 0.9, 0.8, 0.9), (0.2, 0.2, -0.2, -0.2))

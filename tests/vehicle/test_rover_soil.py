@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Callable
 from functools import lru_cache
 
 import casadi as ca
@@ -31,36 +32,38 @@ SIDE_SLOPE = Terrain(slope_y=math.tan(math.radians(5.0)))
 
 
 def plant_on(soil: str, terrain: Terrain | None = None) -> RoverPlant:
-    """Interpreted: the tests do not wait for a compiler."""
+    """Interpreted, to save the time of a compiler."""
     return RoverPlant(ROVER, Terrain() if terrain is None else terrain, load_soil(soil), "interpreted")
 
 
 def driven(plant: RoverPlant, command: RoverCommand, seconds: float, pose: Pose2 = HOME) -> RoverTruth:
-    """Where a standing rover is after a command was held for some time."""
+    """Truth after a command was held for some time from a standstill."""
     state = plant.step(plant.initial_state(pose), command, round(1000.0 * seconds))
     return plant.observe(state, round(1000.0 * seconds))
 
 
 @lru_cache
-def force_in(soil: str) -> object:
+def force_in(soil: str) -> Callable[..., object]:
     h, along, across = (ca.SX.sym(name) for name in ("h", "along", "across"))
     force = soil_force(ROVER, load_soil(soil), h, Rolling(along, across))
-    return ca.Function("force", [h, along, across], [ca.vertcat(*force)])
+    function: Callable[..., object] = ca.Function("force", [h, along, across], [ca.vertcat(*force)])
+    return function
 
 
 def forces(soil: str, truth: RoverTruth) -> FloatArray:
-    """F_x, F_y, F_z of the wheels (4, 3) from their true motion, straight from the stresses."""
-    of = force_in(soil)
-    assert callable(of)
+    """F_x, F_y, F_z of the wheels (4, 3) from their true motion, by integration of the stresses."""
+    force = force_in(soil)
     rolling = truth.wheel_velocities / (ROVER.radius * truth.wheel_speeds[:, None])
-    return np.array([np.array(of(h, *map(float, v))).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)])
+    return np.array(
+        [np.array(force(h, *map(float, v))).ravel()[:3] for h, v in zip(truth.sinkages, rolling, strict=True)]
+    )
 
 
 @pytest.mark.parametrize("soil", ["toyoura_sand", "beach_sand", "lunar_regolith_simulant"])
 def test_driving_straight_along_a_side_slope_it_drifts_downhill(soil: str) -> None:
-    """5 degrees of slope and 8 cm/s, as in Reina 2008, fig. 8: some degrees of slip angle, and hardly a turn.
+    """5 degrees of slope and 8 cm/s, as in Reina 2008, fig. 8: some degrees of slip angle, and hardly any yaw.
 
-    There 6 to 11 degrees; firm soils slip less.
+    The paper has 6 to 11 degrees; on firmer soils wheels slip less.
     """
     truth = driven(plant_on(soil, SIDE_SLOPE), FORWARD, 20.0)
     assert -11.0 < math.degrees(truth.slip_angle) < -1.0
@@ -68,21 +71,21 @@ def test_driving_straight_along_a_side_slope_it_drifts_downhill(soil: str) -> No
 
 
 @pytest.mark.parametrize("soil", ["toyoura_sand", "k10_mini_sand"])
-def test_steady_forces_are_those_of_the_stresses(soil: str) -> None:
+def test_steady_forces_are_the_integrated_stresses(soil: str) -> None:
     """Steadily drifting, the stresses under the wheels carry the loads and hold the rover's weight on the slope.
 
-    0.1 % is what the felt slip still lags behind after 20 s of a slowly turning rover.
+    0.1 % is the remaining lag of the slip after 20 s of a slowly turning rover.
     """
     truth = driven(plant_on(soil, SIDE_SLOPE), FORWARD, 20.0)
-    found = forces(soil, truth)
+    force = forces(soil, truth)
     weight = ROVER.mass * 9.81
-    assert found[:, 2] == pytest.approx(truth.loads, rel=1e-3)
+    assert force[:, 2] == pytest.approx(truth.loads, rel=1e-3)
     rise = weight * math.sin(math.radians(5.0)) * np.array([math.sin(truth.pose[2]), math.cos(truth.pose[2])])
-    assert np.sum(found[:, :2], axis=0) == pytest.approx(rise, abs=1e-3 * weight)
+    assert np.sum(force[:, :2], axis=0) == pytest.approx(rise, abs=1e-3 * weight)
 
 
 def test_climbing_costs_slip() -> None:
-    """Level, 5 and 10 degrees up beach sand: each degree takes more, and what is climbed is less than rolled."""
+    """Beach sand, level and up 5 and 10 degrees: slip grows with the slope, and stays below 1."""
     slips = [
         float(
             driven(plant_on("beach_sand", Terrain(slope_x=math.tan(math.radians(deg)))), FORWARD, 10.0).slip_ratios[0]
@@ -94,7 +97,7 @@ def test_climbing_costs_slip() -> None:
 
 @pytest.mark.parametrize("soil", soil_names())
 def test_it_stands_on_a_sandy_slope_without_creeping(soil: str) -> None:
-    """8 degrees are far below any soil's angle of friction; a slip that only speeds make would creep down it."""
+    """8 degrees are far below the friction angle of any soil; a model with slip from speeds alone would creep."""
     slope_x, slope_y = slope_towards(0.6, math.radians(8.0))
     plant = plant_on(soil, Terrain(slope_x=slope_x, slope_y=slope_y))
     state = plant.step(plant.initial_state(HOME), STILL, 3000)
@@ -102,7 +105,7 @@ def test_it_stands_on_a_sandy_slope_without_creeping(soil: str) -> None:
 
 
 def test_spinning_wheels_dig_in_until_the_rover_is_entrapped() -> None:
-    """Up 5 degrees of drift sand no slip pulls enough; on the level it gets along."""
+    """Up 5 degrees of drift sand no slip pulls enough; on the level the rover moves on."""
     uphill = plant_on("drift_sand", Terrain(slope_x=math.tan(math.radians(5.0))))
     assert uphill.entrapped(driven(uphill, FORWARD, 30.0))
     level = plant_on("drift_sand")
@@ -112,7 +115,7 @@ def test_spinning_wheels_dig_in_until_the_rover_is_entrapped() -> None:
 
 
 def test_a_crust_carries_the_wheels() -> None:
-    """Wheels that come onto firm ground are up on it, without slip; those still in sand are not."""
+    """Wheels that reach firm ground rise onto it and stop slipping; those in sand do not."""
     plant = plant_on("toyoura_sand", Terrain(firm=(FirmPatch(x=1.0, y=0.0, radius=0.4),)))
     truth = driven(plant, FORWARD, 15.0)
     ahead, behind = truth.sinkages[:2], truth.sinkages[2:]
@@ -122,14 +125,14 @@ def test_a_crust_carries_the_wheels() -> None:
 
 
 def test_sand_turns_a_skid_steered_rover_less_than_a_floor() -> None:
-    """Wheels that push sand aside turn less for the same speeds; but they turn to the same side."""
+    """Wheels that bulldoze sand turn the rover less at the same speeds, but to the same side."""
     command = RoverCommand((0.6 * OMEGA, 1.4 * OMEGA) * 2, STRAIGHT)
     sandy = driven(RoverPlant(SKID, Terrain(), load_soil("beach_sand"), "interpreted"), command, 10.0)
     floor = driven(RoverPlant(SKID, Terrain(), None, "interpreted"), command, 10.0)
     assert 0.0 < sandy.velocity[2] < floor.velocity[2]
 
 
-def test_left_and_right_are_alike() -> None:
+def test_mirror_symmetry() -> None:
     """Slope, steering and wheel speeds mirrored: every lateral quantity flips, but for rounding in 10 s of slipping."""
     command = RoverCommand((0.9 * OMEGA, OMEGA, 0.9 * OMEGA, OMEGA), (0.2, 0.15, -0.1, 0.0))
     mirrored = RoverCommand((OMEGA, 0.9 * OMEGA, OMEGA, 0.9 * OMEGA), (-0.15, -0.2, 0.0, 0.1))
@@ -142,7 +145,7 @@ def test_left_and_right_are_alike() -> None:
 
 
 def test_the_world_has_no_preferred_direction() -> None:
-    """Slope and rover turned together: the rover's own quantities stay, but for rounding in 10 s of slipping."""
+    """Slope and rover rotated together: quantities in the rover's frame stay, but for rounding in 10 s of slipping."""
     turned = 2.1
     truths = []
     for psi in (0.0, turned):
@@ -156,16 +159,16 @@ def test_the_world_has_no_preferred_direction() -> None:
 
 
 def test_it_drives_backward_as_forward() -> None:
-    """Front and rear of this rover are alike: backward over the level it gets as far and sinks in as deep."""
+    """This rover is symmetric front to rear: backward it gets as far and sinks in as deep."""
     plant = plant_on("toyoura_sand")
     forth, back = (driven(plant, RoverCommand((sign * OMEGA,) * 4, STRAIGHT), 10.0) for sign in (1.0, -1.0))
-    assert back.pose[0] == pytest.approx(-forth.pose[0], rel=1e-3)  # at rest sand is entered in front, by habit
+    assert back.pose[0] == pytest.approx(-forth.pose[0], rel=1e-3)  # at rest the entry is assumed in front
     assert back.slip_ratios == pytest.approx(forth.slip_ratios, rel=1e-3)
     assert back.sinkages == pytest.approx(forth.sinkages[[2, 3, 0, 1]], rel=1e-3)
 
 
 def test_over_a_mound_the_nose_goes_up_and_down_again() -> None:
-    """On firm ground straight over its top: pitch as the mound leans under the wheels, and the line is kept."""
+    """On firm ground straight over the top: the body pitches with the slope under the wheels and keeps its line."""
     terrain = Terrain(mounds=(Mound(x=2.0, y=0.0, height=0.2, radius=1.0),), friction=0.8)
     plant = RoverPlant(ROVER, terrain, None, "interpreted")
     state = plant.initial_state(HOME, 0.3)
@@ -176,15 +179,15 @@ def test_over_a_mound_the_nose_goes_up_and_down_again() -> None:
         climbs.append(float(truth.X_WB[2, 0]))
         assert truth.X_WB[2, 3] == pytest.approx(
             np.mean(truth.wheel_positions[:, 2]), abs=1e-5
-        )  # one pass more would move it by that
-    assert max(climbs) > 0.15  # 0.2 m over 1 m leans by 0.24 where it is steepest
+        )  # the change by one more iteration
+    assert max(climbs) > 0.15  # the largest slope of 0.2 m over 1 m is 0.24
     assert min(climbs) < -0.15
     assert state[1:3] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert 3.0 < state[0] < 3.9
 
 
 def test_a_rover_across_a_mound_is_turned_downhill() -> None:
-    """Its uphill side is pushed by ground that leans more than the plane through all wheels: the yaw moment's sign."""
+    """Ground steeper than the mean plane pushes the uphill side down: the sign of the yaw moment."""
     terrain = Terrain(mounds=(Mound(x=0.3, y=1.0, height=0.4, radius=1.5),), friction=0.3)
     plant = RoverPlant(ROVER, terrain, None, "interpreted")
     truth = driven(plant, FORWARD, 5.0)
@@ -193,7 +196,7 @@ def test_a_rover_across_a_mound_is_turned_downhill() -> None:
 
 
 @pytest.mark.parametrize("soil", [None, "toyoura_sand"])
-def test_a_step_is_short_enough(soil: str | None) -> None:
+def test_integration_steps_are_short_enough(soil: str | None) -> None:
     """Steps of 1 ms against those of 5 ms that the plant takes by itself: 0.1 mm in 10 s from a standing start."""
     plant = RoverPlant(ROVER, SIDE_SLOPE, None if soil is None else load_soil(soil), "interpreted")
     start = plant.initial_state(HOME)
@@ -206,7 +209,7 @@ def test_a_step_is_short_enough(soil: str | None) -> None:
 
 
 def test_compiled_and_interpreted_are_the_same() -> None:
-    """But for rounding that 5 s of slipping do not make grow."""
+    """Equal but for rounding, which does not grow in 5 s of slipping."""
     if compiler() is None:
         pytest.skip("no C compiler here")
     soil = load_soil("toyoura_sand")
@@ -216,15 +219,15 @@ def test_compiled_and_interpreted_are_the_same() -> None:
     assert one == pytest.approx(other, rel=1e-9, abs=1e-12)
 
 
-def test_a_plant_travels_without_its_memory() -> None:
+def test_a_pickled_plant_steps_alike() -> None:
     plant = plant_on("toyoura_sand", SIDE_SLOPE)
     same = pickle.loads(pickle.dumps(plant))
     state = plant.initial_state(HOME)
     assert np.array_equal(same.step(state, FORWARD, 100), plant.step(state, FORWARD, 100))
 
 
-def test_it_starts_where_it_shall_and_as_it_would_drive() -> None:
-    """At the pose, with turns at zero, sunk in and slipping as the steady drive does."""
+def test_the_initial_state_is_that_of_steady_driving() -> None:
+    """At the given pose, with turns of 0, and the sinkage and slip of steady driving."""
     plant = plant_on("toyoura_sand", SIDE_SLOPE)
     start = plant.observe(plant.initial_state(Pose2(1.0, 2.0, 0.3), 0.08), 0)
     assert start.pose == pytest.approx([1.0, 2.0, 0.3], abs=0.0)
@@ -241,7 +244,7 @@ def test_soil_that_does_not_carry_the_rover_is_refused() -> None:
         RoverPlant(heavy, Terrain(), load_soil("toyoura_sand"), "interpreted").initial_state(HOME)
 
 
-def test_broken_physics_is_told_with_state_and_input() -> None:
+def test_a_state_that_is_not_finite_raises_diverged_error() -> None:
     plant = RoverPlant(ROVER, Terrain(), None, "interpreted")
     broken = plant.initial_state(HOME)
     broken[3] = math.nan

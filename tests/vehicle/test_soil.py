@@ -1,4 +1,4 @@
-"""The soils that come with the program, and what is said of a wrong one."""
+"""Shipped soils, and errors in soil files."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vehicle.rover.soil import Soil, load_soil, soil_names, soil_sources
 
 @pytest.mark.parametrize("name", soil_names())
 def test_every_number_of_a_soil_has_a_source(name: str) -> None:
-    """What nobody measured says that it is assumed; nothing stands there without a word."""
+    """A number that nobody measured has a source "assumed: …"."""
     numbers = {key for key, value in load_soil(name) if isinstance(value, float)}
     assert {key for key, source in soil_sources(name).items() if source.strip()} == numbers
 
 
 @pytest.mark.parametrize("name", soil_names())
-def test_a_soil_is_called_as_its_file(name: str) -> None:
+def test_a_soil_has_the_name_of_its_file(name: str) -> None:
     assert load_soil(name).name == name
 
 

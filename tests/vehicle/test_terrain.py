@@ -1,4 +1,4 @@
-"""The ground a rover drives on."""
+"""Ground that a rover drives on."""
 
 from __future__ import annotations
 
@@ -49,27 +49,27 @@ def test_gradient_is_the_slope_of_the_height(terrain: Terrain) -> None:
     assert terrain.gradient(x, y) == pytest.approx(by_difference, abs=1e-8)
 
 
-def test_a_slope_rises_by_its_angle_where_it_is_said_to() -> None:
-    """One metre towards 30 degrees rises by the tangent; across there is none."""
+def test_a_slope_rises_by_its_angle_in_its_direction() -> None:
+    """One metre in the direction of 0.5 rad rises by the tangent of the angle; across it the ground is level."""
     slope_x, slope_y = slope_towards(0.5, math.radians(5.0))
     terrain = Terrain(slope_x=slope_x, slope_y=slope_y)
     assert float(terrain.height(math.cos(0.5), math.sin(0.5))) == pytest.approx(math.tan(math.radians(5.0)))
     assert float(terrain.height(-math.sin(0.5), math.cos(0.5))) == pytest.approx(0.0, abs=1e-15)
 
 
-def test_a_mound_is_as_high_as_said_and_ends_at_twice_its_radius() -> None:
+def test_a_mound_has_its_height_and_ends_at_twice_its_radius() -> None:
     terrain = Terrain(mounds=(MOUND,))
     assert float(terrain.height(1.0, -0.5)) == pytest.approx(0.4)
     assert float(terrain.height(4.0, -0.5)) < 0.4 * 4e-4  # four standard deviations off: exp(-8)
 
 
 def test_a_map_of_a_mound_is_the_mound() -> None:
-    """A bicubic spline errs by the grid to the fourth times the bell's fourth derivative: some 1e-6 m at 5 cm."""
+    """Error of a bicubic spline: spacing to the fourth times the bell's fourth derivative, some 1e-6 m at 5 cm."""
     x, y = places()
     assert Terrain(height_map=grid(0.4)).height(x, y) == pytest.approx(Terrain(mounds=(MOUND,)).height(x, y), abs=1e-5)
 
 
-def test_beyond_a_map_the_ground_stays_as_at_its_edge() -> None:
+def test_beyond_a_map_the_height_of_its_edge_continues() -> None:
     terrain = Terrain(height_map=grid(0.4))
     assert float(terrain.height(9.0, 0.0)) == float(terrain.height(3.5, 0.0))
     assert terrain.gradient(9.0, 0.0)[0] == 0.0
@@ -83,7 +83,7 @@ def test_a_height_map_is_read_from_text_and_from_an_array(tmp_path: Path) -> Non
         assert load_height_map(str(tmp_path / name), 0.5).heights == pytest.approx(heights)
 
 
-def test_a_file_that_is_no_height_map_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_a_table_of_heights_is_refused(tmp_path: Path) -> None:
     (tmp_path / "odd.csv").write_text("1, two\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"odd\.csv: not a table of heights"):
         load_height_map(str(tmp_path / "odd.csv"), 0.5)
@@ -91,7 +91,7 @@ def test_a_file_that_is_no_height_map_is_refused(tmp_path: Path) -> None:
         load_height_map(str(tmp_path / "none.npy"), 0.5)
 
 
-def test_firm_ground_is_where_the_patches_are() -> None:
+def test_patches_are_firm_ground() -> None:
     terrain = Terrain(firm=(FirmPatch(x=1.0, y=0.0, radius=0.5), FirmPatch(x=3.0, y=0.0, radius=0.2)))
     assert terrain.is_firm([0.0, 1.4, 3.1, 3.3], 0.0).tolist() == [0.0, 1.0, 1.0, 0.0]
     assert not terrain.is_uniform

@@ -1,4 +1,4 @@
-"""A wheel in soil, against reference figures, measurements, and what symmetry demands."""
+"""A wheel in soil, against reference figures, measurements and symmetry."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def compiled(wheel: Disc, soil: Soil) -> Any:
 
 
 def carrying(wheel: Disc, soil: Soil, load: float) -> Callable[[float, float], FloatArray]:
-    """Forces (4,) and sinkage of a wheel under a load, as (5,), of rolling along and across."""
+    """Function of rolling along and across: forces (4,) and sinkage of a wheel under a load, as (5,)."""
     force = compiled(wheel, soil)
 
     def of(along: float, across: float) -> FloatArray:
@@ -60,8 +60,8 @@ REFERENCE = {
 
 
 @pytest.mark.parametrize("beta_deg", REFERENCE)
-def test_forces_in_regolith_are_those_of_the_reference(beta_deg: int) -> None:
-    """Within 1 %; 0.006 N beside it is the rounding of the reference."""
+def test_forces_in_regolith_match_the_reference(beta_deg: int) -> None:
+    """Within 1 %; 0.006 N is the rounding of the reference."""
     of = carrying(SINGLE_WHEEL, REGOLITH, 64.68)
     F_x, F_y = REFERENCE[beta_deg]
     for slip, x, y in zip((0.0, 0.2, 0.4, 0.6, 0.8), F_x, F_y, strict=True):
@@ -69,11 +69,11 @@ def test_forces_in_regolith_are_those_of_the_reference(beta_deg: int) -> None:
         assert got[:2] == pytest.approx([x, y], rel=0.01, abs=0.006)
 
 
-def test_sinkage_in_regolith_is_that_of_the_reference() -> None:
-    """15.2 to 17.2 mm over the slip ratio, to the tenth of a millimetre that it was given to."""
+def test_sinkage_in_regolith_matches_the_reference() -> None:
+    """15.2 to 17.2 mm over the slip ratio, to the tenth of a millimetre that the reference gives."""
     of = carrying(SINGLE_WHEEL, REGOLITH, 64.68)
-    sunk = [1e3 * float(of(1.0 - slip, 0.0)[4]) for slip in (0.0, 0.2, 0.4, 0.6, 0.8)]
-    assert sunk == pytest.approx([15.2, 15.7, 16.2, 16.7, 17.2], abs=0.051)
+    sinkages = [1e3 * float(of(1.0 - slip, 0.0)[4]) for slip in (0.0, 0.2, 0.4, 0.6, 0.8)]
+    assert sinkages == pytest.approx([15.2, 15.7, 16.2, 16.7, 17.2], abs=0.051)
 
 
 # Measured by Pavlov & Johnson (robomechanics/3d-terramechanics, MIT): over F_z, at slip ratios of the total speed of
@@ -91,8 +91,8 @@ MEASURED = {
     },
 }
 SLIPS = (-0.5, -0.2, 0.0, 0.23, 0.5)
-LOAD = 20.0  # the middle of the 14 to 27 N that the rig put on the wheel [N]
-TUNED = {  # what their set_soil_params.m has for the smooth wheel beside that with grousers
+LOAD = 20.0  # middle of the range of 14 to 27 N of the rig [N]
+TUNED = {  # their set_soil_params.m: changes for the smooth wheel
     "grouser": {},
     "smooth": {"exponent": 1.4, "exponent_by_skid": 0.55},
 }
@@ -115,20 +115,20 @@ def predicted(kind: str, modulus: float) -> dict[int, FloatArray]:
 
 
 def error(kind: str, modulus: float) -> float:
-    """RMS of all differences from what was measured, over F_z [-]."""
+    """RMS difference from the measurements, over F_z [-]."""
     differences: list[float] = []
-    for deg, found in predicted(kind, modulus).items():
+    for deg, force in predicted(kind, modulus).items():
         F_x, F_y = MEASURED[kind][deg]
-        differences.extend(found[:, 0] - F_x)
-        differences.extend([] if F_y is None else found[:, 1] - F_y)
+        differences.extend(force[:, 0] - F_x)
+        differences.extend([] if F_y is None else force[:, 1] - F_y)
     return float(np.sqrt(np.mean(np.square(differences))))
 
 
 @pytest.mark.parametrize("kind", MEASURED)
-def test_measured_forces_are_met_after_fitting_the_shear_modulus_alone(kind: str) -> None:
-    """RMS of 0.15 of the load, slips to 0.5 either way: what is aimed at; 0.07 and 0.13 are reached.
+def test_fitting_the_shear_modulus_alone_meets_the_measured_forces(kind: str) -> None:
+    """Target: RMS of 0.15 of the load at slips of -0.5 to 0.5; 0.07 and 0.13 are reached.
 
-    Their soil has one modulus along and across, so it is one number that is fitted.
+    Their soil has one modulus for both directions, so one number is fitted.
     """
     best = minimize_scalar(lambda k: error(kind, k), bounds=(0.005, 0.05), options={"xatol": 1e-3})
     assert best.fun < 0.15
@@ -137,17 +137,17 @@ def test_measured_forces_are_met_after_fitting_the_shear_modulus_alone(kind: str
 @pytest.mark.parametrize("kind", MEASURED)
 def test_forces_change_with_slip_and_slip_angle_as_measured(kind: str) -> None:
     """Pull grows with slip; side force falls with it and grows with the slip angle (Yoshida & Ishigami, IROS 2004)."""
-    found = predicted(kind, 0.02)
-    for of_angle in found.values():
+    forces = predicted(kind, 0.02)
+    for of_angle in forces.values():
         assert np.all(np.diff(of_angle[:, 0]) > 0.0)
-    _, small, large = found.values()
+    _, small, large = forces.values()
     assert np.all(np.diff(small[:, 1]) < 0.0)
     assert np.all(large[:, 1] > small[:, 1])
 
 
 @pytest.mark.parametrize("name", sorted(set(soil_names()) - {"k10_mini_sand"}))
 def test_quadrature_is_exact_to_a_hundredth_of_a_percent(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the load, driving; in skid, where the kink between the zones of shear lies between its points, to 0.2 %."""
+    """Relative to the load when driving; 0.2 % when skidding, as the kink of the zones is between two points."""
     rng = np.random.default_rng(1)
     h, across = rng.uniform(0.004, 0.05, 200), rng.normal(0.0, 0.4, 200)
     along = np.concatenate([rng.uniform(0.1, 1.0, 100), rng.uniform(1.0, 3.0, 100)])
@@ -162,9 +162,9 @@ def test_quadrature_is_exact_to_a_hundredth_of_a_percent(name: str, monkeypatch:
 
 @pytest.mark.parametrize("name", soil_names())
 def test_forces_are_continuous_from_driving_to_skidding(name: str) -> None:
-    """Without slip the transition of the two zones of shear is where the wheel enters: there is one zone either way.
+    """Without slip the transition between the zones of shear is at the entry: only one zone is left.
 
-    A step of 1e-6 in rolling may change the force by no more than a slope of 1e3 N makes of it.
+    A step of 1e-6 in rolling may change the force by 2e-3 N, a slope of 1e3 N.
     """
     force = compiled(SINGLE_WHEEL, load_soil(name))
     below, above = (np.array(force(0.015, along, 0.05)) for along in (1.0 - 1e-6, 1.0 + 1e-6))
@@ -172,7 +172,7 @@ def test_forces_are_continuous_from_driving_to_skidding(name: str) -> None:
 
 
 def by_small_steps(wheel: Disc, soil: Soil, h: float, along: float, across: float) -> FloatArray:
-    """F_x, F_y, F_z of separate shear by the trapezium rule, every equation written down again; k_x, k_y constant."""
+    """F_x, F_y, F_z of separate shear by the trapezium rule, derived independently; k_x, k_y constant."""
     r, phi, n = wheel.radius, math.radians(soil.friction_angle_deg), soil.exponent
     slip = 1.0 - along if along <= 1.0 else 1.0 / along - 1.0
     enter, leave = math.acos(1.0 - h / r), -math.acos(1.0 - soil.exit_ratio * h / r)
@@ -202,10 +202,10 @@ def by_small_steps(wheel: Disc, soil: Soil, h: float, along: float, across: floa
 
 
 @pytest.mark.parametrize("along", [0.3, 0.7, 1.0, 1.25, 2.0])
-def test_forces_are_the_stresses_integrated(along: float) -> None:
-    """Driving, rolling and with both zones of shear of a skidding wheel; 0.2 % of the lift is the quadrature's error.
+def test_forces_are_the_integrated_stresses(along: float) -> None:
+    """Driving, rolling and skidding with two zones of shear; 0.2 % of the lift is the error of the quadrature.
 
-    The slide that it takes to heap up soil beside the wheel is in that, too.
+    It includes the smoothing of the bulldozing force.
     """
     soil = load_soil("beach_sand")
     got = np.array(compiled(SINGLE_WHEEL, soil)(0.03, along, 0.3)).ravel()[:3]
@@ -215,25 +215,25 @@ def test_forces_are_the_stresses_integrated(along: float) -> None:
 
 @given(h=st.floats(1e-3, 0.06), along=st.floats(-1.0, 4.0), across=st.floats(-2.0, 2.0))
 @settings(max_examples=50, deadline=None)
-def test_left_and_right_are_alike(h: float, along: float, across: float) -> None:
+def test_mirror_symmetry(h: float, along: float, across: float) -> None:
     """Exact up to the rounding of the quadrature's sum."""
     one, other = np.array(TOYOURA(h, along, across)).ravel(), np.array(TOYOURA(h, along, -across)).ravel()
     assert other == pytest.approx(one * [1.0, -1.0, 1.0, 1.0], rel=1e-12, abs=1e-12)
 
 
 def test_side_force_opposes_the_side_slip() -> None:
-    """A wheel that goes to the left is pushed to the right."""
+    """A wheel that moves to the left is pushed to the right."""
     assert float(TOYOURA(0.015, 1.0, 0.1)[1]) < 0.0
 
 
-def test_a_deeper_wheel_is_carried_better() -> None:
-    """Lift grows with sinkage: else no sinkage would be a balance."""
+def test_lift_grows_with_sinkage() -> None:
+    """Otherwise no sinkage would be in stable balance."""
     lift = [float(TOYOURA(h, 0.8, 0.0)[2]) for h in np.linspace(0.001, 0.08, 40)]
     assert np.all(np.diff(lift) > 0.0)
 
 
 def test_reece_density_is_a_mass_density() -> None:
-    """With the specific weight in its place the soil would be 9.8 times too stiff, and a light rover would not sink in.
+    """With the specific weight the soil would be 9.8 times too stiff, and a light rover would not sink in.
 
     El Dorado II's wheels stand 23 to 32 mm deep in Toyoura sand in the Tohoku group's own figures.
     """
@@ -242,6 +242,6 @@ def test_reece_density_is_a_mass_density() -> None:
 
 
 @pytest.mark.parametrize(("along", "slip"), [(0.4, 0.6), (1.0, 0.0), (2.0, -0.5), (-0.5, 1.5)])
-def test_slip_ratio_has_the_larger_speed_below(along: float, slip: float) -> None:
+def test_slip_ratio_has_the_larger_speed_as_its_denominator(along: float, slip: float) -> None:
     """(r omega - v) / r omega driving and / v skidding; above 1 the wheel is carried backward."""
     assert float(slip_ratio(along)) == pytest.approx(slip, abs=1e-15)
