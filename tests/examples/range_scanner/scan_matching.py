@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.rigid_motion import UncertainMotion, seen_from
+from estimators.rigid_motion import UncertainMotion, change_frame
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform
 from vehicle.option import Option
 
@@ -108,10 +108,10 @@ class ScanMatching:
             X, covariance, health = np.eye(4), np.full((6, 6), np.inf), Health.LOST
         else:
             x, y, psi = match.pose
-            seen = np.diag([_TILT, _TILT, 0.0, 0.0, 0.0, _HEAVE]) ** 2
-            seen[np.ix_([3, 4, 2], [3, 4, 2])] = match.covariance
-            moved = UncertainMotion(transform(rotation_zyx(psi, 0.0, 0.0), np.array([x, y, 0.0])), seen)
-            X, covariance = seen_from(self._X_SL, moved)
+            covariance_P = np.diag([_TILT, _TILT, 0.0, 0.0, 0.0, _HEAVE]) ** 2
+            covariance_P[np.ix_([3, 4, 2], [3, 4, 2])] = match.covariance
+            moved = UncertainMotion(transform(rotation_zyx(psi, 0.0, 0.0), np.array([x, y, 0.0])), covariance_P)
+            X, covariance = change_frame(self._X_SL, moved)
             health = Health.OK
         return BodyMotion(tick=tick, previous_tick=previous_tick, X_PC=X, covariance=covariance, health=health)
 
