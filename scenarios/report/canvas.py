@@ -1,4 +1,4 @@
-"""Drawing on pictures with OpenCV: lettering, lines and a strip chart. Colours are RGB."""
+"""Pictures drawn with OpenCV: text, lines, readings and strip charts. Colours are RGB."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Curve = tuple[FloatArray, FloatArray, Colour, int]  # time [s], finite values, c
 WIDTH = 1280  # of the videos [px]
 PAPER, INK, SOFT, LINE = (255, 255, 255), (39, 49, 59), (91, 102, 115), (226, 230, 234)
 TRUE, ESTIMATED = (31, 95, 168), (224, 118, 26)  # as in the report
-SHIFT = 4  # binary digits behind the point of a pixel coordinate
+SHIFT = 4  # fractional bits of a pixel coordinate in OpenCV's drawing functions
 
 
 def blank(width: int, height: int) -> Picture:
     """An empty picture."""
-    return np.full((height, width, 3), PAPER[0], np.uint8)  # all three alike: several times faster than a colour
+    return np.full((height, width, 3), PAPER[0], np.uint8)  # one value for all: several times faster than a colour
 
 
 @lru_cache(maxsize=512)
 def _lettering(text: str, size: int) -> NDArray[np.float32]:
     """Coverage of every pixel by the text, shape (height, width, 1), 0 … 1.
 
-    Pillow's own typeface is on every machine; it has no minus sign and no dash but the hyphen.
+    Pillow's own typeface, which every machine has; of dashes and minus signs it has only the hyphen.
     """
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text)
@@ -46,7 +46,7 @@ def _lettering(text: str, size: int) -> NDArray[np.float32]:
 def write(
     picture: Picture, text: str, at: tuple[int, int], *, size: int = 15, colour: Colour = INK, anchor: float = 0.0
 ) -> None:
-    """Writes text into the picture; ``at`` is its upper left corner; ``anchor`` 1: right, 0.5: middle."""
+    """Writes text with its top at ``at`` [px] and there its left end (``anchor`` 0), middle (0.5) or right end (1)."""
     cover = _lettering(text, size)
     height, width = cover.shape[:2]
     u, v = round(at[0] - anchor * width), at[1]
@@ -57,14 +57,26 @@ def write(
     )
 
 
+def decoded(jpeg: bytes, tick: int) -> Picture:
+    """The image of a frame, RGB.
+
+    Raises:
+        ValueError: if it is no JPEG image.
+    """
+    image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    if image is None:
+        raise ValueError(f"frame of tick {tick} is no JPEG image")
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
 def curve(picture: Picture, points: FloatArray, colour: Colour, thickness: int = 1, *, closed: bool = False) -> None:
-    """An anti-aliased line through pixel coordinates (n, 2)."""
+    """Draws an anti-aliased line through pixel coordinates (n, 2)."""
     if len(points) > 1:
         cv2.polylines(picture, [fixed_point(points)], closed, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def fixed_point(points: FloatArray) -> NDArray[np.int32]:
-    """Pixel coordinates as OpenCV wants them: whole numbers of 1/16 px."""
+    """Pixel coordinates in OpenCV's fixed-point format: integers of 1/16 px."""
     fixed: NDArray[np.int32] = np.rint(points * 2**SHIFT).astype(np.int32)
     return fixed
 
@@ -115,7 +127,7 @@ def newest_row(ticks: FloatArray, tick: int) -> int:
 
 
 def nice_step(span: float, steps: int) -> float:
-    """A step of 1, 2 or 5 times a power of ten that divides the span into at most about this many."""
+    """The smallest of 1, 2 or 5 times a power of ten that divides the span into at most so many steps."""
     rough = span / steps
     power = 10.0 ** math.floor(math.log10(rough))
     return power * next(m for m in (1, 2, 5, 10) if m * power >= rough * (1.0 - 1e-9))
@@ -123,7 +135,7 @@ def nice_step(span: float, steps: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StripChart:
-    """Signals over the time of a whole run, drawn up to the present."""
+    """A chart of signals over the whole run, drawn up to the current time."""
 
     background: Picture  # axes and lettering
     left: int  # the plotting area inside it [px]
@@ -135,8 +147,8 @@ class StripChart:
 
     @classmethod
     def with_axes(cls, size: tuple[int, int], duration: float, largest: float) -> StripChart:
-        """A chart of this width and height for values of either sign up to ``largest`` [m]."""
-        step = nice_step(2.0 * max(largest, 0.05), 6)  # below 5 cm there is nothing to see but noise
+        """A chart of this width and height for values of either sign up to ``largest``."""
+        step = nice_step(2.0 * max(largest, 0.05), 6)  # smaller values would only show noise
         chart = cls(
             background=blank(size[0], size[1]),
             left=62,

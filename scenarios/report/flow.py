@@ -7,7 +7,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from scenarios.report.canvas import INK, PAPER, WIDTH, Picture, write
+from scenarios.report.canvas import INK, PAPER, WIDTH, Picture, decoded, write
 from scenarios.report.page import Photo, Photos, Stroke
 from scenarios.results.run_result import CameraFrame
 from vehicle.frames import FloatArray
@@ -19,8 +19,7 @@ _COLOURS = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORM
 
 def flow_photos(frame: CameraFrame) -> Photos:
     """The image for a page, with a stroke from the previous to the current position of each feature."""
-    image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    height, width = (0, 0) if image is None else image.shape[:2]
+    height, width = decoded(frame.jpeg, frame.tick).shape[:2]
     tracks = frame.tracks.astype(np.float64)
     hues = _STILL + (_FAST - _STILL) * _relative_length(tracks)
     strokes = [
@@ -31,18 +30,11 @@ def flow_photos(frame: CameraFrame) -> Photos:
 
 
 def camera_picture(frame: CameraFrame) -> Picture:
-    """The image across the width of a video, with its features and their number.
-
-    Raises:
-        ValueError: if the frame is no JPEG image.
-    """
-    image = cv2.imdecode(np.frombuffer(frame.jpeg, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        raise ValueError(f"camera frame of tick {frame.tick} is no JPEG image")
+    """The image across the width of a video, with its features and their number."""
+    image = decoded(frame.jpeg, frame.tick)
     scale = min(WIDTH / image.shape[1], _TALLEST / image.shape[0])
     size = (2 * round(0.5 * scale * image.shape[1]), 2 * round(0.5 * scale * image.shape[0]))  # H.264 wants even sizes
-    resized = cv2.resize(image, size, interpolation=cv2.INTER_LINEAR)
-    shown = np.asarray(cv2.cvtColor(resized, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    shown = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
     draw_flow(shown, scale * (frame.tracks.astype(np.float64) + 0.5) - 0.5)
     picture = np.full((size[1], WIDTH, 3), INK, np.uint8)
     left = (WIDTH - size[0]) // 2

@@ -55,7 +55,7 @@ class PlanView:
 
     @property
     def _reach(self) -> float:
-        """Farther from the centre of the view than this nothing is in view [m]."""
+        """Distance from the centre beyond which nothing is in view [m]."""
         return sum(self.size) / self.scale
 
     def draw(self, row: int) -> canvas.Picture:
@@ -78,7 +78,7 @@ class PlanView:
         return pixels
 
     def _rows(self, row: int) -> NDArray[np.intp]:
-        """Rows up to this one at which the vehicle is drawn as it was: about 0.3 m of travel apart, in view."""
+        """Earlier rows in view, about 0.3 m of travel apart, and this row."""
         along = arc_length(self.poses[0][: row + 1, :2])
         first = 0.0 if self.centre is not None else max(0.0, along[-1] - self._reach)
         rows = np.searchsorted(along, np.arange(first, along[-1], 0.3))

@@ -1,4 +1,4 @@
-"""Figures of a page: matplotlib axes in one style, handed on as SVG.
+"""Figures of a page: matplotlib axes in one style, as SVG.
 
 Lettering stays text, so that the page's typeface applies and numbers can be searched and copied. Every legend lies
 below its axes, where it hides no curve.
@@ -66,7 +66,7 @@ def drawn(name: str, height: float = FLAT, *, title: str = "") -> Iterator[tuple
         ax = canvas.subplots()
         yield drawing, ax
         _plain_logarithms(ax)
-        _legend_below(canvas, ax)
+        legend_below(canvas, ax)
         text = io.StringIO()
         canvas.savefig(text, format="svg", transparent=True, metadata={"Date": None})
         svg = text.getvalue()
@@ -138,12 +138,13 @@ def outlines(ax: Axes, corners: FloatArray) -> None:
     ax.add_collection(PolyCollection(list(corners), facecolor="none", edgecolor=INK, linewidth=0.9, zorder=3))
 
 
-def _legend_below(canvas: Canvas, ax: Axes) -> None:
-    _, labels = ax.get_legend_handles_labels()
+def legend_below(canvas: Canvas, ax: Axes) -> None:
+    """Puts the legend of the axes below them, if they have one."""
+    handles, labels = ax.get_legend_handles_labels()
     if labels:
         lengths = [len(label) + 8 for label in labels]  # with the line in front
         columns = len(labels) if sum(lengths) <= _LETTERS else max(1, _LETTERS // max(lengths))
-        canvas.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=columns, handlelength=1.6)
+        canvas.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=1.6)
 
 
 def _plain_logarithms(ax: Axes) -> None:

@@ -16,7 +16,7 @@ from scenarios.report.video import Reel, write_reel
 from scenarios.results.rover import RoverResult
 from vehicle.frames import FloatArray
 
-_RATE: Final = 10  # [1/s] of the video, twice as fast as it happened: a rover is slow
+_RATE: Final = 10  # [1/s] of the video: twice real time, as a rover is slow
 _PERIOD: Final = 200  # [ticks] between pictures
 _CAMERA, _CHART = (640, 480), 260  # [px]
 _KEYS: Final = (

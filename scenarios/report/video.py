@@ -14,7 +14,7 @@ from PIL import Image
 from scenarios.progress import Progress, no_progress
 from scenarios.report.canvas import Picture
 
-_GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 64  # a GIF of a minute then stays at some megabytes
+_GIF_WIDTH, _GIF_FRAMES, _GIF_COLOURS = 640, 150, 64  # keeps a GIF of a minute at some megabytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +40,7 @@ def _pictures(reel: Reel, stride: int, progress: Progress) -> Iterator[Picture]:
 
 
 def _write_h264(reel: Reel, path_without_suffix: Path, progress: Progress) -> Path:
-    import av  # an extra: absent in a lean installation
+    import av  # an optional dependency
 
     path = path_without_suffix.with_name(path_without_suffix.name + ".mp4")
     with av.open(path, "w", options={"movflags": "faststart"}) as container:
@@ -48,9 +48,9 @@ def _write_h264(reel: Reel, path_without_suffix: Path, progress: Progress) -> Pa
         for picture in _pictures(reel, 1, progress):
             if stream is None:
                 stream = container.add_stream("h264", rate=reel.rate, options={"crf": "26", "preset": "veryfast"})
-                stream.thread_type = "FRAME"  # the next picture is drawn while this one is encoded
+                stream.thread_type = "FRAME"  # draw the next picture while this one is encoded
                 stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt = "yuv420p"  # what every player can show
+                stream.pix_fmt = "yuv420p"  # supported by every player
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         if stream is not None:
             container.mux(stream.encode())
@@ -61,7 +61,7 @@ def _write_gif(reel: Reel, path_without_suffix: Path, progress: Progress) -> Pat
     path = path_without_suffix.with_name(path_without_suffix.name + ".gif")
     stride = max(2, math.ceil(reel.count / _GIF_FRAMES))
     frames = [_small(picture) for picture in _pictures(reel, stride, progress)]
-    palette = _palette(frames[len(frames) // 2])  # one for all: what does not move then costs nothing
+    palette = _palette(frames[len(frames) // 2])  # one palette for all: parts that do not move then cost nothing
     first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
     duration = round(1e3 * stride / reel.rate)
     first.save(path, save_all=True, append_images=others, duration=duration, loop=0, optimize=True)
@@ -69,7 +69,7 @@ def _write_gif(reel: Reel, path_without_suffix: Path, progress: Progress) -> Pat
 
 
 def _palette(picture: Image.Image) -> Image.Image:
-    """An image with a palette of common colours, for the landscape, and rare ones, for the lines of the diagrams."""
+    """An image that holds a palette: common colours for the landscape, rare ones for the lines of the diagrams."""
     common = picture.quantize(_GIF_COLOURS, Image.Quantize.MEDIANCUT).getpalette() or []
     rare = picture.quantize(_GIF_COLOURS, Image.Quantize.MAXCOVERAGE).getpalette() or []
     palette = Image.new("P", (1, 1))

@@ -1,4 +1,4 @@
-"""The curve of learning: a row for every update, kept as Parquet and drawn as a picture."""
+"""The learning curve: a row for every update, stored as Parquet and drawn as a picture."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
-from scenarios.report.plots import ESTIMATED, GREY, INK, STYLE, TRUE, WIDTH
+from scenarios.report.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from vehicle.frames import FloatArray
 
-_TOGETHER = 15  # points that a mean of the curve is of
+_WINDOW = 15  # points of the moving average
+_LEVELS = (ESTIMATED, INK, GREY, *SERIES[2:4])  # colours of the laws
 
 
 class Point(NamedTuple):
-    """After one update; the numbers of episodes are means over those that ended since the one before."""
+    """State of the training after one update; episode numbers are means over the episodes since the last update."""
 
     steps: int  # control steps of all environments so far
-    wall_s: float  # time so far [s]
-    episodes: int  # that ended
-    rms_m: float  # their off-tracking, with the noise of exploring [m]; NaN: none ended
-    max_m: float
-    mishaps: float  # share of them
-    reward: float  # of a control step
+    wall_s: float  # computing time so far [s]
+    episodes: int  # ended since the last update
+    rms_m: float  # off-tracking, with exploration noise [m]; NaN: no episode ended
+    max_m: float  # the same, maximum [m]
+    mishaps: float  # share of the episodes that ended badly
+    reward: float  # mean of a control step
     exploration: float  # standard deviation of the actions [-]
-    divergence: float  # of the policy from the one before (Kullback-Leibler)
+    divergence: float  # of the policy from the previous one (Kullback-Leibler)
     explained_variance: float  # by the value function [-]
 
 
 def write_curve(curve: Sequence[Point], path: Path) -> None:
-    """Writes it whole or not at all."""
+    """Writes the curve; the file appears complete or not at all."""
     table = pa.table({name: [getattr(point, name) for point in curve] for name in Point._fields})
     unfinished = path.with_name(f".{path.name}.unfinished")
     pq.write_table(table, unfinished)
@@ -42,10 +43,10 @@ def write_curve(curve: Sequence[Point], path: Path) -> None:
 
 
 def read_curve(path: Path) -> list[Point]:
-    """What ``write_curve`` has written.
+    """The curve in a file of :func:`write_curve`.
 
     Raises:
-        ValueError: one line, if it is none.
+        ValueError: one line, if the file has other columns.
     """
     table = pq.read_table(path)
     if tuple(table.column_names) != Point._fields:
@@ -54,27 +55,26 @@ def read_curve(path: Path) -> list[Point]:
 
 
 def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) -> None:
-    """Off-tracking over steps as a PNG, with what laws come to in the same episodes as lines."""
+    """Draws off-tracking over steps as a PNG, with the off-tracking of trailer laws in the same episodes as lines."""
     steps = np.array([point.steps for point in curve]) / 1e6
-    colours = (ESTIMATED, INK, GREY, "#2a9d8f", "#8e5ea2")
+    rms = np.array([point.rms_m for point in curve])
+    known = np.isfinite(rms)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH, 3.4), layout="constrained")
         ax = figure.subplots()
-        rms = np.array([point.rms_m for point in curve])
-        there = np.isfinite(rms)
-        ax.plot(steps[there], rms[there], color=TRUE, linewidth=0.6, alpha=0.4)
-        ax.plot(steps[there], _smoothed(rms[there]), color=TRUE, linewidth=2.0, label="policy, while it explores")
-        for (law, level), colour in zip(levels.items(), colours, strict=False):
+        ax.plot(steps[known], rms[known], color=TRUE, linewidth=0.6, alpha=0.4)
+        ax.plot(steps[known], _smoothed(rms[known]), color=TRUE, linewidth=2.0, label="policy while exploring")
+        for (law, level), colour in zip(levels.items(), _LEVELS, strict=False):
             ax.axhline(level, color=colour, linewidth=1.3, linestyle=(0, (6, 3)), label=law)
         ax.set(yscale="log", xlabel="control steps of 20 ms [millions]", ylabel="off-tracking of an episode, RMS [m]")
         ax.yaxis.set_major_formatter("{x:g}")
-        ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.2)
+        legend_below(figure, ax)
         unfinished = path.with_name(f".{path.name}.unfinished")
         figure.savefig(unfinished, dpi=110, format="png")
         unfinished.replace(path)
 
 
 def _smoothed(values: FloatArray) -> FloatArray:
-    """Means over the points around each."""
-    half = _TOGETHER // 2
+    """Moving average."""
+    half = _WINDOW // 2
     return np.array([values[max(k - half, 0) : k + half + 1].mean() for k in range(len(values))])

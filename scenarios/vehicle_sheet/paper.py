@@ -20,7 +20,12 @@ WIDTH: Final = 15.0  # of the sheet [in]
 MARGIN: Final = 1.0  # left and right of the drawing, for lettering [in]
 TITLE, GAP, ROW, FOOT = 0.72, 0.35, 0.175, 0.55  # heights [in]
 _BORDER: Final = 0.14  # between the edge of the sheet and its frame [in]
-_STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "vehicle", "font.size": 9.0}  # matplotlib's types change
+_STYLE: Any = {  # matplotlib's types for it change with its version
+    "svg.fonttype": "none",
+    "svg.hashsalt": "vehicle",
+    "font.size": 9.0,
+    "text.parse_math": False,
+}
 
 Rows = list[tuple[str, ...]]
 

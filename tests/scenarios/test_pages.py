@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from html import escape
 from html.parser import HTMLParser
@@ -92,12 +93,29 @@ def table_log(*columns: tuple[str, str], rows: int = 5) -> Log:
 
 
 def run_html(run: RunResult) -> str:
-    """The page of a run with a unit, a scenario, an outcome and a manifest of that name."""
-    renamed = [dataclasses.replace(one, name=one.name.replace("trailer", BAD)) for one in run.log.signals]
-    units = tuple(dataclasses.replace(unit, name=unit.name.replace("trailer", BAD)) for unit in run.units)
-    log = Log(tuple(renamed), run.log.rows)
+    """The page of a run whose trailer, scenario, outcome and manifest have that name."""
+
+    def renamed(name: str) -> str:
+        return re.sub("trailer$", lambda _: BAD, name)
+
+    signals = tuple(dataclasses.replace(signal, name=renamed(signal.name)) for signal in run.log.signals)
+    units = tuple(
+        dataclasses.replace(
+            unit,
+            name=renamed(unit.name),
+            steer_signals=tuple(None if name is None else renamed(name) for name in unit.steer_signals),
+        )
+        for unit in run.units
+    )
     bad = dataclasses.replace(
-        run, scenario=BAD, scenario_toml=BAD, outcome=BAD, log=log, units=units, manifest={BAD: BAD}
+        run,
+        scenario=BAD,
+        scenario_toml=BAD,
+        outcome=BAD,
+        log=Log(signals, run.log.rows),
+        units=units,
+        trailers=tuple(dataclasses.replace(trailer, name=renamed(trailer.name)) for trailer in run.trailers),
+        manifest={BAD: BAD},
     )
     return report_html(bad, summary(bad))
 
