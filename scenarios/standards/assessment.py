@@ -1,4 +1,4 @@
-"""All standard manoeuvres of one combination, driven at the same time on several cores, and what they amount to."""
+"""Assessment of a combination: all standard manoeuvres, driven on several cores, compared with the standards."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from scenarios.standards.tilt import tilt
 from scenarios.standards.turn import turn
 from vehicle.combination.description import Vehicle
 
-MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # as they are reported
+MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # in the order of the report
 _LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
 _DRIVEN: Final = {
     "turn": turn,
@@ -40,26 +40,26 @@ class Assessment:
     vehicle: Vehicle
     trailer_steering: str
     manoeuvres: tuple[Manoeuvre, ...]
-    linear: Figures  # what linear theory says, where it does
+    linear: Figures  # by linear theory, where it applies
 
     @property
     def figures(self) -> Figures:
-        """Everything measured, by name."""
+        """All measured quantities by name."""
         return {name: value for manoeuvre in self.manoeuvres for name, value in manoeuvre.figures.items()}
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:
-        """Every criterion of the standards that applies, held against what was measured."""
-        applying = {
+        """All criteria of the standards that apply, compared with the measured quantities."""
+        applicable = {
             name: value
             for manoeuvre in self.manoeuvres
             for name, value in manoeuvre.figures.items()
             if math.isfinite(value) or manoeuvre.outcome != "completed"
         }
-        return judged(applying)
+        return judged(applicable)
 
     def summary(self) -> dict[str, Any]:
-        """The assessment ready for JSON; null stands for what could not be measured."""
+        """The assessment for JSON; null where a quantity could not be measured."""
         return {
             "vehicle": self.vehicle.name,
             "trailer_steering": self.trailer_steering,
@@ -75,16 +75,17 @@ class Assessment:
 def assess(
     vehicle: Vehicle, *, trailer_steering: str = "none", progress: Progress = no_progress, processes: int | None = None
 ) -> Assessment:
-    """The combination driven through every standard manoeuvre.
+    """Drive a combination through every standard manoeuvre.
 
     Args:
-        vehicle: the combination, laden as its file says.
-        trailer_steering: law for the last unit's steered axles, fed with the exact off-tracking; "none" holds them.
+        vehicle: the combination, laden as in its file.
+        trailer_steering: law for the last unit's steered axles, fed with the exact off-tracking; "none" keeps them
+            straight.
         progress: callback with the number of finished manoeuvres and the title of the last one.
-        processes: to drive them in; as many as there are cores, if not given.
+        processes: number of processes; by default one per core.
 
     Raises:
-        ValueError: one line, if the vehicle has nothing that such a law could steer, or can not be driven.
+        ValueError: one line, if the vehicle has no axles for the law to steer, or can not be driven.
     """
     done: dict[str, Manoeuvre] = {}
     progress(0, len(MANOEUVRES))
@@ -100,7 +101,7 @@ def assess(
 
 
 def _driven(vehicle: Vehicle, trailer_steering: str, processes: int) -> Iterator[Manoeuvre]:
-    """Every manoeuvre, as it is finished."""
+    """Drive all manoeuvres and yield each as soon as it is finished."""
     tasks = [(key, vehicle, trailer_steering) for key in _LONGEST_FIRST]
     if processes == 1:
         yield from (_one(*task) for task in tasks)

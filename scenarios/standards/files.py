@@ -1,4 +1,4 @@
-"""What an assessment leaves behind: a report, its numbers, and the log of every manoeuvre."""
+"""Result directory of an assessment: report, numbers, and the log of every manoeuvre."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from scenarios.standards.assessment_page import assessment_page
 
 
 def write_assessment(assessment: Assessment, directory: Path) -> None:
-    """Writes ``report.html``, ``assessment.json`` and ``<manoeuvre>.parquet``; the directory appears complete.
+    """Write ``report.html``, ``assessment.json`` and ``<manoeuvre>.parquet``; the directory appears complete.
 
     Raises:
-        ValueError: if the directory can not take them.
+        ValueError: if the directory exists and is not empty.
     """
     with appearing_at_once(directory) as folder:
         (folder / "report.html").write_text(assessment_page(assessment), encoding="utf-8")

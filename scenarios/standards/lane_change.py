@@ -1,10 +1,10 @@
 """The single lane change of ISO 14791 at 88 km/h: rearward amplification and transient off-tracking.
 
 The standard prescribes the motion of the front axle: one period of sinusoidal lateral acceleration, 0.4 Hz and 0.15 g,
-which carries it 1.464 m to the side. A steering robot drives it: a small pulse shows how the front axle's lateral
-acceleration answers to steer, H(f); the inverse of H gives the steer for the prescribed acceleration; and what remains
-of the error, as the combination is not quite linear, is taken away the same way in a few passes (iterative learning
-control). So no driver's behaviour enters the figures.
+which moves it 1.464 m to the side. A steering robot drives it. A small steer pulse gives the frequency response H(f)
+from steer to the front axle's lateral acceleration. The inverse of H gives the steer for the prescribed acceleration.
+As the combination is not quite linear, a few passes remove the remaining error in the same way (iterative learning
+control). The figures do not depend on a driver model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from vehicle.surface import Surface
 SPEED: Final = 88.0 / 3.6  # [m/s]
 FREQUENCY: Final = 0.4  # [Hz]
 PEAK: Final = 0.15 * GRAVITY  # [m/s2]
-OFFSET: Final = PEAK / (2.0 * math.pi * FREQUENCY**2)  # to which it leads [m]
+OFFSET: Final = PEAK / (2.0 * math.pi * FREQUENCY**2)  # final lateral offset [m]
 
 NAMES: Final = (
     "rearward_amplification",
@@ -40,17 +40,17 @@ NAMES: Final = (
 
 _FRICTION: Final = 0.8  # a dry road [-]
 _START: Final = 2.0  # of the lane change [s]
-_LENGTH: Final = 16.0  # of a pass: 11 s after the change, in which all oscillation dies out [s]
-_PULSE: Final = math.radians(0.5)  # of steer, for 0.2 s: well inside the linear range
-_PASSES: Final = 3  # after which the error no longer falls
-_TOLERANCE: Final = 0.15  # off the path, a tenth of the offset: beyond it, it was another manoeuvre [m]
-_PASS, _STOP = 2.5, 4.0  # what the robot steers by: harmonics of a 0.4 Hz period fade out in between [Hz]
+_LENGTH: Final = 16.0  # of a pass [s]: oscillations decay in the last 11 s
+_PULSE: Final = math.radians(0.5)  # steer pulse, for 0.2 s: well inside the linear range
+_PASSES: Final = 3  # the error does not fall further
+_TOLERANCE: Final = 0.15  # largest path error of a valid manoeuvre, a tenth of the offset [m]
+_PASS, _STOP = 2.5, 4.0  # pass band and stop band of the robot's steer [Hz]
 
 
 def lane_change(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """The lane change to the left, as driven in the robot's last pass.
+    """Lane change to the left, as driven in the robot's last pass.
 
-    A combination that the robot can not hold on the path, as an unstable one, has the outcome "off the path".
+    If the robot can not keep the combination on the path, for instance an unstable one, the outcome is "off the path".
     """
     driven = _learnt(vehicle, trailer_steering)
     front = point_path(driven.log, vehicle.units[0].name, _front(vehicle))
@@ -70,21 +70,21 @@ def lane_change(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
 
 
 def prescribed_acceleration(time: FloatArray) -> FloatArray:
-    """Lateral acceleration of the front axle [m/s2] at times from the start of a pass [s]."""
+    """Prescribed lateral acceleration of the front axle [m/s2] at times since the start of a pass [s]."""
     phase = 2.0 * math.pi * FREQUENCY * (time - _START)
     wave: FloatArray = np.where((phase > 0.0) & (phase < 2.0 * math.pi), PEAK * np.sin(phase), 0.0)
     return wave
 
 
-def prescribed_path(travelled: FloatArray) -> FloatArray:
-    """Lateral place of the front axle [m] after so much travel from the start of a pass [m]."""
-    phase = np.clip(2.0 * math.pi * FREQUENCY * (travelled / SPEED - _START), 0.0, 2.0 * math.pi)
+def prescribed_path(distance: FloatArray) -> FloatArray:
+    """Prescribed lateral position of the front axle [m] at distances from the start of a pass [m]."""
+    phase = np.clip(2.0 * math.pi * FREQUENCY * (distance / SPEED - _START), 0.0, 2.0 * math.pi)
     lateral: FloatArray = OFFSET * (phase - np.sin(phase)) / (2.0 * math.pi)
     return lateral
 
 
 def _learnt(vehicle: Vehicle, trailer_steering: str) -> Drive:
-    """The last pass of the robot, or the first in which the combination came to grief."""
+    """Last pass of the robot, or the first that ends in a mishap."""
     count = round(_LENGTH / (PERIOD * TICK))
     pulse = half_sine(_PULSE, 0.2, _START, count, PERIOD)
     driven = _pass(vehicle, trailer_steering, pulse)
@@ -97,8 +97,8 @@ def _learnt(vehicle: Vehicle, trailer_steering: str) -> Drive:
         driven = _pass(vehicle, trailer_steering, steer)
         if driven.outcome != "completed":
             break
-        done = lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))
-        error = (prescribed_acceleration(driven.log["time"]) - done)[:count]
+        achieved = lateral_acceleration(driven.log, vehicle.units[0].name, _front(vehicle))
+        error = (prescribed_acceleration(driven.log["time"]) - achieved)[:count]
     return driven
 
 
@@ -116,7 +116,7 @@ def _pass(vehicle: Vehicle, trailer_steering: str, steer: FloatArray) -> Drive:
 
 
 def _inverse_response(steer: FloatArray, acceleration: FloatArray) -> NDArray[np.complex128]:
-    """Steer per front-axle acceleration at the frequencies of ``rfft``, faded out where the robot does not steer."""
+    """Steer per front-axle acceleration at the frequencies of ``rfft``, faded out above the pass band."""
     f = np.fft.rfftfreq(len(steer), PERIOD * TICK)
     fade = 0.5 + 0.5 * np.cos(math.pi * np.clip((f - _PASS) / (_STOP - _PASS), 0.0, 1.0))
     response = np.fft.rfft(steer)[f < _STOP] / np.fft.rfft(acceleration)[f < _STOP]

@@ -1,6 +1,6 @@
-"""What the standards ask for, each number with where it comes from, and which level a combination reaches.
+"""Limits of the standards, each with its source, and the levels that a combination reaches.
 
-Most of these numbers are from memory, not from the standards' text: the tables that show them say so.
+Most of these numbers are from memory, not from the text of the standards; the tables that show them say so.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ _SWEDISH: Final = "HCT (Sweden), typical"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
-    """Bounds that a standard sets to a quantity, the strictest first."""
+    """Limits of a standard on a quantity, strictest first."""
 
     quantity: str
     standard: str
-    bounds: tuple[tuple[str, float], ...]  # level and its bound; one bound without levels has the level ""
-    at_most: bool = True  # the quantity may be as large as the bound, else as small
-    times: str | None = None  # the bounds are multiples of this other quantity
+    bounds: tuple[tuple[str, float], ...]  # level and its limit; a single limit has the level ""
+    at_most: bool = True  # True: the limit is an upper one; False: a lower one
+    times: str | None = None  # the limits are multiples of this other quantity
     source: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """A criterion held against what was measured."""
+    """A criterion compared with the measured quantity."""
 
     criterion: Criterion
     measured: float  # NaN: not measured
-    bounds: tuple[tuple[str, float], ...]  # as they apply to this combination
+    bounds: tuple[tuple[str, float], ...]  # limits for this combination
 
     @property
     def reached(self) -> str:
-        """The strictest level reached; "met" or "missed" where there are no levels, "none" where none is reached."""
+        """Strictest level reached, or "none"; "met" or "missed" for a single limit; "not measured"."""
         if not math.isfinite(self.measured) or any(math.isnan(bound) for _, bound in self.bounds):
             return "not measured"
         sign = 1.0 if self.criterion.at_most else -1.0
@@ -50,7 +50,7 @@ class Judgement:
 
 
 def judged(figures: Figures) -> tuple[Judgement, ...]:
-    """Every criterion for whose quantity there is a figure, NaN or not."""
+    """Judgements for all criteria whose quantity is among the figures, even if it is NaN."""
     return tuple(
         Judgement(criterion=c, measured=figures[c.quantity], bounds=_bounds(c, figures))
         for c in CRITERIA
@@ -82,7 +82,7 @@ CRITERIA: Final = (
         quantity="tail_swing_exit_m",
         standard=_PBS,
         bounds=_levels(0.30, 0.35, 0.35, 0.50),
-        source="from memory, for the entry; held against the exit too as steered trailers swing there",
+        source="from memory, for the entry; applied to the exit too, as steered trailers swing there",
     ),
     Criterion(quantity="steer_friction_demand", standard=_PBS, bounds=_single(0.80), source=_MEMORY),
     Criterion(

@@ -1,4 +1,4 @@
-"""A combination driven slowly along a path, until its driver is at the end of it."""
+"""A slow drive along a path to its end."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from vehicle.combination.truth import Truth
 from vehicle.frames import Pose2
 from vehicle.surface import Surface
 
-SPEED: Final = 5.0 / 3.6  # the highest the low-speed turn allows [m/s]
-STRAIGHTENING: Final = 10.0  # of exit beyond the combination's length, in which its last unit comes into line [m]
+SPEED: Final = 5.0 / 3.6  # highest speed in the low-speed turn [m/s]
+STRAIGHTENING: Final = 10.0  # exit beyond the combination's length, in which its last unit straightens [m]
 _DRY: Final = 0.8  # friction [-]
-_PATIENCE: Final = 2.0  # times what the path takes at set speed
+_TIME_LIMIT: Final = 2.0  # over the time that the path takes at set speed
 
 
 def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str) -> Drive:
-    """The course driven at 5 km/h on a dry road."""
+    """Drive a course at 5 km/h on a dry road."""
     station = 0.0
 
     def at_the_end(truth: Truth) -> bool:
@@ -34,7 +34,7 @@ def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str) -> Dr
         return station >= course.length
 
     driver = PreviewDriver(tractor_geometry(vehicle, course), course.path, SPEED)
-    patience = _PATIENCE * course.length / SPEED
+    patience = _TIME_LIMIT * course.length / SPEED
     return drive(
         vehicle,
         Surface(friction=_DRY),
@@ -47,7 +47,7 @@ def driven_slowly(vehicle: Vehicle, course: Course, trailer_steering: str) -> Dr
 
 
 def path_error(vehicle: Vehicle, course: Course, driven: Drive) -> float:
-    """How far the guided point was off its path at most [m]."""
+    """Largest distance of the guided point from its path [m]."""
     station, errors = 0.0, []
     for x, y in point_path(driven.log, vehicle.units[0].name, *course.reference):
         station = course.path.project(float(x), float(y), station)

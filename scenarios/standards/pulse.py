@@ -1,4 +1,4 @@
-"""Yaw damping: how a combination settles after a pulse of steer at 80 km/h."""
+"""Yaw damping after a steer pulse at 80 km/h."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ SPEED: Final = 80.0 / 3.6  # [m/s]
 NAMES: Final = ("yaw_damping", "pulse_load_transfer")
 
 _FRICTION: Final = 0.8  # a dry road [-]
-_STEER: Final = math.radians(2.0)  # peak of the pulse: about 0.1 g, where tyres still answer linearly
-_DURATION: Final = 0.3  # of it: short against the 2 to 4 s of a trailer's swing [s]
+_STEER: Final = math.radians(2.0)  # peak of the pulse: about 0.1 g, in the linear range of tyres
+_DURATION: Final = 0.3  # of the pulse [s]: short compared with a trailer's period of 2 to 4 s
 _START: Final = 0.5  # [s]
 _LENGTH: Final = 12.0  # of the test [s]
 
 
 def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """A pulse of steer to the left, then straight ahead with the steering held."""
+    """Steer pulse to the left, then steering held straight."""
     count = round(_LENGTH / (PERIOD * TICK))
     angles = half_sine(_STEER, _DURATION, _START, count, PERIOD)
     driven = drive(
@@ -41,7 +41,7 @@ def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
     )
     return Manoeuvre(
         key="pulse",
-        title="Yaw damping after a pulse of steer",
+        title="Yaw damping after a steer pulse",
         how="80 km/h, half a sine of 2° and 0.3 s at the road wheels, steering held straight afterwards, friction 0.8.",
         outcome=driven.outcome,
         figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven)),
@@ -50,7 +50,7 @@ def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
 
 
 def _figures(vehicle: Vehicle, driven: Drive) -> Figures:
-    """The least damped of all yaw rates and articulation angles counts."""
+    """Damping of the least damped yaw rate or articulation angle, and load transfer."""
     log, names = driven.log, [unit.name for unit in vehicle.units]
     free = log["time"] > _START + _DURATION
     motions = [log[f"yaw_rate_{name}"] for name in names]

@@ -1,4 +1,4 @@
-"""The room a combination takes along a path: how far its bodies reach to either side, and its corners swing out."""
+"""Space that a combination needs along a path: reach of its bodies to both sides, and swing of its corners."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
 
 _SPACING = 0.1  # of the stations along the path [m]
-_EDGE = 0.2  # between points along a body's edge [m]: inside a 12.5 m arc they hide 0.4 mm of it
-_BEYOND = 40.0  # of straight before and behind the path [m]: longer than any combination
+_EDGE = 0.2  # between points along a body's edge [m]: an error of 0.4 mm inside a 12.5 m arc
+_BEYOND = 40.0  # straight before and after the path [m]: longer than any combination
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reach:
-    """How far bodies reach to the left and to the right of a path, at stations along it; NaN where none came."""
+    """Reach of bodies to the left and right of a path, at stations along it; NaN at stations without a body."""
 
     left: FloatArray  # (m,) [m], + left
     right: FloatArray  # (m,) [m], + left too
@@ -32,37 +32,37 @@ class Reach:
         return float(np.nanmax(self.left - self.right))
 
     def outside(self, path: Path) -> FloatArray:
-        """How far they reach to the outside of the path's turn, (m,) [m]."""
+        """Reach to the outside of the path's turn, (m,) [m]."""
         return -self.right if turns_left(path) else self.left
 
 
 def turns_left(path: Path) -> bool:
-    """Whether the path leads to the left in all."""
+    """True if the path turns left in total."""
     return path.knots[-1].psi >= path.start.psi
 
 
 def reach(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray], path: Path) -> Reach:
-    """What all bodies sweep; ``poses`` (n, 3) of each unit over time."""
+    """Reach of all bodies; ``poses`` (n, 3) of each unit over time."""
     swept = [placed(_edge(outline), _thinned(pose)) for outline, pose in zip(outlines, poses, strict=True)]
     return _reach(np.concatenate([points.reshape(-1, 2) for points in swept]), path)
 
 
 def front_reach(outline: UnitOutline, poses: FloatArray, path: Path) -> FloatArray:
-    """How far the outer front corner of one unit reaches outside at each station, (m,) [m]; NaN where it was not."""
+    """Reach of a unit's outer front corner to the outside, (m,) [m]; NaN at stations that it does not pass."""
     side = -1.0 if turns_left(path) else 1.0
     corner = placed(np.array([[outline.front_x, side * 0.5 * outline.width]]), poses)[:, 0]
     return _reach(corner, path).outside(path)
 
 
 def _edge(outline: UnitOutline) -> FloatArray:
-    """Points round a body, shape (m, 2) in its frame."""
+    """Points around a body, shape (m, 2) in its frame."""
     ends = zip(outline.corners, np.roll(outline.corners, -1, axis=0), strict=True)
     sides = [np.linspace(a, b, math.ceil(np.hypot(*(b - a)) / _EDGE), endpoint=False) for a, b in ends]
     return np.concatenate(sides)
 
 
 def _thinned(poses: FloatArray) -> FloatArray:
-    """Poses about a station's spacing apart."""
+    """Poses at about the spacing of stations."""
     along = arc_length(poses[:, :2])
     rows = np.searchsorted(along, np.arange(0.0, along[-1], _SPACING))
     thinned: FloatArray = poses[np.unique(np.append(rows, len(poses) - 1))]
@@ -70,7 +70,7 @@ def _thinned(poses: FloatArray) -> FloatArray:
 
 
 def _reach(points: FloatArray, path: Path) -> Reach:
-    """Extremes of where points (k, 2) lie beside the path, station by station."""
+    """Largest and smallest lateral offsets of points (k, 2) from the path at each station."""
     stations = np.arange(-_BEYOND, path.length + _BEYOND, _SPACING)
     x, y, psi = np.array([path.pose(float(s)) for s in stations]).T
     _, nearest = KDTree(np.column_stack([x, y])).query(points)

@@ -1,4 +1,4 @@
-"""The roundabout of 97/27/EC: a full circle between two concentric ones of 12.50 m and 5.30 m."""
+"""The roundabout of 97/27/EC: a full turn between two concentric circles of 12.50 m and 5.30 m."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NAMES: Final = (
 
 
 def roundabout(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """The full circle with the tractor's outer front corner on 12.5 m, entered and left along tangents."""
+    """Full turn with the tractor's outer front corner on 12.5 m, entered and left along tangents."""
     tractor = vehicle.units[0]
     course = roundabout_course(front_x=tractor.front_x, width=tractor.width, exit=vehicle.length + STRAIGHTENING)
     driven = driven_slowly(vehicle, course, trailer_steering)
@@ -44,15 +44,15 @@ def roundabout(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
 
 
 def _figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
-    moved = tuple(poses(driven.log, unit.name) for unit in vehicle.units)
-    room = swept_path(outlines(vehicle), moved, course.surface_centre)
+    unit_poses = tuple(poses(driven.log, unit.name) for unit in vehicle.units)
+    swept = swept_path(outlines(vehicle), unit_poses, course.surface_centre)
     names = [unit.name for unit in vehicle.units]
-    folds = [articulation(driven.log, *pair).max() for pair in pairwise(names)]
+    angles = [articulation(driven.log, *pair).max() for pair in pairwise(names)]
     return {
-        "roundabout_inner_radius_m": room.min_inner_radius,
-        "roundabout_outer_radius_m": room.max_outer_radius,
-        "roundabout_width_m": room.max_width,
-        "roundabout_tail_swing_m": room.tail_swing,
-        "roundabout_articulation_rad": max(folds, default=math.nan),
+        "roundabout_inner_radius_m": swept.min_inner_radius,
+        "roundabout_outer_radius_m": swept.max_outer_radius,
+        "roundabout_width_m": swept.max_width,
+        "roundabout_tail_swing_m": swept.tail_swing,
+        "roundabout_articulation_rad": max(angles, default=math.nan),
         "roundabout_path_error_m": path_error(vehicle, course, driven),
     }

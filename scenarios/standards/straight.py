@@ -1,4 +1,4 @@
-"""Tracking on a straight road that falls to the side and is rough: the width it takes at speed."""
+"""Tracking on a straight, rough road with cross-fall: the swept width at speed."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ NAMES: Final = ("tracking_width_m", "tracking_offset_m", "tracking_path_error_m"
 
 _FRICTION: Final = 0.8  # a dry road [-]
 _LENGTH: Final = 1000.0  # [m]
-_SETTLED: Final = 200.0  # of road on which the combination finds its crab angle: 8 s, several of its swings [m]
-_SEED: Final = 1  # of the road's profile: every combination drives the same one
-_STATION: Final = 0.5  # between the cross-sections [m], what the combination travels in a row of the log
+_SETTLED: Final = 200.0  # distance in which the combination settles at its crab angle: 8 s, several periods [m]
+_SEED: Final = 1  # of the road's profile, the same for every combination
+_STATION: Final = 0.5  # between cross-sections [m]: the distance travelled per row of the log
 
 
 def straight(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """A kilometre of straight road at 90 km/h with a driver who keeps his line."""
+    """One kilometre of straight road at 90 km/h with a driver who keeps the line."""
     axle_x = vehicle.units[0].steered_axles[0].x
     course = straight_course(front_x=axle_x + PREVIEW * SPEED, length=_LENGTH)
     surface = Surface(
@@ -51,8 +51,8 @@ def straight(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
     return Manoeuvre(
         key="straight",
         title="Tracking on a straight road",
-        how="90 km/h over 1000 m of road that falls by 3 % to the right and is rough as class B of ISO 8608, "
-        "friction 0.8.",
+        how="90 km/h over 1000 m of straight road with 3 % cross-fall to the right and roughness of class B in ISO "
+        "8608, friction 0.8.",
         outcome=driven.outcome,
         figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven.log)),
         log=driven.log,

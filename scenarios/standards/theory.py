@@ -1,4 +1,4 @@
-"""What the linearised combination would do in the same manoeuvres, to be read beside what was measured."""
+"""Figures of the standard manoeuvres by linear theory, for comparison with the measured ones."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from vehicle.combination.lateral_outputs import OutputKind
 from vehicle.combination.linear import ComplexArray, lateral_model
 from vehicle.frames import FloatArray
 
-_LENGTH = 41.0  # of the periodic lane change [s]: 37 s for all motion to die out
+_LENGTH = 41.0  # of the periodic lane change [s]: all motion decays in the last 37 s
 _STEP = 0.01  # [s]
 
 
 def linear_figures(vehicle: Vehicle) -> Figures:
-    """The figures that linear theory knows, under the names of those measured; none for what does not apply."""
+    """Figures by linear theory, with the names of the measured ones; without those that do not apply."""
     return {
         "yaw_damping": yaw_damping(vehicle, pulse.SPEED),
         "rollover_threshold_g": static_rollover_threshold(vehicle) / GRAVITY,
@@ -28,14 +28,14 @@ def linear_figures(vehicle: Vehicle) -> Figures:
 
 
 def _lane_change(vehicle: Vehicle) -> Figures:
-    """The lane change with the front axle exactly on its path, tyres and roll without delay.
+    """Lane change with the front axle exactly on its path, without lag of tyres and roll.
 
-    All motions follow from the front axle's by ratios of frequency responses, steer cancels out. The last axle is
-    farthest out when the front axle is back on a straight line, so that it does not matter that it comes there later.
+    Ratios of frequency responses give all motions from the front axle's; the steer cancels. The last axle is farthest
+    out when the front axle is already on the straight line, so its later arrival does not matter.
     """
     count = round(_LENGTH / _STEP)
     time: FloatArray = _STEP * np.arange(count, dtype=np.float64)
-    f = np.fft.rfftfreq(count, _STEP)[1:]  # one period of a sine has no mean, and the responses have none at 0 Hz
+    f = np.fft.rfftfreq(count, _STEP)[1:]  # 0 Hz is omitted: the mean of one sine period is 0
     s = 2j * math.pi * f
     kinds: tuple[OutputKind, ...] = ("lateral_acceleration", "yaw_rate", "axle_position")
     model = lateral_model(vehicle, lane_change.SPEED, outputs=kinds, path=True)
@@ -45,15 +45,15 @@ def _lane_change(vehicle: Vehicle) -> Figures:
     prescribed = np.fft.rfft(lane_change.prescribed_acceleration(time))[1:]
 
     def motion(ratio: ComplexArray) -> FloatArray:
-        found: FloatArray = np.fft.irfft(np.concatenate([[0.0], prescribed * ratio]), count)
-        return found
+        values: FloatArray = np.fft.irfft(np.concatenate([[0.0], prescribed * ratio]), count)
+        return values
 
     yaw = [motion(response[f"yaw_rate_{unit}"] / front) for unit in (0, last)]
-    beside = motion((response[f"axle_position_{axle}"] - response["axle_position_0"]) / front)
+    offset = motion((response[f"axle_position_{axle}"] - response["axle_position_0"]) / front)
     return {
         "rearward_amplification": _peak(motion(response[f"lateral_acceleration_{last}"] / front)) / lane_change.PEAK,
         "rearward_amplification_yaw": _peak(yaw[1]) / _peak(yaw[0]),
-        "transient_off_tracking_m": float(np.max(beside) - beside[0]),  # nothing is off its path before the change
+        "transient_off_tracking_m": float(np.max(offset) - offset[0]),  # before the change there is no offset
     }
 
 

@@ -1,8 +1,8 @@
-"""Static rollover threshold: the ground tilted until one side of a unit carries nothing.
+"""Static rollover threshold: the ground is tilted until one side of a unit carries no load.
 
-The first wheel to lift is usually not the last: an axle that can take no more leaves the rest of the roll moment to the
-others. The plant has fixed shares of it for the axles, so the threshold is where the load transfer of a unit, carried
-on in proportion from before the first wheel lifted, has become the whole load.
+Usually the axles lift one after the other: once an axle has lifted, the others take the rest of the roll moment. The
+plant has fixed shares of the roll moment per axle. So the threshold is extrapolated: from the load transfer of a unit
+before the first wheel lifts to a load transfer of 1.
 """
 
 from __future__ import annotations
@@ -25,32 +25,32 @@ from vehicle.surface import Surface
 
 NAMES: Final = ("rollover_threshold_g", "rollover_acceleration_m_s2", "wheel_lift_g", "wheel_lift_roll_rad")
 
-_RATE: Final = 0.02  # of the slope: about 1 deg/s, through which a body's roll follows within a thousandth [1/s]
-_STEEPEST: Final = 1.0  # [-], 45 deg: no road vehicle stands on more, and its tyres would slide off
-_FRICTION: Final = 1.5  # [-]; on a tilt table a rail keeps wheels from sliding
-_LIFTED: Final = 0.005  # load of a wheel over the mean of all: the plant leaves some newtons to one in the air
-_SETTLED: Final = 0.8  # share of the tilt from which on the load transfer is carried on in proportion
+_RATE: Final = 0.02  # of the slope [1/s]: about 1 deg/s; the body's roll lags by less than 0.1 %
+_STEEPEST: Final = 1.0  # [-], 45 deg: every road vehicle tips before
+_FRICTION: Final = 1.5  # [-]; on a real tilt table a rail stops sliding wheels
+_LIFTED: Final = 0.005  # load of a lifted wheel over the mean load; the plant keeps some newtons on it
+_SETTLED: Final = 0.8  # the extrapolation uses slopes above this share of the last one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TiltTable(Surface):
-    """A plane as steep as one likes."""
+    """A plane of any slope."""
 
     def __post_init__(self) -> None:
-        """Roads end at a slope of 0.2, tables do not."""
+        """Skip the limits of a road: its slope is at most 0.2."""
 
 
 def tilt(vehicle: Vehicle) -> Manoeuvre:
-    """The combination on a tilting table, its left side going up."""
+    """Tilt the combination on a table, left side up."""
     slopes, truths, outcome = _tilted(vehicle)
     log = drive_log(vehicle, truths).with_signals(
-        [Signal("slope", "-", "of the table across, + left side up")], [slopes]
+        [Signal("slope", "-", "lateral slope of the table, + left side up")], [slopes]
     )
     return Manoeuvre(
         key="tilt",
         title="Static rollover threshold",
-        how="Standing on a plane that tilts by about 1° a second until the first wheel lifts; where a unit's load "
-        "transfer, carried on in proportion, becomes 1, the slope is the lateral acceleration in g that tips it.",
+        how="Standing on a plane that tilts by about 1° per second until the first wheel lifts. The slope at which the "
+        "extrapolated load transfer of a unit is 1 equals the lateral acceleration in g that tips it.",
         outcome=outcome,
         figures=measured(NAMES, outcome, lambda: _figures(vehicle, log)),
         log=log,
@@ -58,7 +58,7 @@ def tilt(vehicle: Vehicle) -> Manoeuvre:
 
 
 def _tilted(vehicle: Vehicle) -> tuple[FloatArray, list[Truth], str]:
-    """Slopes, what was so at each of them, and the outcome."""
+    """Slopes, the truth at each of them, and the outcome."""
     idle = VehicleCommand(0.0, 0.0, (0.0,) * sum(len(unit.steered_axles) for unit in vehicle.units[1:]))
     state = Plant(vehicle, TiltTable(friction=_FRICTION)).initial_state(Pose2(0.0, 0.0, 0.0), 0.0)
     slopes: list[float] = []
@@ -78,7 +78,7 @@ def _tilted(vehicle: Vehicle) -> tuple[FloatArray, list[Truth], str]:
 
 
 def threshold(log: Log, unit: str) -> float:
-    """Slope at which the load transfer of a unit becomes 1, carried on from before the first wheel lifted [-]."""
+    """Slope [-] at which the load transfer of a unit, extrapolated from before the first wheel lifts, is 1."""
     slope, transfer = log["slope"], np.abs(log[f"load_transfer_{unit}"])
     settled = slope >= _SETTLED * slope[-1]
     gain, offset = np.polyfit(slope[settled], transfer[settled], 1)

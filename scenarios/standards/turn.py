@@ -31,7 +31,7 @@ NAMES: Final = (
 
 
 def turn(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """The turn by 90 degrees, the outer wall of the outer steered tyre on an arc of 12.5 m."""
+    """Turn by 90 degrees with the outer wall of the outer steered tyre on an arc of 12.5 m."""
     tractor = vehicle.units[0]
     wheel_x, wheel_y = tractor.steered_axles[0].x, outer_wall(tractor)
     course = corner(wheel_x=wheel_x, wheel_y=wheel_y, exit=vehicle.length + STRAIGHTENING)
@@ -49,12 +49,12 @@ def turn(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
 
 def _figures(vehicle: Vehicle, course: Course, driven: Drive) -> Figures:
     bodies = outlines(vehicle)
-    moved = [poses(driven.log, unit.name) for unit in vehicle.units]
-    fronts = [front_reach(body, pose, course.path) for body, pose in zip(bodies, moved, strict=True)]
+    unit_poses = [poses(driven.log, unit.name) for unit in vehicle.units]
+    fronts = [front_reach(body, pose, course.path) for body, pose in zip(bodies, unit_poses, strict=True)]
     farthest = [float(np.nanmax(front)) for front in fronts]
-    at_entry, at_exit = tail_swings(bodies, moved)
+    at_entry, at_exit = tail_swings(bodies, unit_poses)
     return {
-        "swept_path_m": reach(bodies, moved, course.path).width,
+        "swept_path_m": reach(bodies, unit_poses, course.path).width,
         "frontal_swing_m": farthest[0],
         "frontal_swing_mod_m": _largest(np.nanmax(front - fronts[0]) for front in fronts[1:]),
         "frontal_swing_dom_m": _largest(far - farthest[0] for far in farthest[1:]),

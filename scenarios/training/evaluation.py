@@ -1,4 +1,4 @@
-"""A network beside the laws that are there, in episodes that it was not trained in, all with the same ones."""
+"""Comparison of a network with steering laws, all in the same episodes outside the training."""
 
 from __future__ import annotations
 
@@ -23,45 +23,45 @@ from vehicle.combination.description import load_vehicle
 
 POLICY: Final = "policy"
 LAWS: Final = ("none", "command_steer", "path_preview")
-_SEED: Final = 1_000_000  # far from those that episodes of a training begin with
+_SEED: Final = 1_000_000  # far from the seeds of training episodes
 
 
 class Condition(NamedTuple):
-    """Episodes of one kind."""
+    """Kind of episodes."""
 
     name: str
-    words: str  # what is special about it
+    words: str  # description
     courses: tuple[str, ...]
     domain: Domain
 
 
 UNSEEN: Final = ("figure-of-eight", "farm-track", *(f"random-{k}" for k in range(101, 109)))
 CONDITIONS: Final = (
-    Condition("trained", "courses and circumstances of the training", COURSES, DOMAIN),
+    Condition("trained", "courses and conditions of the training", COURSES, DOMAIN),
     Condition("courses", "a figure of eight, a farm track, eight other smooth paths", UNSEEN, DOMAIN),
-    Condition("friction", "friction 0.2 to 0.3, trained from 0.3 on", COURSES, replace(DOMAIN, friction=(0.2, 0.3))),
-    Condition("speed", "5 to 5.6 m/s, trained to 5 m/s", COURSES, replace(DOMAIN, speed=(5.0, 5.6))),
+    Condition("friction", "friction 0.2 to 0.3; training from 0.3 on", COURSES, replace(DOMAIN, friction=(0.2, 0.3))),
+    Condition("speed", "5 to 5.6 m/s; training up to 5 m/s", COURSES, replace(DOMAIN, speed=(5.0, 5.6))),
 )
 
 
 class Score(NamedTuple):
-    """What one law has come to in the episodes of one condition."""
+    """Results of one law in the episodes of one condition."""
 
     rms_m: float  # of the episodes' off-tracking, root of the mean square
     median_rms_m: float
-    max_m: float  # the farthest of all
-    outside_max_m: float  # the follow point's largest distance to the outside of a turn, of all
-    mishaps: int  # episodes that ended badly
+    max_m: float  # largest off-tracking of all episodes
+    outside_max_m: float  # largest distance of the follow point to the outside of a turn, of all episodes
+    mishaps: int  # episodes that ended in a mishap
 
 
 class _Pilot(Protocol):
-    """Who steers."""
+    """Steers the trailers of all episodes."""
 
-    def begin(self, seen: Features) -> None:
-        """New episodes."""
+    def begin(self, observation: Features) -> None:
+        """Start new episodes."""
 
-    def act(self, seen: Features, going: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Actions; those of episodes that are not going on do not count."""
+    def act(self, observation: Features, active: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Actions for all episodes; those of finished episodes are ignored."""
 
 
 class NetworkPilot:
@@ -70,33 +70,33 @@ class NetworkPilot:
     def __init__(self, network: Network) -> None:
         self._network = network
 
-    def begin(self, seen: Features) -> None:
-        """Nothing is remembered."""
+    def begin(self, observation: Features) -> None:
+        """Do nothing: the network has no memory."""
 
-    def act(self, seen: Features, going: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """Its actions."""
-        return self._network(seen.astype(np.float64)).astype(np.float32)
+    def act(self, observation: Features, active: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Actions of the network."""
+        return self._network(observation.astype(np.float64)).astype(np.float32)
 
 
 def evaluate(plan: Plan, network: Network, episodes: int, progress: Progress) -> dict[str, dict[str, Score]]:
-    """Scores by condition and law, the network's first, over so many episodes each.
+    """Scores by condition and law, the network first, over this number of episodes each.
 
     Raises:
         ValueError: one line, if a law can not steer this vehicle.
     """
-    found: dict[str, dict[str, Score]] = {}
+    scores: dict[str, dict[str, Score]] = {}
     laws = (POLICY, *LAWS)
     for condition in CONDITIONS:
-        found[condition.name] = {}
+        scores[condition.name] = {}
         for law in laws:
-            progress(sum(map(len, found.values())), len(CONDITIONS) * len(laws), f"{condition.name}, {law}")
-            found[condition.name][law] = scored(plan, condition, law, network, episodes)
+            progress(sum(map(len, scores.values())), len(CONDITIONS) * len(laws), f"{condition.name}, {law}")
+            scores[condition.name][law] = scored(plan, condition, law, network, episodes)
     progress(1, 1)
-    return found
+    return scores
 
 
 def scored(plan: Plan, condition: Condition, law: str, network: Network, episodes: int) -> Score:
-    """Of one law, or of the network, in one condition."""
+    """Score of one law, or of the network, in one condition."""
     env = gym_env.vector(
         ENVIRONMENT,
         episodes,
@@ -117,18 +117,18 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
 
 
 def driven(env: Any, pilot: _Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:
-    """What the info says at the end of one episode of every sub-environment."""
-    seen, _ = env.reset(seed=seed, options=options)
-    pilot.begin(seen)
+    """Info at the end of one episode of every sub-environment."""
+    observation, _ = env.reset(seed=seed, options=options)
+    pilot.begin(observation)
     ended: dict[int, dict[str, Any]] = {}
-    going = np.ones(env.num_envs, dtype=bool)
-    while going.any():
-        seen, _, terminated, truncated, info = env.step(pilot.act(seen, going))
-        done = going & (terminated | truncated)
+    active = np.ones(env.num_envs, dtype=bool)
+    while active.any():
+        observation, _, terminated, truncated, info = env.step(pilot.act(observation, active))
+        done = active & (terminated | truncated)
         for k in np.flatnonzero(done).tolist():
             ended[k] = {name: values[k] for name, values in info.items() if not name.startswith("_")}
             ended[k]["mishap"] = bool(terminated[k])
-        going &= ~done
+        active &= ~done
     return [ended[k] for k in range(env.num_envs)]
 
 
@@ -144,7 +144,7 @@ def _score(episodes: Sequence[dict[str, Any]]) -> Score:
 
 
 def described() -> list[dict[str, Any]]:
-    """The conditions, for a summary."""
+    """The conditions for JSON."""
     return [
         {"name": c.name, "words": c.words, "courses": list(c.courses), "domain": asdict(c.domain)} for c in CONDITIONS
     ]

@@ -1,6 +1,6 @@
-"""Proximal policy optimisation with stable-baselines3: checkpoints, the curve of learning, the network as arrays.
+"""Proximal policy optimisation with stable-baselines3: checkpoints, learning curve, and the network as arrays.
 
-Needs the extra ``rl``. An interrupted training goes on from its last checkpoint; episodes begin anew then.
+Needs the extra ``rl``. An interrupted training resumes from its last checkpoint, with new episodes.
 """
 
 from __future__ import annotations
@@ -30,81 +30,81 @@ from scenarios.training.plan import (
     REWARD_SCALE,
     SETTINGS,
     Plan,
-    usual,
+    normalisation,
 )
 
 CHECKPOINT: Final = "checkpoint.zip"
 CURVE: Final = "learning_curve.parquet"
-_OURS: Final = ("learning_rate", "lr_schedule")  # of a model, but the watch's: no part of a checkpoint
+_NOT_SAVED: Final = ("learning_rate", "lr_schedule")  # of a model: functions that belong to the callback
 _BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
 
 
 class Budget(NamedTuple):
-    """When a training ends: at so many steps or after such a time, whichever comes first."""
+    """End of a training: a number of steps or a duration, whichever comes first."""
 
     steps: int  # control steps of all environments together
     seconds: float | None
 
 
 class Learned(NamedTuple):
-    """What a training comes to."""
+    """Result of a training."""
 
     network: Network
     curve: list[Point]
 
 
-class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # its types are not looked at: the extra may not be there
-    """Features less their usual values, over their usual deviations."""
+class Scaled(BaseFeaturesExtractor):  # type: ignore[misc]  # untyped: the extra may not be installed
+    """Features normalised by fixed means and standard deviations."""
 
     def __init__(self, space: spaces.Box[np.float32], mean: list[float], scale: list[float]) -> None:
-        """For this space, with a number for each feature."""
+        """Mean and standard deviation for each feature of a space."""
         super().__init__(space, len(mean))
         self.register_buffer("mean", torch.tensor(mean))
         self.register_buffer("scale", torch.tensor(scale))
 
     def forward(self, features: Any) -> Any:
-        """A batch of them."""
+        """Normalise a batch of features."""
         return (features - self.mean) / self.scale
 
 
 def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Learned:
-    """Trains to the end of the budget, from the directory's checkpoint where there is one.
+    """Train to the end of the budget, from the directory's checkpoint if there is one.
 
     Raises:
-        ValueError: one line, if an option does not fit, or the checkpoint is none of this training.
-        KeyboardInterrupt: with the checkpoint kept.
+        ValueError: one line, if an option does not fit, or if the checkpoint belongs to another training.
+        KeyboardInterrupt: the checkpoint is kept.
     """
     env = sb3_vector(ENVIRONMENT, plan.envs, reward_scale=REWARD_SCALE, **plan.environment())
     try:
-        watch = _Watch(budget, directory, progress)
-        model = _model(plan, env, directory, watch)
+        recorder = _Recorder(budget, directory, progress)
+        model = _model(plan, env, directory, recorder)
         left = budget.steps // ACTION_REPEAT - model.num_timesteps
-        if left > 0 and watch.share < 1.0:
-            model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no state of generators
-            model.learn(left, callback=watch, reset_num_timesteps=False)
-            watch.keep(model)
-        return Learned(_network(model, [feature.name for feature in _features(env)]), watch.curve)
+        if left > 0 and recorder.share < 1.0:
+            model.set_random_seed(plan.seed + model.num_timesteps)  # a checkpoint has no states of random generators
+            model.learn(left, callback=recorder, reset_num_timesteps=False)
+            recorder.keep(model)
+        return Learned(_network(model, [feature.name for feature in _features(env)]), recorder.curve)
     finally:
         env.close()
 
 
-def _model(plan: Plan, env: Sb3VecEnv, directory: Path, watch: _Watch) -> Any:
-    """That of the checkpoint, or a new one."""
+def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> Any:
+    """Model of the checkpoint, or a new one."""
     s = SETTINGS
     file = directory / CHECKPOINT
     if file.is_file():
-        rate = dict.fromkeys(_OURS, watch.learning_rate)
+        rate = dict.fromkeys(_NOT_SAVED, recorder.learning_rate)
         try:
             model = PPO.load(file, env=env, device="cpu", **rate)
-        except Exception as error:  # torch, zip and pickle each have their own
-            raise ValueError(f"{file}: can not be gone on with ({error}): choose another --out") from error
-        watch.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
+        except Exception as error:  # torch, zip and pickle raise different types
+            raise ValueError(f"{file}: training can not be resumed ({error}); choose another --out") from error
+        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
         return model
-    mean, scale = zip(*(usual(feature.name) for feature in _features(env)), strict=True)
+    mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
     return PPO(
         "MlpPolicy",
         env,
-        learning_rate=watch.learning_rate,
+        learning_rate=recorder.learning_rate,
         n_steps=s.n_steps,
         batch_size=min(s.batch_size, s.n_steps * plan.envs),
         n_epochs=s.n_epochs,
@@ -123,8 +123,8 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, watch: _Watch) -> Any:
     )
 
 
-class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
-    """Keeps time, the curve and checkpoints."""
+class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
+    """Callback that records time, learning curve and checkpoints."""
 
     def __init__(self, budget: Budget, directory: Path, progress: Progress) -> None:
         super().__init__()
@@ -132,25 +132,25 @@ class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
         self._budget, self._directory, self._progress = budget, directory, progress
         self._ended: list[dict[str, Any]] = []
         self._rewards: list[float] = []
-        self._since: float | None = None  # when this process began to learn [s]
+        self._since: float | None = None  # start of learning in this process [s]
         self._kept = time.monotonic()
 
     @property
     def share(self) -> float:
-        """Of the budget that is spent."""
+        """Share of the budget that is spent."""
         steps = self.curve[-1].steps if self.curve else 0
         spent = steps / self._budget.steps
         return spent if self._budget.seconds is None else max(spent, self._seconds() / self._budget.seconds)
 
     def learning_rate(self, _: float) -> float:
-        """Falls with the share that is spent."""
+        """Learning rate, which falls with the share of the budget."""
         return SETTINGS.learning_rate * (1.0 - (1.0 - LAST_LEARNING_RATE) * min(self.share, 1.0))
 
     def keep(self, model: Any) -> None:
-        """Writes checkpoint and curve, each whole or not at all; the curve, which may be the longer, first."""
+        """Write the curve, which may be ahead, then the checkpoint, each completely or not at all."""
         write_curve(self.curve, self._directory / CURVE)
         unfinished = self._directory / f".unfinished-{os.getpid()}.zip"
-        model.save(unfinished, exclude=_OURS)
+        model.save(unfinished, exclude=_NOT_SAVED)
         unfinished.replace(self._directory / CHECKPOINT)
         self._kept = time.monotonic()
 
@@ -163,14 +163,14 @@ class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
         self._rewards.append(float(np.mean(self.locals["rewards"])))
         return self._budget.seconds is None or self._seconds() < self._budget.seconds
 
-    def _explore(self) -> None:
-        """Sets how much is explored."""
+    def _set_exploration(self) -> None:
+        """Set the scheduled standard deviation of the actions."""
         first, last = (math.log(deviation) for deviation in EXPLORATION)
         log_std = self.model.policy.log_std.requires_grad_(False)
         log_std.fill_(first + (last - first) * min(self.share, 1.0))
 
     def _on_rollout_start(self) -> None:
-        self._explore()
+        self._set_exploration()
         self._record()
         if time.monotonic() - self._kept > _BETWEEN_CHECKPOINTS:
             self.keep(self.model)
@@ -179,7 +179,7 @@ class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
         self._record()
 
     def _record(self) -> None:
-        """One more point of the curve, if anything has been learnt since the last."""
+        """Add a point to the curve if there were steps since the last one."""
         if _steps(self.model) <= (self.curve[-1].steps if self.curve else 0):
             return
         self.curve.append(self._point())
@@ -194,20 +194,20 @@ class _Watch(BaseCallback):  # type: ignore[misc]  # likewise
         return before if self._since is None else self._before + time.monotonic() - self._since
 
     def _point(self) -> Point:
-        told = self.model.logger.name_to_value
+        logged = self.model.logger.name_to_value
         ended = self._ended or [{}]
-        nothing = float("nan")
+        nan = float("nan")
         return Point(
             steps=_steps(self.model),
             wall_s=self._seconds(),
             episodes=len(self._ended),
-            rms_m=float(np.mean([one.get("true_rms_m", nothing) for one in ended])),
-            max_m=float(np.mean([one.get("true_max_m", nothing) for one in ended])),
+            rms_m=float(np.mean([one.get("true_rms_m", nan) for one in ended])),
+            max_m=float(np.mean([one.get("true_max_m", nan) for one in ended])),
             mishaps=float(np.mean([not one.get("TimeLimit.truncated", True) for one in ended])),
-            reward=float(np.mean(self._rewards or [nothing])) / REWARD_SCALE / ACTION_REPEAT,
+            reward=float(np.mean(self._rewards or [nan])) / REWARD_SCALE / ACTION_REPEAT,
             exploration=float(torch.exp(self.model.policy.log_std).mean()),
-            divergence=float(told.get("train/approx_kl", nothing)),
-            explained_variance=float(told.get("train/explained_variance", nothing)),
+            divergence=float(logged.get("train/approx_kl", nan)),
+            explained_variance=float(logged.get("train/explained_variance", nan)),
         )
 
 
@@ -220,7 +220,7 @@ def _features(env: Sb3VecEnv) -> Any:
 
 
 def _network(model: Any, features: list[str]) -> Network:
-    """The mean action of a model as plain arrays."""
+    """Network that gives a model's mean action."""
     policy = model.policy
     linear = [layer for layer in policy.mlp_extractor.policy_net if isinstance(layer, torch.nn.Linear)]
     layers = [*linear, policy.action_net]

@@ -1,8 +1,8 @@
-"""What a policy is trained in and by: the task, and the settings of the learner, without any learning framework.
+"""Training plan of a policy: the task and the settings of the learner, independent of the learning framework.
 
-Everything here was chosen on seeds from 100 on. A decision holds for four control steps, 80 ms: the axles answer within
-150 ms, and an estimate comes every 100 ms, so that decisions meet it at every age. What follows a decision counts for
-2 s. Rewards fall with the distance from the path itself, not with its square: the last centimetres still count.
+These settings were chosen on seeds from 100 on. An action is held for four control steps, 80 ms: the axles respond
+within 150 ms, and estimates come every 100 ms, so actions see estimates of every age. The horizon of the discount is
+2 s. Rewards fall linearly with the distance from the path, not with its square, so that the last centimetres count.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from scenarios.environments.rewards import Reward
 ENVIRONMENT: Final = "TrailerSteering-v0"
 ACTION_REPEAT: Final = 4
 REWARD: Final[Mapping[Reward, float]] = {rewards.off_path: 1.0, rewards.outside_path: 0.1, rewards.steer_effort: 0.02}
-REWARD_SCALE: Final = 0.1  # values are of the size of 1 then: half a metre for two seconds is -5
+REWARD_SCALE: Final = 0.1  # gives values of the order of 1: half a metre for two seconds is -5
 COURSES: Final = ("roundabout", "roundabout-right", "turn-90", *(f"random-{k}" for k in range(1, 17)))
 DOMAIN: Final = Domain(friction=(0.3, 0.9), speed=(1.4, 5.0))
 
-# Features by the beginning of their names: usual value and usual deviation from it. Fixed, not running, statistics: the
-# trailer's left is its right mirrored, and what hardly ever changes, as ``usable``, must not be blown up.
-_USUAL: Final = {
+# Mean and standard deviation of features, by the prefix of their names. They are fixed instead of running statistics:
+# left and right stay symmetric, and nearly constant features such as ``usable`` are not amplified.
+_NORMALISATION: Final = {
     "off_tracking": (0.0, 0.5),
     "path_direction": (0.0, 0.25),
     "path_": (0.0, 1.0),
@@ -42,27 +42,27 @@ _USUAL: Final = {
 
 
 class Settings(NamedTuple):
-    """Of proximal policy optimisation, as stable-baselines3 names them."""
+    """Settings of proximal policy optimisation, with the names of stable-baselines3."""
 
-    n_steps: int = 32  # decisions of every environment between updates: 2.6 s
+    n_steps: int = 32  # actions of every environment between updates: 2.6 s
     batch_size: int = 2048
     n_epochs: int = 10
-    gamma: float = 0.96  # of a decision: 2 s
+    gamma: float = 0.96  # per action: a horizon of 2 s
     gae_lambda: float = 0.9
-    learning_rate: float = 1e-3  # falls to a tenth, linearly
+    learning_rate: float = 1e-3  # falls linearly to a tenth
     clip_range: float = 0.2
     target_kl: float = 0.04
-    layers: tuple[int, ...] = (64, 64)  # of tanh units, of policy and value function each
+    layers: tuple[int, ...] = (64, 64)  # tanh units of both policy and value function
 
 
 SETTINGS: Final = Settings()
-LAST_LEARNING_RATE: Final = 0.1  # over the first
-EXPLORATION: Final = (0.3, 0.05)  # standard deviation of the actions, first and last: as planned, not as learnt
+LAST_LEARNING_RATE: Final = 0.1  # final over initial learning rate
+EXPLORATION: Final = (0.3, 0.05)  # standard deviation of the actions at start and end; scheduled, not learnt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What decides the outcome of a training, beside how long it lasts."""
+    """Parameters that determine a training, apart from its length."""
 
     observation: str = "surrogate"
     vehicle: str = "uk_longer_semitrailer"
@@ -70,7 +70,7 @@ class Plan:
     seed: int = 1
 
     def environment(self) -> dict[str, Any]:
-        """Options of the environments that are learnt in."""
+        """Options of the training environments."""
         return {
             "observation": self.observation,
             "vehicle": self.vehicle,
@@ -81,7 +81,7 @@ class Plan:
         }
 
     def plain(self) -> dict[str, Any]:
-        """As JSON keeps it, with what is fixed in this version."""
+        """The plan for JSON, including the fixed settings of this version."""
         return {
             **asdict(self),
             "environment": ENVIRONMENT,
@@ -95,6 +95,6 @@ class Plan:
         }
 
 
-def usual(feature: str) -> tuple[float, float]:
-    """Usual value of a feature, and usual deviation from it."""
-    return next(numbers for start, numbers in _USUAL.items() if feature.startswith(start))
+def normalisation(feature: str) -> tuple[float, float]:
+    """Mean and standard deviation that normalise a feature."""
+    return next(numbers for start, numbers in _NORMALISATION.items() if feature.startswith(start))

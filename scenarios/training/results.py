@@ -1,4 +1,4 @@
-"""What a training leaves in its directory beside checkpoint and curve: network, picture, summary."""
+"""Files of a training directory other than checkpoint and curve: plan, network, picture, summary."""
 
 from __future__ import annotations
 
@@ -26,26 +26,28 @@ Scores = Mapping[str, Mapping[str, Score]]  # by condition and law
 
 
 def open_directory(plan: Plan, directory: Path) -> None:
-    """Makes it, with the plan in it; one of the same plan is gone on with.
+    """Create the directory with the plan, or accept one with the same plan to resume.
 
     Raises:
-        ValueError: one line, if it holds another training, or something else.
+        ValueError: one line, if it contains another training or other files.
     """
-    file, told = directory / PLAN, json.dumps(plan.plain(), indent=2) + "\n"
+    file, content = directory / PLAN, json.dumps(plan.plain(), indent=2) + "\n"
     if directory.exists() and not directory.is_dir():
         raise ValueError(f"--out {directory} is a file: choose another name")
     if file.is_file():
-        if file.read_text(encoding="utf-8") != told:
-            raise ValueError(f"{file} is of another training: choose another --out, or ask for the same")
+        if file.read_text(encoding="utf-8") != content:
+            raise ValueError(
+                f"{file} belongs to a training with other options: choose another --out, or use the same options"
+            )
         return
     if directory.is_dir() and any(directory.iterdir()):
-        raise ValueError(f"--out {directory} is not empty and holds no {PLAN}: choose another")
+        raise ValueError(f"--out {directory} is not empty and contains no {PLAN}: choose another directory")
     directory.mkdir(parents=True, exist_ok=True)
-    replaced(file, told)
+    replaced(file, content)
 
 
 def keep_network(network: Network, directory: Path) -> Path:
-    """Writes it whole or not at all; its file."""
+    """Write the network completely or not at all, and return its file."""
     path, unfinished = directory / NETWORK, directory / f".unfinished-{os.getpid()}.npz"
     save_network(network, unfinished)
     unfinished.replace(path)
@@ -53,7 +55,7 @@ def keep_network(network: Network, directory: Path) -> Path:
 
 
 def summary(plan: Plan, curve: list[Point], scores: Scores, command: str) -> dict[str, Any]:
-    """All there is to know of the training, as JSON takes it."""
+    """Summary of the training for JSON."""
     last = curve[-1]
     return {
         "command": command,
@@ -66,9 +68,9 @@ def summary(plan: Plan, curve: list[Point], scores: Scores, command: str) -> dic
     }
 
 
-def keep_summary(told: Mapping[str, Any], curve: list[Point], scores: Scores, directory: Path) -> None:
-    """Writes ``summary.json`` and the picture of the curve, with the laws' results in the trained condition."""
-    replaced(directory / SUMMARY, json.dumps(told, indent=2, allow_nan=False) + "\n")
+def keep_summary(content: Mapping[str, Any], curve: list[Point], scores: Scores, directory: Path) -> None:
+    """Write ``summary.json`` and the learning curve, with the laws' results in the training conditions."""
+    replaced(directory / SUMMARY, json.dumps(content, indent=2, allow_nan=False) + "\n")
     levels = {law: score.rms_m for law, score in scores["trained"].items() if law != POLICY}
     draw_curve(curve, levels, directory / PICTURE)
 

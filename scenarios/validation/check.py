@@ -1,4 +1,4 @@
-"""A number beside the one it should be, and what is shown around it."""
+"""Checks of numbers against targets, and their sections and plots."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ VERDICTS: Final = get_args(Verdict)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """A value that has to lie within ``tolerance`` of ``target``."""
+    """A value that must lie within ``tolerance`` of ``target``."""
 
     name: str
-    value: float | None  # None: it could not be had here, and ``remark`` says why
+    value: float | None  # None: not available; ``remark`` has the reason
     target: float
     tolerance: float
     unit: str
-    source: str  # of the target: where it stands, or what it follows from
+    source: str  # of the target: a publication or a derivation
     remark: str = ""
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the value is as it should be; what is not a number is not."""
+        """Comparison of value and target; NaN fails."""
         if self.value is None:
             return "skipped"
         return "passed" if abs(self.value - self.target) <= self.tolerance else "failed"
 
     @property
     def used(self) -> float | None:
-        """Share of the tolerance that the value uses."""
+        """Deviation from the target over the tolerance [-]."""
         return None if self.value is None else abs(self.value - self.target) / self.tolerance
 
 
 class Series(NamedTuple):
-    """Points of a plot, joined or not."""
+    """A curve or a set of points in a plot."""
 
     label: str
     x: FloatArray
@@ -49,42 +49,42 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plot:
-    """What to draw, as data."""
+    """A plot as data."""
 
     title: str
     x_label: str
     y_label: str
     series: tuple[Series, ...]
-    to_scale: bool = False  # one metre is as long up as across
+    to_scale: bool = False  # True: equal scales of both axes
     logarithmic: bool = False  # both axes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """What belongs together: its checks, and plots of them."""
+    """Related checks and their plots."""
 
     title: str
-    text: str  # what was done, for readers who know vehicles but not this program
+    text: str  # description, for readers who know vehicles but not this program
     checks: tuple[Check, ...]
     plots: tuple[Plot, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A section still to be worked out."""
+    """A section to compute."""
 
     title: str
-    work: Callable[[bool], Section]  # given whether it has to be quick
+    work: Callable[[bool], Section]  # argument: quick, with fewer cases
 
 
 def tally(sections: Iterable[Section]) -> dict[str, int]:
-    """How many checks ended how."""
+    """Number of checks with each verdict."""
     verdicts = [check.verdict for section in sections for check in section.checks]
     return {verdict: verdicts.count(verdict) for verdict in VERDICTS}
 
 
 def number(value: float, tolerance: float) -> str:
-    """A value with the digits that its tolerance makes meaningful; one that is small beside it with two digits."""
+    """A value with the digits that its tolerance makes meaningful; two digits if it is much smaller."""
     if not math.isfinite(value):
         return str(value)
     if abs(value) < max(0.1 * tolerance, 1e-4):

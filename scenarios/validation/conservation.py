@@ -1,4 +1,4 @@
-"""What a chain without tyre forces keeps, and what gravity does to it."""
+"""Conservation of energy and momenta of a chain without tyre forces, and the work of gravity on it."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from scenarios.validation.check import Check
 from vehicle.combination.description import Vehicle
 from vehicle.combination.multibody import Speeds, Vector, speed_rates
 
-_STEP: Final = 2e-3  # of the classical Runge-Kutta method [s]: its error is about rounding's
-_FREE: Final = 20.0  # duration of the tumbling [s]
+_STEP: Final = 2e-3  # of the classical Runge-Kutta method [s]: its error is of the order of rounding
+_FREE: Final = 20.0  # duration of the free motion [s]
 _DESCENT: Final = 10.0  # [s]
 _SLOPE: Final = np.array([0.5, -0.3])  # gravity along the ground [m/s2]
 _MECHANICS: Final = "follows from the mechanics; tolerance: rounding over the steps"
 
 
 def conservation(vehicle: Vehicle) -> tuple[Check, ...]:
-    """Energy and momenta of a chain, its units turning over each other, nothing acting on them."""
+    """Changes of energy and momenta of a chain that tumbles freely without external forces."""
     n = len(vehicle.units)
     model = _without_tyres(vehicle, round(_FREE / _STEP))
     start = np.concatenate([[3.0, -2.0], np.linspace(0.0, 1.0, n), [8.0, 1.5], np.linspace(0.8, -1.1, n)])
@@ -40,15 +40,15 @@ def conservation(vehicle: Vehicle) -> tuple[Check, ...]:
 
 
 def gravity_work(vehicle: Vehicle) -> Check:
-    """On a uniform slope: energy gained over the weight's work on the way of each centre of gravity."""
+    """Energy gained on a uniform slope, compared with the work of gravity on each centre of gravity."""
     model = _without_tyres(vehicle, round(_DESCENT / _STEP))
     start = np.array([0.0, 0.0, 0.0, 0.5, 5.0, 0.0, 0.4, -0.3])  # of two units
     end = np.array(model.step(start, _SLOPE)).ravel()
     gained = float(model.invariants(end)[0] - model.invariants(start)[0])
-    ways = np.array(model.places(end)) - np.array(model.places(start))
-    work = float(np.array([unit.mass for unit in vehicle.units]) @ (ways @ _SLOPE))
+    displacements = np.array(model.centres(end)) - np.array(model.centres(start))
+    work = float(np.array([unit.mass for unit in vehicle.units]) @ (displacements @ _SLOPE))
     return Check(
-        name=f"2 units, {_DESCENT:g} s down a slope: energy gained less gravity's work, relative",
+        name=f"2 units, {_DESCENT:g} s down a slope: energy gained minus work of gravity, relative",
         value=abs(gained / work - 1.0),
         target=0.0,
         tolerance=1e-14,  # a random walk of rounding over 5000 steps
@@ -58,11 +58,11 @@ def gravity_work(vehicle: Vehicle) -> Check:
 
 
 class _Free(NamedTuple):
-    """A chain without tyres, as functions of the place of its origin, its headings and their rates, along W."""
+    """A chain without tyres, as functions of its origin's position, its headings, and their rates, along W."""
 
     step: Any  # (q, q', gravity) -> (q, q') after many steps
     invariants: Any  # (q, q') -> energy [J], momentum (2,) [N s], angular momentum about W's origin [N m s]
-    places: Any  # q -> (N, 2) of the centres of gravity [m]
+    centres: Any  # q -> (N, 2) of the centres of gravity [m]
 
 
 def _without_tyres(vehicle: Vehicle, steps: int) -> _Free:
@@ -75,21 +75,21 @@ def _without_tyres(vehicle: Vehicle, steps: int) -> _Free:
     k_3 = f(y + 0.5 * _STEP * k_2, gravity)
     k_4 = f(y + _STEP * k_3, gravity)
     one = ca.Function("one", [y, gravity], [y + _STEP / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)])
-    places = _places(vehicle, q)
-    velocities = [ca.jtimes(place, q, rate) for place in places]
-    bodies = list(zip(vehicle.units, places, velocities, ca.vertsplit(rate[2:]), strict=True))
+    centres = _centres(vehicle, q)
+    velocities = [ca.jtimes(centre, q, rate) for centre in centres]
+    bodies = list(zip(vehicle.units, centres, velocities, ca.vertsplit(rate[2:]), strict=True))
     energy = sum(0.5 * (b.mass * ca.dot(v, v) + b.yaw_inertia * r**2) for b, _, v, r in bodies)
     momentum = sum(b.mass * v for b, _, v, _ in bodies)
     spin = sum(b.mass * (p[0] * v[1] - p[1] * v[0]) + b.yaw_inertia * r for b, p, v, r in bodies)
     return _Free(
         step=one.fold(steps),
         invariants=ca.Function("invariants", [y], [energy, momentum, spin]),
-        places=ca.Function("places", [y], [ca.horzcat(*places).T]),
+        centres=ca.Function("centres", [y], [ca.horzcat(*centres).T]),
     )
 
 
 def _accelerations(vehicle: Vehicle, q: ca.SX, rate: ca.SX, gravity: ca.SX) -> ca.SX:
-    """The model's own accelerations, turned from the tractor's axes into W's."""
+    """Accelerations of the model, rotated from the tractor's axes to W."""
     psi = ca.vertsplit(q[2:])
     c, s = ca.cos(psi[0]), ca.sin(psi[0])
     v_x, v_y = c * rate[0] + s * rate[1], c * rate[1] - s * rate[0]
@@ -100,11 +100,11 @@ def _accelerations(vehicle: Vehicle, q: ca.SX, rate: ca.SX, gravity: ca.SX) -> c
     return ca.vertcat(c * a_x - s * a_y, s * a_x + c * a_y, *rates.yaw_rate)
 
 
-def _places(vehicle: Vehicle, q: ca.SX) -> list[ca.SX]:
-    """Where the centres of gravity are, along W."""
-    found, hitch = [], q[:2]
+def _centres(vehicle: Vehicle, q: ca.SX) -> list[ca.SX]:
+    """Positions of the centres of gravity, along W."""
+    centres, hitch = [], q[:2]
     for i, unit in enumerate(vehicle.units):
         axis = ca.vertcat(ca.cos(q[2 + i]), ca.sin(q[2 + i]))
-        found.append(hitch + unit.cg_x * axis)
+        centres.append(hitch + unit.cg_x * axis)
         hitch = hitch + (unit.hitch_x or 0.0) * axis
-    return found
+    return centres

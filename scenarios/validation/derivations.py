@@ -1,10 +1,11 @@
 """Two independent derivations of a chain's equations of motion, to check ``vehicle.combination.multibody`` against.
 
-Lagrange by hand, from kinetic energy; Newton and Euler, body by body, with the hitch forces as unknowns. Both are
-written along W and in numpy, and share nothing with the model but its data: masses, inertias and places.
+The first uses Lagrange's equations, derived by hand from the kinetic energy; the second the equations of Newton and
+Euler for each body, with the hitch forces as unknowns. Both use axes of W and numpy, and share only the data with the
+model: masses, inertias and positions.
 
 With e_a the direction of unit a and n_a square to it, a centre of gravity lies at r_i = p + sum_a c_ia e_a, where c_ia
-is the distance between the hitches of each unit ahead and the place of the centre of gravity in its own unit.
+is the distance between the hitches of each unit ahead, and the position of the centre of gravity in its own unit.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from vehicle.frames import FloatArray
 
 
 class Motion(NamedTuple):
-    """Where a chain is and how it moves, along W."""
+    """State of motion of a chain, along W."""
 
     psi: FloatArray  # (N,) yaw of each unit [rad]
     velocity: FloatArray  # (2,) of the first unit's origin [m/s]
@@ -35,14 +36,14 @@ class Accelerations(NamedTuple):
 
 
 def modelled(vehicle: Vehicle, now: Motion, forces: FloatArray, moments: FloatArray) -> Accelerations:
-    """Accelerations as from ``lagrange``, by the model itself, its vectors turned between W and the tractor's axes."""
+    """Accelerations as from ``lagrange``, by the model, with vectors rotated between W and the tractor's axes."""
     c, s = math.cos(now.psi[0]), math.sin(now.psi[0])
     R_WT = np.array([[c, -s], [s, c]])
     v_x, v_y = (R_WT.T @ now.velocity).tolist()
     on_units = [Vector(*(R_WT.T @ force).tolist()) for force in forces]
     speeds = Speeds(v_x, v_y, now.yaw_rate.tolist())
     rates = speed_rates(vehicle, now.psi.tolist(), speeds, on_units, moments.tolist())
-    turning = now.yaw_rate[0] * np.array([-v_y, v_x])  # the tractor's axes turn under its velocity
+    turning = now.yaw_rate[0] * np.array([-v_y, v_x])  # due to the rotation of the tractor's axes
     return Accelerations(R_WT @ (np.array([rates.v_x, rates.v_y]) + turning), np.array(rates.yaw_rate))
 
 
@@ -62,8 +63,8 @@ def lagrange(vehicle: Vehicle, now: Motion, forces: FloatArray, moments: FloatAr
     M = np.block([[mass.sum() * np.eye(2), (B[:, None] * n).T], [B[:, None] * n, A * np.cos(between)]])
     on_origin = forces.sum(axis=0) + (B * now.yaw_rate**2) @ e
     on_yaw = moments + np.sum(n * (c.T @ forces), axis=1) - (A * np.sin(between)) @ now.yaw_rate**2
-    found: FloatArray = np.linalg.solve(M, np.concatenate([on_origin, on_yaw]))
-    return Accelerations(found[:2], found[2:])
+    solution: FloatArray = np.linalg.solve(M, np.concatenate([on_origin, on_yaw]))
+    return Accelerations(solution[:2], solution[2:])
 
 
 def newton_euler(
@@ -80,28 +81,28 @@ def newton_euler(
     K: FloatArray = np.zeros((size, size))
     b: FloatArray = np.zeros(size)
     for i, unit in enumerate(units):
-        place = slice(2 * i, 2 * i + 2)
-        K[place, place] = unit.mass * np.eye(2)
+        row = slice(2 * i, 2 * i + 2)
+        K[row, row] = unit.mass * np.eye(2)
         K[yaw + i, yaw + i] = unit.yaw_inertia
-        b[place], b[yaw + i] = forces[i], moments[i]
+        b[row], b[yaw + i] = forces[i], moments[i]
     for k in range(N - 1):
         H = slice(hitch + 2 * k, hitch + 2 * k + 2)
         arms = (k, (units[k].hitch_x or 0.0) - units[k].cg_x, +1.0), (k + 1, -units[k + 1].cg_x, -1.0)
         for i, arm, side in arms:  # the hitch force acts backwards on the unit ahead, forwards on the one behind
-            place = slice(2 * i, 2 * i + 2)
-            K[place, H] += side * np.eye(2)
+            row = slice(2 * i, 2 * i + 2)
+            K[row, H] += side * np.eye(2)
             K[yaw + i, H] += side * arm * n[i]
-            K[H, place] += side * np.eye(2)
+            K[H, row] += side * np.eye(2)
             K[H, yaw + i] += side * arm * n[i]
             b[H] += side * arm * now.yaw_rate[i] ** 2 * e[i]
-    found = np.linalg.solve(K, b).astype(np.float64)
-    spin, turn = found[yaw], now.yaw_rate[0]
-    origin = found[:2] - units[0].cg_x * (spin * n[0] - turn**2 * e[0])
-    return Accelerations(origin, found[yaw:hitch]), found[hitch:].reshape(N - 1, 2)
+    solution = np.linalg.solve(K, b).astype(np.float64)
+    spin, turn = solution[yaw], now.yaw_rate[0]
+    origin = solution[:2] - units[0].cg_x * (spin * n[0] - turn**2 * e[0])
+    return Accelerations(origin, solution[yaw:hitch]), solution[hitch:].reshape(N - 1, 2)
 
 
 def _levers(vehicle: Vehicle) -> FloatArray:
-    """c[i, a]: how far unit a's direction carries from the origin to the centre of gravity of unit i [m]."""
+    """c[i, a]: distance along unit a on the way from the origin to the centre of gravity of unit i [m]."""
     hitches = np.array([unit.hitch_x or 0.0 for unit in vehicle.units])
     return np.tril(np.tile(hitches, (len(hitches), 1)), -1) + np.diag([unit.cg_x for unit in vehicle.units])
 

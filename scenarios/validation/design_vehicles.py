@@ -1,4 +1,4 @@
-"""Design vehicles of AASHTO in the turn of their template: how close to the centre their trailers come."""
+"""Design vehicles of AASHTO in their template turns: minimum inside radius of their trailers."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from vehicle.frames import FloatArray, Pose2
 
 _FOOT: Final = 0.3048  # [m]
 _HALF_WIDTH: Final = 4.25 * _FOOT  # of every design vehicle's trailer, 8.5 ft [m]
-_SPEED: Final = 0.5  # [m/s]; slip turns the trailer's path out by 4 mm here, and four times that at 1 m/s
-_ENTRY, _EXIT = 4.0, 20.0  # the trailer comes closest when the tractor is up to a trailer length out of the turn [m]
+_SPEED: Final = 0.5  # [m/s]; slip moves the trailer's path outwards by 4 mm, and by four times that at 1 m/s
+_ENTRY, _EXIT = 4.0, 20.0  # [m]; the trailer is closest when the tractor has left the turn by up to a trailer length
 
 
 class _Design(NamedTuple):
@@ -49,7 +49,7 @@ def design_vehicles(quick: bool) -> Section:
     return Section(
         title="Design vehicles",
         text="The dynamic model drives each vehicle's template turn at walking pace, the centre of its front axle on "
-        "the centreline radius. What counts is how close the inner end of the trailer's axle comes to the centre.",
+        "the centreline radius. Result: smallest distance of the inner end of the trailer's axle from the centre.",
         checks=checks,
         plots=tuple(_plan(design, centre, poses) for design, centre, poses in turns[:1]),
     )
@@ -81,21 +81,21 @@ def _turned(design: _Design) -> tuple[Pose2, FloatArray]:
 
 
 def _template(design: _Design) -> tuple[Path, float]:
-    """The turn of the front axle's centre, and where that is in T [m]."""
+    """Path of the front axle's centre, and its position in T [m]."""
     radius, front = design.radius * _FOOT, design.vehicle.units[0].steered_axles[0].x
     return Path(Pose2(front, 0.0, 0.0), (line(_ENTRY), arc(math.pi * radius, 1.0 / radius), line(_EXIT))), front
 
 
 def _inner_end(design: _Design, poses: FloatArray) -> FloatArray:
-    """Way of the inner end of the trailer's axle, (n, 2)."""
+    """Path of the inner end of the trailer's axle, (n, 2)."""
     axle = design.vehicle.units[1].axles[0].x
     return placed(np.array([[axle, _HALF_WIDTH]]), poses[:, 1])[:, 0]
 
 
 def _radii(design: _Design, centre: Pose2, poses: FloatArray) -> FloatArray:
-    """Distance of that end from the centre of the turn, (n,) [m]."""
-    way = _inner_end(design, poses)
-    return np.hypot(way[:, 0] - centre.x, way[:, 1] - centre.y)
+    """Distance of this end from the centre of the turn, (n,) [m]."""
+    path = _inner_end(design, poses)
+    return np.hypot(path[:, 0] - centre.x, path[:, 1] - centre.y)
 
 
 def _bodies(design: _Design, poses: FloatArray) -> list[FloatArray]:
@@ -112,7 +112,7 @@ def _plan(design: _Design, centre: Pose2, poses: FloatArray) -> Plot:
     closest = int(np.argmin(_radii(design, centre, poses)))
     front_axle = placed(np.array([[front, 0.0]]), poses[:, 0])[:, 0]
     return Plot(
-        title=f"{design.name}: 180° turn from above, and the combination where its axle comes closest",
+        title=f"{design.name}: 180° turn from above, and the combination where its axle is closest",
         x_label="x [m]",
         y_label="y [m]",
         series=(

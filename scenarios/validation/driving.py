@@ -1,4 +1,4 @@
-"""The dynamic model driven slowly: along a path by the driver, and round a circle with the steering held."""
+"""Slow drives of the dynamic model: along a path with the driver, and around a circle with constant steer."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
-GRIP: Final = Surface(friction=1.5)  # the highest there is: slip is to vanish
-CREEP: Final = 0.25  # [m/s]; on stiff tyres slip angles are some 1e-6 rad here, and grow with the square of speed
+GRIP: Final = Surface(friction=1.5)  # the largest possible: slip should vanish
+CREEP: Final = 0.25  # [m/s]; on stiff tyres slip angles are about 1e-6 rad, and grow with the square of speed
 _CONTROL: Final = to_ticks(PERIOD, "control period")
 _SPEED_GAIN: Final = 1.0  # acceleration demand per speed error [1/s]: aperiodic with any driveline's lag
-_SLOWING: Final = 5.0  # time to become slow in [s]: some of the speed's own time constants
-_HELD: Final = 100  # ticks between two looks at the speed where only the speed is controlled
+_SLOWING: Final = 5.0  # time to slow down [s]: several time constants of the speed control
+_HELD: Final = 100  # control period of the speed [ticks]
 
 
-class Motive(Protocol):
-    """What moves: the plant, or one that takes other steps."""
+class PlantLike(Protocol):
+    """The plant, or one with another step size."""
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
         """State of the straight combination rolling freely at ``speed`` [m/s] with its tractor at X_WT."""
         ...
 
     def observe(self, state: FloatArray, tick: int) -> Truth:
-        """What is really so in this state."""
+        """Ground truth for this state."""
         ...
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
@@ -43,17 +43,17 @@ class Motive(Protocol):
         ...
 
 
-def poses_of(seen: list[Truth]) -> FloatArray:
+def poses_of(truths: list[Truth]) -> FloatArray:
     """x [m], y [m], psi [rad] of every unit over time, (n, N, 3)."""
-    return np.array([now.poses for now in seen])
+    return np.array([now.poses for now in truths])
 
 
 def along_path(
-    vehicle: Vehicle, path: Path, reference: tuple[float, float], speed: float, *, plant: Motive | None = None
+    vehicle: Vehicle, path: Path, reference: tuple[float, float], speed: float, *, plant: PlantLike | None = None
 ) -> list[Truth]:
-    """What was seen every 20 ms while the driver put a point of the tractor, in T [m], on the path to its end.
+    """Truth every 20 ms while the driver keeps a point of the tractor, in T [m], on the path to its end.
 
-    At grip, if no other plant is given.
+    The plant has friction ``GRIP`` by default.
     """
     tractor = vehicle.units[0]
     if tractor.steering is None:
@@ -73,56 +73,57 @@ def along_path(
     perception, memory, plant = DriverPerception(), driver.init(), plant or Plant(vehicle, GRIP)
     start = path.start @ Pose2(*reference, 0.0).inverse()
     state, idle = plant.initial_state(start, speed), (0.0,) * _steered_behind(vehicle)
-    seen: list[Truth] = []
+    truths: list[Truth] = []
     while memory.station < path.length - 1e-6:
-        seen.append(plant.observe(state, len(seen) * _CONTROL))
-        memory, demand = driver.step(memory, seen[-1].tick, perception.sample(seen[-1]))
+        truths.append(plant.observe(state, len(truths) * _CONTROL))
+        memory, demand = driver.step(memory, truths[-1].tick, perception.sample(truths[-1]))
         state = plant.step(state, VehicleCommand(demand.steer, demand.acceleration, idle), _CONTROL)
-    return seen
+    return truths
 
 
 def round_circle(
     vehicle: Vehicle,
     radius: float,
     speed: float,
-    way: float,
+    distance: float,
     *,
     approach: float = 0.0,
-    haste: float = 1.0,
+    approach_speed_factor: float = 1.0,
     trailer_steer: tuple[float, ...] = (),
     surface: Surface = GRIP,
 ) -> list[Truth]:
-    """What was seen every 0.1 s over ``way`` [m] on a left-hand circle of the tractor's rear axle.
+    """Truth every 0.1 s over a ``distance`` [m] on a left-hand circle of the tractor's rear axle.
 
-    The tractor starts on the circle, the units behind it stretched along the hitch's direction of travel. The first
-    ``approach`` [m] go ``haste`` times as fast, and are not told of.
+    The tractor starts on the circle, with the units behind it aligned with the hitch's velocity. The first ``approach``
+    [m] are driven ``approach_speed_factor`` times as fast and are not returned.
     """
     plant = Plant(vehicle, surface)
     steer = math.atan(vehicle.units[0].steered_axles[0].x / radius)
-    state = _on_circle(plant, vehicle, radius, haste * speed if approach else speed, steer)
-    seen: list[Truth] = []
-    gone = -approach
-    while gone < way:
-        now = plant.observe(state, len(seen) * _HELD)
-        if gone >= 0.0:
-            seen.append(now)
+    state = _on_circle(plant, vehicle, radius, approach_speed_factor * speed if approach else speed, steer)
+    truths: list[Truth] = []
+    travelled = -approach
+    while travelled < distance:
+        now = plant.observe(state, len(truths) * _HELD)
+        if travelled >= 0.0:
+            truths.append(now)
         v_x = now.velocities[0, 0]
-        wanted = haste * speed if gone < -_SLOWING * haste * speed else speed
+        fast = approach_speed_factor * speed
+        wanted = fast if travelled < -_SLOWING * fast else speed
         state = plant.step(state, VehicleCommand(steer, _SPEED_GAIN * (wanted - v_x), trailer_steer), _HELD)
-        gone += v_x * _HELD * TICK
-    return seen
+        travelled += v_x * _HELD * TICK
+    return truths
 
 
 def steered(vehicle: Vehicle, demand: Callable[[float], float], speed: float, duration: float) -> list[Truth]:
-    """What was seen every 20 ms under a steer demand [rad] over time [s], from straight running, at grip."""
+    """Truth every 20 ms under a steer demand [rad] over time [s], from straight running, on ``GRIP``."""
     plant = Plant(vehicle, GRIP)
     state, idle = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), (0.0,) * _steered_behind(vehicle)
-    seen: list[Truth] = []
+    truths: list[Truth] = []
     for tick in range(0, round(duration / TICK) + 1, _CONTROL):
-        seen.append(plant.observe(state, tick))
-        acceleration = _SPEED_GAIN * (speed - seen[-1].velocities[0, 0])
+        truths.append(plant.observe(state, tick))
+        acceleration = _SPEED_GAIN * (speed - truths[-1].velocities[0, 0])
         state = plant.step(state, VehicleCommand(demand(tick * TICK), acceleration, idle), _CONTROL)
-    return seen
+    return truths
 
 
 def _steered_behind(vehicle: Vehicle) -> int:
@@ -130,7 +131,7 @@ def _steered_behind(vehicle: Vehicle) -> int:
 
 
 def _on_circle(plant: Plant, vehicle: Vehicle, radius: float, speed: float, steer: float) -> FloatArray:
-    """The tractor turning with its rear axle on the circle; what it tows begins to turn."""
+    """State of a tractor that turns with its rear axle on the circle; the towed units do not turn yet."""
     s = State(*parts(plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), state_sizes(vehicle)))
     towed = math.atan((vehicle.units[0].hitch_x or 0.0) / radius)
     hub = np.array([speed * (1.0 - (wheel.y / radius if wheel.unit == 0 else 0.0)) for wheel in wheels(vehicle)])

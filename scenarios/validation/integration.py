@@ -1,4 +1,4 @@
-"""The integrator: its order, what the default step does where steps go wrong, and what half of it would change."""
+"""Checks of the integrator: its order, difficult cases at the default step, and the effect of half the step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.results.swept_path import swept_path
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
-from scenarios.validation.model import OtherStepPlant
+from scenarios.validation.other_step_plant import OtherStepPlant
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
@@ -35,23 +35,23 @@ def integration(quick: bool) -> Section:
     halved = () if quick else _half_step(load_vehicle("uk_longer_semitrailer"))
     return Section(
         title="Integrator",
-        text="Braking into a turn at several steps; what the default step of 1 ms makes of a hill, of spinning and of "
-        "locked wheels; and the metrics of a closed-loop roundabout at half of that step.",
+        text="Braking into a turn with several step sizes. Hill hold, spinning wheels and locked wheels with the "
+        "default step of 1 ms. The metrics of a closed-loop roundabout with half of that step.",
         checks=(
             Check(
-                name="braking into a turn: power of the step in the error of position, 1 ms to 0.5 ms",
+                name="braking into a turn: order of the position error, from 1 ms to 0.5 ms",
                 value=float(np.diff(np.log(errors[-2:]))[0] / np.diff(np.log(steps[-2:]))[0]),
                 target=2.0,
                 tolerance=0.1,
                 unit="",
                 source=_METHOD,
             ),
-            *_traps(vehicle),
+            *_difficult_cases(vehicle),
             *halved,
         ),
         plots=(
             Plot(
-                title="Error of position after 2 s, braking into a turn from 15 m/s",
+                title="Position error after 2 s of braking into a turn from 15 m/s",
                 x_label="step [ms]",
                 y_label="error [m]",
                 series=(
@@ -65,7 +65,7 @@ def integration(quick: bool) -> Section:
 
 
 def _errors(vehicle: Vehicle) -> FloatArray:
-    """Error of position [m] at each step."""
+    """Position error [m] for each step size."""
     command = VehicleCommand(0.03, -1.5, ())
     exact = _end(vehicle, 0.8, 15.0, command, 2.0, _FINE)
     return np.array([_distance(_end(vehicle, 0.8, 15.0, command, 2.0, step), exact) for step in _STEPS])
@@ -74,18 +74,18 @@ def _errors(vehicle: Vehicle) -> FloatArray:
 def _end(
     vehicle: Vehicle, friction: float, speed: float, command: VehicleCommand, duration: float, step: float
 ) -> FloatArray:
-    """Poses (N, 3) after a while [s] under one command."""
+    """Poses (N, 3) after a duration [s] under one command."""
     plant = OtherStepPlant(vehicle, friction, step)
     state = plant.step(plant.initial_state(_ORIGIN, speed), command, round(duration / TICK))
     return plant.observe(state, 0).poses
 
 
 def _distance(poses: FloatArray, others: FloatArray) -> float:
-    """Largest distance of any unit's origin [m]."""
+    """Largest distance between corresponding origins of units [m]."""
     return float(np.hypot(*(poses - others)[:, :2].T).max())
 
 
-def _traps(vehicle: Vehicle) -> tuple[Check, ...]:
+def _difficult_cases(vehicle: Vehicle) -> tuple[Check, ...]:
     spinning = _default_error(vehicle, 0.0, VehicleCommand(0.02, 1.5, ()), 4.0)
     stopping = _default_error(vehicle, 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
     return (
@@ -98,7 +98,7 @@ def _traps(vehicle: Vehicle) -> tuple[Check, ...]:
             source="brakes hold",
         ),
         Check(
-            name="4 s of wheelspin on friction 0.1: error of position",
+            name="4 s of wheelspin on friction 0.1: position error",
             value=1e3 * spinning,
             target=0.0,
             tolerance=5.0,
@@ -106,7 +106,7 @@ def _traps(vehicle: Vehicle) -> tuple[Check, ...]:
             source="the same at a quarter of the step",
         ),
         Check(
-            name="8 m/s braked to a stop on friction 0.1: error of position",
+            name="8 m/s braked to a stop on friction 0.1: position error",
             value=1e3 * stopping,
             target=0.0,
             tolerance=10.0,
@@ -117,30 +117,30 @@ def _traps(vehicle: Vehicle) -> tuple[Check, ...]:
 
 
 def _default_error(vehicle: Vehicle, speed: float, command: VehicleCommand, duration: float) -> float:
-    """Error of position [m] on ice at the default step."""
+    """Position error [m] on ice with the default step."""
     plant = Plant(vehicle, Surface(friction=0.1))
     state = plant.step(plant.initial_state(_ORIGIN, speed), command, round(duration / TICK))
     return _distance(plant.observe(state, 0).poses, _end(vehicle, 0.1, speed, command, duration, _FINER))
 
 
 def _creep(vehicle: Vehicle) -> float:
-    """Speed [m/s] of a combination that was braked to a stop on a hill, in the ten seconds after rocking has ended."""
+    """Mean creep speed [m/s] of a combination braked to a stop on a hill, over 10 s after its rocking has decayed."""
     plant = Plant(vehicle, Surface(friction=0.8, grade=0.05))
     braking = VehicleCommand(0.02, -2.0, ())
-    rocking_over = plant.step(plant.initial_state(_ORIGIN, 8.0), braking, 10_000)
-    later = plant.step(rocking_over, braking, 10_000)
-    return _distance(plant.observe(later, 0).poses, plant.observe(rocking_over, 0).poses) / (10_000 * TICK)
+    at_rest = plant.step(plant.initial_state(_ORIGIN, 8.0), braking, 10_000)
+    later = plant.step(at_rest, braking, 10_000)
+    return _distance(plant.observe(later, 0).poses, plant.observe(at_rest, 0).poses) / (10_000 * TICK)
 
 
 def _half_step(vehicle: Vehicle) -> tuple[Check, ...]:
     """Relative change of the roundabout's metrics when the step is halved."""
     course = courses.roundabout(front_x=vehicle.units[0].front_x, width=vehicle.units[0].width)
-    found = []
+    metrics = []
     for step in (TICK, 0.5 * TICK):
         plant = OtherStepPlant(vehicle, 0.8, step)
         poses = poses_of(along_path(vehicle, course.path, course.reference, _ROUNDABOUT_SPEED, plant=plant))
-        found.append(_metrics(vehicle, poses, course.surface_centre))
-    whole, half = found
+        metrics.append(_metrics(vehicle, poses, course.surface_centre))
+    whole, half = metrics
     return tuple(
         Check(
             name=f"roundabout at 15 km/h, step halved: change of {name}",
@@ -155,14 +155,14 @@ def _half_step(vehicle: Vehicle) -> tuple[Check, ...]:
 
 
 def _metrics(vehicle: Vehicle, poses: FloatArray, centre: tuple[float, float] | None) -> dict[str, float]:
-    room = swept_path(outlines(vehicle), tuple(np.moveaxis(poses, 1, 0)), centre)
+    swept = swept_path(outlines(vehicle), tuple(np.moveaxis(poses, 1, 0)), centre)
     trailer = vehicle.units[1]
     x, y, psi = poses[:, 1].T
     off_tracking = true_off_tracking(x, y, psi, -(trailer.follow_x or trailer.rear_x))
     return {
-        "the swept width": room.max_width,
-        "the inner radius": room.min_inner_radius,
-        "the tail swing": room.tail_swing,
+        "the swept width": swept.max_width,
+        "the inner radius": swept.min_inner_radius,
+        "the tail swing": swept.tail_swing,
         "the off-tracking, RMS": rms(off_tracking),
         "the off-tracking, largest": float(np.nanmax(np.abs(off_tracking))),
     }

@@ -1,4 +1,4 @@
-"""The model's small motions beside an audited linear model of the same combination."""
+"""Checks of the model's small motions against an audited linear model of the same combination."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from scenarios.validation.check import Check, Plot, Section, Series
-from scenarios.validation.vehicles import on_single_axles
+from scenarios.validation.vehicles import linear_tyre, on_single_axles
 from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle
 from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
 from vehicle.combination.linear import LateralModel, lateral_model
@@ -20,7 +20,7 @@ _STIFFNESS: Final = (280693.53, 581536.8, 970209.0)  # of the axles, front to re
 _MODES: Final = ((-2.46082646, 2.01398867), (-0.82568020, 2.21590363))  # real and imaginary part [1/s]
 _AMPLIFICATION: Final = {0.1: 1.0381, 0.2: 1.1522, 0.3: 1.2569, 0.4: 1.0052, 0.5: 0.5772, 0.8: 0.3562, 1.0: 0.2657}
 _AUDIT: Final = "audit of rl_path_planning's single-track model, and an independent recalculation"
-_RELATIVE: Final = 1e-6  # of what is given to nine digits
+_RELATIVE: Final = 1e-6  # relative tolerance of targets with nine digits
 
 
 def linear_theory(quick: bool) -> Section:
@@ -30,17 +30,22 @@ def linear_theory(quick: bool) -> Section:
     return Section(
         title="Linear theory",
         text="The model's equations, linearised about straight running at 24 m/s with the assumptions of the audited "
-        "single-track model: linear tyres at their static loads, which follow without delay, one axle for the tridem.",
+        "single-track model: linear tyres without relaxation at their static loads, and one axle for the tridem.",
         checks=(*_modes(model), *_gains(vehicle, model), *_trailer_steer(vehicle), *_amplifications(vehicle)),
         plots=(_curve(vehicle),),
     )
 
 
 def audited_vehicle() -> Vehicle:
-    """The European combination with exactly the audited masses, lengths and axle stiffnesses."""
+    """European combination with exactly the audited masses, lengths and axle stiffnesses."""
     vehicle = on_single_axles(load_vehicle("eu_tractor_semitrailer"))
     loads = [float(load) for unit in static_axle_loads(vehicle) for load in unit]
-    tyres = iter([_linear_tyre(C / load, 0.5 * load) for C, load in zip(_STIFFNESS, loads, strict=True)])
+    tyres = iter(
+        [
+            linear_tyre(C / load, 0.5 * load, relaxation_length=0.5, damping=0.0)
+            for C, load in zip(_STIFFNESS, loads, strict=True)
+        ]
+    )
     units = tuple(_with_tyres(unit, [next(tyres) for _ in unit.axles]) for unit in vehicle.units)
     return vehicle.model_copy(update={"units": units})
 
@@ -52,34 +57,20 @@ def _with_tyres(unit: Unit, tyres: list[LinearTyre]) -> Unit:
     return unit.model_copy(update={"axles": axles})
 
 
-def _linear_tyre(stiffness: float, load: float) -> LinearTyre:
-    return LinearTyre(
-        model="linear",
-        cornering_stiffness=stiffness,
-        longitudinal_stiffness=stiffness,
-        nominal_load=load,
-        load_sensitivity=0.0,
-        relaxation_length=0.5,
-        damping=0.0,
-        rolling_resistance=0.0,
-        pneumatic_trail=0.0,
-    )
-
-
 def _modes(model: LateralModel) -> tuple[Check, ...]:
-    """Real and imaginary part of both modes, and damping and frequency of the trailer's."""
-    found = [mode for mode in model.eigenvalues() if mode.imag > 0.0]
-    told = [
+    """Real and imaginary part of both modes; damping and frequency of the trailer's mode."""
+    modes = [mode for mode in model.eigenvalues() if mode.imag > 0.0]
+    rows = [
         (f"mode {k + 1}: {part}", value, target, "1/s")
-        for k, (mode, (real, imaginary)) in enumerate(zip(found, _MODES, strict=True))
+        for k, (mode, (real, imaginary)) in enumerate(zip(modes, _MODES, strict=True))
         for part, value, target in (("real part", mode.real, real), ("imaginary part", mode.imag, imaginary))
     ]
-    trailer = found[-1]
-    told += [
+    trailer = modes[-1]
+    rows += [
         ("damping ratio of the trailer's mode", -trailer.real / abs(trailer), 0.349164, ""),
         ("undamped frequency of the trailer's mode", abs(trailer), 2.364736, "rad/s"),
     ]
-    return tuple(_relative(name, float(value), target, unit) for name, value, target, unit in told)
+    return tuple(_relative(name, float(value), target, unit) for name, value, target, unit in rows)
 
 
 def _relative(name: str, value: float, target: float, unit: str) -> Check:
@@ -111,7 +102,7 @@ def _trailer_steer(vehicle: Vehicle) -> tuple[Check, ...]:
         update={"axles": (trailer.axles[0].model_copy(update={"steered": True}),), "steering": tractor.steering}
     )
     model = lateral_model(vehicle.model_copy(update={"units": (tractor, steered)}), _SPEED)
-    told = (("steady articulation over trailer steer", "articulation_1", 1.0, ""),
+    rows = (("steady articulation over trailer steer", "articulation_1", 1.0, ""),
             ("steady yaw rate over trailer steer", "yaw_rate_0", 0.0, "1/s"))  # fmt: skip
     return tuple(
         Check(
@@ -120,9 +111,9 @@ def _trailer_steer(vehicle: Vehicle) -> tuple[Check, ...]:
             target=target,
             tolerance=_RELATIVE,
             unit=unit,
-            source="the trailer's wheels run straight ahead in the end: it turns by their angle, and nothing else",
+            source="in steady state the trailer's wheels run straight ahead, so its articulation equals their angle",
         )
-        for name, output, target, unit in told
+        for name, output, target, unit in rows
     )
 
 
@@ -133,7 +124,7 @@ def _amplifications(vehicle: Vehicle) -> tuple[Check, ...]:
     return (
         _relative("largest rearward amplification", peak.gain, 1.257008, ""),
         Check(
-            name="its frequency",
+            name="frequency of the largest rearward amplification",
             value=peak.frequency,
             target=0.2975,
             tolerance=1e-4,  # given to four decimals; a peak is flat

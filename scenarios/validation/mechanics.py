@@ -1,4 +1,4 @@
-"""The model's mechanics beside first principles: conservation, independent derivations, the friction circle."""
+"""Checks of the model's mechanics: conservation laws, independent derivations, and the friction circle."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from vehicle.combination.functions import compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.frames import FloatArray
 
-_STATES: Final = 200  # random ones, of each chain
-_RANGES: Final = State(  # to draw random states from, to either side: wilder than any drive
+_STATES: Final = 200  # random states per chain
+_RANGES: Final = State(  # half ranges of random states, wider than in any drive
     x=50.0,
     y=50.0,
     psi=3.0,
@@ -40,12 +40,12 @@ _RANGES: Final = State(  # to draw random states from, to either side: wilder th
 
 
 def mechanics(quick: bool) -> Section:
-    """Energy, momenta, gravity's work, two more derivations of the same equations, and the friction circle."""
+    """Checks of energy, momenta, work of gravity, two independent derivations, and the friction circle."""
     chains = [_chain(n) for n in (1, 2, 3)]
     return Section(
         title="Mechanics",
-        text="Chains of rigid units tumble freely for 20 s and slide down a slope. Their accelerations in random "
-        "states are compared with two independent derivations, and the forces of their tyres with their friction.",
+        text="Chains of rigid units tumble freely for 20 s and slide down a slope. In random states their "
+        "accelerations are compared with two independent derivations, and their tyre forces with the friction limit.",
         checks=(
             *(check for chain in chains[1:] for check in conservation(chain)),
             gravity_work(chains[1]),
@@ -56,7 +56,7 @@ def mechanics(quick: bool) -> Section:
 
 
 def _chain(n: int) -> Vehicle:
-    """The first n of tractor, semi-trailer with a hitch over its axles, and semi-trailer: a B-double."""
+    """First n units of a B-double: tractor, semi-trailer with a hitch above its axles, semi-trailer."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
     tractor, trailer = vehicle.units
     lead = trailer.model_copy(update={"hitch_x": -7.4, "hitch_height": 1.15})
@@ -64,12 +64,12 @@ def _chain(n: int) -> Vehicle:
 
 
 def _derivations(vehicle: Vehicle) -> tuple[Check, ...]:
-    """Largest difference of the model's accelerations from each derivation's, over the largest acceleration."""
+    """Largest difference from the accelerations of each derivation, over the largest acceleration."""
     n, rng = len(vehicle.units), np.random.default_rng(1)
     of_lagrange, of_newton = np.array([_differences(vehicle, rng) for _ in range(_STATES)]).max(axis=0).tolist()
-    told = (
+    rows = (
         ("Lagrange", of_lagrange, "Lagrange's equations, derived by hand"),
-        ("Newton and Euler", of_newton, "each body on its own, with the hitch forces as unknowns"),
+        ("Newton and Euler", of_newton, "equations of each body, with the hitch forces as unknowns"),
     )
     return tuple(
         Check(
@@ -80,7 +80,7 @@ def _derivations(vehicle: Vehicle) -> tuple[Check, ...]:
             unit="",
             source=source,
         )
-        for name, difference, source in told
+        for name, difference, source in rows
     )
 
 
@@ -88,16 +88,16 @@ def _differences(vehicle: Vehicle, rng: np.random.Generator) -> tuple[float, flo
     n = len(vehicle.units)
     now = Motion(rng.uniform(-np.pi, np.pi, n), rng.uniform(-10.0, 10.0, 2), rng.uniform(-1.0, 1.0, n))
     forces, moments = rng.uniform(-1e5, 1e5, (n, 2)), rng.uniform(-1e5, 1e5, n)
-    got = np.concatenate(modelled(vehicle, now, forces, moments))
+    model = np.concatenate(modelled(vehicle, now, forces, moments))
     first, second = (
-        float(np.abs(got - np.concatenate(other)).max() / np.abs(got).max())
+        float(np.abs(model - np.concatenate(other)).max() / np.abs(model).max())
         for other in (lagrange(vehicle, now, forces, moments), newton_euler(vehicle, now, forces, moments)[0])
     )
     return first, second
 
 
 def _friction_circle(vehicle: Vehicle, count: int) -> Check:
-    """How far the horizontal force of any wheel goes beyond friction times load, in random states."""
+    """Largest excess of a wheel's horizontal force over friction times load, in random states."""
     rng = np.random.default_rng(1)
     outputs = np.array(compiled_output(vehicle).map(count)(_states(vehicle, rng, count), _inputs(vehicle, rng, count)))
     used = Output(*parts(outputs, output_sizes(vehicle))).friction_used

@@ -1,6 +1,6 @@
-"""A combination that rolls without slip: the purely kinematic model the dynamic one has to tend to.
+"""Kinematic model of a combination that rolls without slip: the limit of the dynamic model.
 
-Every unit rolls on one axle, or on a group of axles as if it were one in the middle of the group.
+Every unit rolls on one axle; a group of axles is replaced by one in its middle.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from controllers.path import Path
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
-_SPACING = 0.02  # of the steps along the path [m]: fourth order, far below a micrometre
+_SPACING = 0.02  # step size along the path [m]: the fourth-order error is far below a micrometre
 
 
 class RollingChain(NamedTuple):
@@ -24,7 +24,7 @@ class RollingChain(NamedTuple):
 
 
 def rolling_chain(vehicle: Vehicle) -> RollingChain:
-    """The lengths of a vehicle, the unsteered axles of each towed unit taken as one in their middle."""
+    """Lengths of a vehicle, with one axle in the middle of the axles of each towed unit."""
     return RollingChain(
         hitches=tuple(unit.hitch_x or 0.0 for unit in vehicle.units[:-1]),
         lengths=tuple(-float(np.mean([axle.x for axle in unit.axles])) for unit in vehicle.units[1:]),
@@ -32,15 +32,15 @@ def rolling_chain(vehicle: Vehicle) -> RollingChain:
 
 
 def poses_along(chain: RollingChain, path: Path, reference: tuple[float, float], extra: float = 0.0) -> FloatArray:
-    """x [m], y [m], psi [rad] of every unit's frame, (n, N, 3), while a point of the tractor runs along a path.
+    """x [m], y [m], psi [rad] of every unit's frame, (n, N, 3), while a point of the tractor moves along a path.
 
-    ``reference`` is that point's place in the tractor [m]; the combination is straight at the start, and goes on
-    straight for ``extra`` [m] past the path's end.
+    ``reference`` is the position of that point in the tractor [m]. The combination is straight at the start. It
+    continues straight for ``extra`` [m] beyond the end of the path.
     """
     steps = int(np.ceil((path.length + extra) / _SPACING))
     h = (path.length + extra) / steps
     psi = np.full(1 + len(chain.lengths), path.start.psi)
-    found = [_poses(chain, path, reference, 0.0, psi)]
+    poses = [_poses(chain, path, reference, 0.0, psi)]
     for k in range(steps):
         s = k * h
         k_1 = _turning(chain, path, reference, s, psi)
@@ -48,17 +48,17 @@ def poses_along(chain: RollingChain, path: Path, reference: tuple[float, float],
         k_3 = _turning(chain, path, reference, s + 0.5 * h, psi + 0.5 * h * k_2)
         k_4 = _turning(chain, path, reference, s + h, psi + h * k_3)
         psi = psi + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        found.append(_poses(chain, path, reference, s + h, psi))
-    return np.array(found)
+        poses.append(_poses(chain, path, reference, s + h, psi))
+    return np.array(poses)
 
 
 def _turning(chain: RollingChain, path: Path, reference: tuple[float, float], s: float, psi: FloatArray) -> FloatArray:
-    """Yaw of each unit per metre of the guided point's way [rad/m]: no axle moves sideways."""
+    """Yaw of each unit per distance of the guided point [rad/m], with no axle moving sideways."""
     x_ref, y_ref = reference
     chi = path.pose(s).psi - psi[0]
     turning = np.empty(len(psi))
     turning[0] = np.sin(chi) / x_ref
-    forward, left = np.cos(chi) + turning[0] * y_ref, 0.0  # velocity of the unit's origin, per metre of way
+    forward, left = np.cos(chi) + turning[0] * y_ref, 0.0  # velocity of the unit's origin over that of the guided point
     for k, (hitch, length) in enumerate(zip(chain.hitches, chain.lengths, strict=True)):
         left = left + turning[k] * hitch
         gamma = psi[k] - psi[k + 1]

@@ -1,4 +1,4 @@
-"""The dynamic model as speed falls and friction rises: it has to become the kinematic one."""
+"""Checks that the dynamic model tends to the kinematic one at low speed and high friction."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
 _RADIUS, _LENGTH = 20.0, 7.7  # of the hitch's circle, hitch to axle [m]
-_SPEEDS: Final = (0.5, 1.0, 2.0, 3.5, 5.0)  # [m/s]; 1.25 m/s2 at the fastest, 0.85 of the least friction
-_FRICTIONS: Final = (0.15, 0.3, 1.5)  # snow, packed snow, the highest there is
+_SPEEDS: Final = (0.5, 1.0, 2.0, 3.5, 5.0)  # [m/s]; at most 1.25 m/s2, 0.85 of the smallest friction
+_FRICTIONS: Final = (0.15, 0.3, 1.5)  # snow, packed snow, the largest possible
 _SLALOM_SPEED, _SLALOM_TIME = 0.5, 80.0  # [m/s], [s]
 
 
 def no_slip_limit(quick: bool) -> Section:
-    """Slip on a circle over speed and friction, and a slalom beside a published kinematic trailer model."""
+    """Slip on a circle over speed and friction, and a slalom compared with a published kinematic trailer model."""
     speeds, frictions = (_SPEEDS[1:], _FRICTIONS[::2]) if quick else (_SPEEDS, _FRICTIONS)
     turns = {friction: [_turn(speed, friction) for speed in speeds] for friction in frictions}
     return Section(
         title="Kinematic limit",
-        text="On its own tyres the combination turns on a circle of the hitch of 20 m: how far the trailer's axle runs "
-        "from where it would roll without slip. In a slalom its motion is compared with the kinematic trailer model "
-        "of an independent package.",
+        text="On its own tyres the combination turns with its hitch on a circle of 20 m. The result is the distance of "
+        "the trailer's axle from its path without slip. In a slalom the motion is compared with the kinematic trailer "
+        "model of an independent package.",
         checks=(*_limit_checks(turns), *_slalom_checks()),
         plots=(_plot(turns),),
     )
@@ -39,14 +39,14 @@ class _Turn(NamedTuple):
     """A settled turn."""
 
     speed: float  # of the hitch [m/s]
-    distance: float  # of the trailer's axle from where it would roll without slip, + outwards [m]
+    distance: float  # of the trailer's axle from its path without slip, + outwards [m]
 
 
 def _turn(speed: float, friction: float) -> _Turn:
-    """The combination on its own tyres on the circle."""
+    """Settled turn of the combination on its own tyres."""
     vehicle = tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0)
-    seen = round_circle(vehicle, _RADIUS, speed, 12.0 * _LENGTH, surface=Surface(friction=friction))
-    v_x, v_y, turning = seen[-1].velocities[1].tolist()
+    truths = round_circle(vehicle, _RADIUS, speed, 12.0 * _LENGTH, surface=Surface(friction=friction))
+    v_x, v_y, turning = truths[-1].velocities[1].tolist()
     hitch, axle = math.hypot(v_x, v_y), math.hypot(v_x, v_y - _LENGTH * turning)
     return _Turn(hitch, axle / turning - math.sqrt((hitch / turning) ** 2 - _LENGTH**2))
 
@@ -56,15 +56,15 @@ def _limit_checks(turns: dict[float, list[_Turn]]) -> tuple[Check, ...]:
     speeds, distances = np.array(turns[most]).T
     return (
         Check(
-            name=f"trailer's axle on friction {most:g}: power of speed by which it leaves the no-slip path",
+            name=f"trailer's axle on friction {most:g}: order in speed of its distance from the no-slip path",
             value=float(np.polyfit(np.log(speeds), np.log(distances), 1)[0]),
             target=2.0,
             tolerance=0.03,  # at the highest speed the turn is a little wider
             unit="",
-            source="side force, and slip with it, are in proportion to the square of speed",
+            source="side force and slip are proportional to the square of speed",
         ),
         Check(
-            name=f"the same distance at {speeds[0]:.2g} m/s",
+            name=f"distance on friction {most:g} at {speeds[0]:.2g} m/s",
             value=float(distances[0]),
             target=0.0,
             tolerance=0.01,
@@ -102,13 +102,13 @@ def _series(label: str, turns: list[_Turn]) -> Series:
 
 
 def _slalom_checks() -> tuple[Check, ...]:
-    """Largest differences to the package's model along a slalom."""
+    """Largest differences from the package's model in a slalom."""
     differences: tuple[float | None, ...] = (None, None, None)
     if installed():
         vehicle = gripping(tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=_LENGTH, hitch_x=0.0))
-        seen = steered(vehicle, _slalom, _SLALOM_SPEED, _SLALOM_TIME)
-        differences = _differences(poses_of(seen), kinematic_poses(vehicle, seen))
-    told = (("position", 0.01, "m"), ("yaw", 0.02, "°"), ("articulation", 0.02, "°"))
+        truths = steered(vehicle, _slalom, _SLALOM_SPEED, _SLALOM_TIME)
+        differences = _differences(poses_of(truths), kinematic_poses(vehicle, truths))
+    rows = (("position", 0.01, "m"), ("yaw", 0.02, "°"), ("articulation", 0.02, "°"))
     return tuple(
         Check(
             name=f"slalom of {_SLALOM_SPEED * _SLALOM_TIME:g} m: largest difference of {name}",
@@ -119,17 +119,17 @@ def _slalom_checks() -> tuple[Check, ...]:
             source=f"{PACKAGE}, kinematic single-track model with a trailer (KST)",
             remark="" if installed() else "not installed: pip install commonroad-vehicle-models",
         )
-        for (name, tolerance, unit), value in zip(told, differences, strict=True)
+        for (name, tolerance, unit), value in zip(rows, differences, strict=True)
     )
 
 
 def _slalom(time: float) -> float:
-    """Steer demand [rad]: to both sides up to 20 degrees, 20 m for a wave, the mean to the left."""
+    """Steer demand [rad]: waves of 20 m, from 12 degrees right to 20 degrees left."""
     return math.radians(4.0 + 16.0 * math.sin(math.tau * time * _SLALOM_SPEED / 20.0))
 
 
 def _differences(dynamic: FloatArray, kinematic: FloatArray) -> tuple[float, ...]:
-    """Largest distance [m] of the tractors, and difference of their yaw and of the articulation [deg]."""
-    place = np.hypot(*(dynamic - kinematic)[:, 0, :2].T)
+    """Largest distance [m] between the tractors, and largest differences of yaw and articulation [deg]."""
+    distance = np.hypot(*(dynamic - kinematic)[:, 0, :2].T)
     yaw, trailer_yaw = np.degrees(dynamic - kinematic)[:, :, 2].T
-    return float(place.max()), float(np.abs(yaw).max()), float(np.abs(yaw - trailer_yaw).max())
+    return float(distance.max()), float(np.abs(yaw).max()), float(np.abs(yaw - trailer_yaw).max())

@@ -1,6 +1,6 @@
-"""The kinematic trailer model of the package commonroad-vehicle-models, driven as the dynamic model was.
+"""Kinematic trailer model of the package commonroad-vehicle-models, driven like the dynamic model.
 
-The package is a development dependency: nothing else of the program needs it.
+The package is a development dependency; nothing else of the program needs it.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
 PACKAGE: Final = "commonroad-vehicle-models"
-_WIDE: Final = 1e3  # limits of steering, speed and acceleration that are never reached, whatever the unit
+_WIDE: Final = 1e3  # limits of steering, speed and acceleration that are never reached, in any unit
 
 
 def installed() -> bool:
-    """Whether the package is there."""
+    """True if the package is installed."""
     return find_spec("vehiclemodels") is not None
 
 
-def kinematic_poses(vehicle: Vehicle, seen: Sequence[Truth]) -> FloatArray:
-    """Poses (n, 2, 3) of a tractor and a trailer hitched to its rear axle, steered and driven as was seen.
+def kinematic_poses(vehicle: Vehicle, truths: Sequence[Truth]) -> FloatArray:
+    """Poses (n, 2, 3) of a tractor and a trailer hitched to its rear axle, steered and driven like the dynamic model.
 
-    Steer rate and acceleration come from splines through the steer angles and speeds that the dynamic model had.
+    Steer rate and acceleration come from splines through the steer angles and speeds of the dynamic model.
     """
     from vehiclemodels.vehicle_dynamics_kst import vehicle_dynamics_kst
 
-    time = np.array([now.tick for now in seen]) * TICK
-    steer = CubicSpline(time, [now.steer[0] for now in seen])
-    speed = CubicSpline(time, [now.velocities[0, 0] for now in seen])
+    time = np.array([now.tick for now in truths]) * TICK
+    steer = CubicSpline(time, [now.steer[0] for now in truths])
+    speed = CubicSpline(time, [now.velocities[0, 0] for now in truths])
     parameters, (steer_rate, acceleration) = _parameters(vehicle), (steer.derivative(), speed.derivative())
 
     def rate(t: float, x: FloatArray) -> FloatArray:
         inputs = [float(steer_rate(t)), float(acceleration(t))]
         return np.array(vehicle_dynamics_kst(x.tolist(), inputs, parameters))
 
-    x_0, y_0, psi_0 = seen[0].poses[0]
-    # its hitch angle is the trailer's yaw less the tractor's
-    x = np.array([x_0, y_0, float(steer(0.0)), float(speed(0.0)), psi_0, seen[0].poses[1, 2] - psi_0])
+    x_0, y_0, psi_0 = truths[0].poses[0]
+    # the package's hitch angle is the trailer's yaw minus the tractor's
+    x = np.array([x_0, y_0, float(steer(0.0)), float(speed(0.0)), psi_0, truths[0].poses[1, 2] - psi_0])
     states = [x]
     for t, h in zip(time[:-1].tolist(), np.diff(time).tolist(), strict=True):
         k_1 = rate(t, x)
@@ -59,7 +59,7 @@ def kinematic_poses(vehicle: Vehicle, seen: Sequence[Truth]) -> FloatArray:
 
 
 def _parameters(vehicle: Vehicle) -> SimpleNamespace:
-    """What the package's model asks of a vehicle; ``a`` and ``b`` count by their sum, the wheelbase."""
+    """Parameters of the package's model; only the sum of ``a`` and ``b``, the wheelbase, matters."""
     return SimpleNamespace(
         a=vehicle.units[0].steered_axles[0].x,
         b=0.0,

@@ -1,4 +1,4 @@
-"""The European roundabout: 360 degrees with the tractor's front corner on 12.5 m, beside figures without slip."""
+"""Checks in the European roundabout: 360 degrees with the tractor's front corner on 12.5 m, against no-slip figures."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.frames import FloatArray, Pose2
 
 _RADIUS, _WIDTH = 12.5, 2.55  # [m]
-_SPEED: Final = 1.0  # [m/s]; on stiff tyres slip turns a 12 m trailer out by 1 mm
+_SPEED: Final = 1.0  # [m/s]; on stiff tyres slip moves a 12 m trailer outwards by 1 mm
 _ENTRY: Final = 3.0  # [m], for the driver to settle
 _SOURCE: Final = "independent kinematic calculation of the same turn"
 
 
 class _Case(NamedTuple):
-    """A trailer and the figures calculated for it beforehand."""
+    """A trailer and its calculated reference figures."""
 
     name: str
     hitch_x: float  # kingpin ahead of the drive axle [m]
     length: float  # kingpin to axle [m]
     rear: float  # kingpin to rear end [m]
-    inner: float  # radius of the inner end of the axle, at the least [m]
-    swept: float  # outer less inner radius [m]
+    inner: float  # smallest radius of the inner end of the axle [m]
+    swept: float  # outer minus inner radius [m]
     swing: float  # of the rear corner [m]
     articulation: float  # at the end of the turn [deg]
 
@@ -45,12 +45,12 @@ _CASES: Final = (
 
 
 def roundabout(quick: bool) -> Section:
-    """Turns of 360 degrees from the tangent, with three trailers."""
+    """Turns of 360 degrees, entered along the tangent, with three trailers."""
     turns = [(case, *_turned(case)) for case in (_CASES[-1:] if quick else _CASES)]
     return Section(
         title="Roundabout",
-        text="The driver takes the tractor's outer front corner from the tangent onto a circle of 12.5 m and round it "
-        "once, on stiff tyres at walking pace. Counted until the corner has gone round.",
+        text="The driver guides the tractor's outer front corner from the tangent once around a circle of 12.5 m, on "
+        "stiff tyres at walking pace. The evaluation ends with the full circle.",
         checks=tuple(check for turn in turns for check in _checks(*turn)),
         plots=(_plan(*turns[-1]),),
     )
@@ -73,8 +73,8 @@ def _turned(case: _Case) -> tuple[Vehicle, Course, FloatArray]:
 def _checks(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[Check, ...]:
     inner, outer = _radii(vehicle, course, poses)
     swing = max(tail_swings(outlines(vehicle), (poses[:, 0], poses[:, 1])))
-    told = (
-        ("radius of the axle's inner end, at the least", inner, case.inner, 5e-3, "m"),
+    rows = (
+        ("smallest radius of the axle's inner end", inner, case.inner, 5e-3, "m"),
         ("swept width", outer - inner, case.swept, 10e-3, "m"),
         ("tail swing", swing, case.swing, 5e-3, "m"),
         (
@@ -87,28 +87,30 @@ def _checks(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) ->
     )
     return tuple(
         Check(name=f"{case.name}: {name}", value=value, target=target, tolerance=tolerance, unit=unit, source=_SOURCE)
-        for name, value, target, tolerance, unit in told
+        for name, value, target, tolerance, unit in rows
     )
 
 
 def _radii(vehicle: Vehicle, course: Course, poses: FloatArray) -> tuple[float, float]:
-    """Smallest radius of the inner end of the trailer's axle, largest of the tractor's outer front corner."""
+    """Smallest radius of the trailer axle's inner end, and largest of the tractor's outer front corner [m]."""
     centre = course.path.start @ Pose2(_ENTRY, _RADIUS, 0.0)
-    corner, inner = (np.hypot(way[:, 0] - centre.x, way[:, 1] - centre.y) for way in _ways(vehicle, poses))
-    on_circle = int(np.argmax(_ways(vehicle, poses)[0][:, 0] >= centre.x))  # it comes along x, from farther away
+    corner, inner = (np.hypot(path[:, 0] - centre.x, path[:, 1] - centre.y) for path in _paths(vehicle, poses))
+    on_circle = int(
+        np.argmax(_paths(vehicle, poses)[0][:, 0] >= centre.x)
+    )  # it approaches along x, from outside the circle
     return float(inner.min()), float(corner[on_circle:].max())
 
 
-def _ways(vehicle: Vehicle, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ways (n, 2) of the tractor's outer front corner, and of the inner end of the trailer's axle."""
+def _paths(vehicle: Vehicle, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Paths (n, 2) of the tractor's outer front corner and the trailer axle's inner end."""
     tractor, trailer = vehicle.units
     corner = placed(np.array([[tractor.front_x, -0.5 * _WIDTH]]), poses[:, 0])[:, 0]
     return corner, placed(np.array([[trailer.axles[0].x, 0.5 * _WIDTH]]), poses[:, 1])[:, 0]
 
 
 def _plan(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) -> Plot:
-    corner, inner = _ways(vehicle, poses)
-    _, rolled = _ways(vehicle, poses_along(rolling_chain(vehicle), course.path, course.reference))
+    corner, inner = _paths(vehicle, poses)
+    _, rolled = _paths(vehicle, poses_along(rolling_chain(vehicle), course.path, course.reference))
     return Plot(
         title=f"{case.name}: from above",
         x_label="x [m]",

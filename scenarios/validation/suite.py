@@ -1,4 +1,4 @@
-"""All sections of the validation, in the order in which they are read."""
+"""All sections of the validation, in the order of the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A trailer whose hitch runs from a tangent onto a circle, beside the closed form."""
+"""Checks of a trailer whose hitch enters a circle along a tangent, against the closed form."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from scenarios.validation.check import Check, Plot, Section, Series
+from scenarios.validation.closed_forms import tractrix_articulation
 from scenarios.validation.driving import CREEP, poses_of, round_circle
-from scenarios.validation.references import tractrix_articulation
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
@@ -22,7 +22,7 @@ _CASES: Final = (  # radius, hitch to axle [m], articulation after 90 and after 
 
 
 def tractrix(quick: bool) -> Section:
-    """Trailers whose hitch runs from a tangent onto a circle."""
+    """Trailers whose hitch enters a circle along a tangent."""
     cases = _CASES[:1] if quick else _CASES
     checks: list[Check] = []
     series: list[Series] = []
@@ -39,7 +39,7 @@ def tractrix(quick: bool) -> Section:
                 target=0.0,
                 tolerance=1e-3,
                 unit="°",
-                source="tractrix onto a circle, closed form by the half-angle tangent",
+                source="tractrix onto a circle, closed form with the half-angle tangent",
             ),
         ]
         series += [
@@ -48,8 +48,8 @@ def tractrix(quick: bool) -> Section:
         ]
     return Section(
         title="Tractrix",
-        text="The hitch of a tractor on stiff tyres leaves a tangent for a circle; the trailer's articulation follows "
-        "the closed form of a trailer whose axle does not slide sideways.",
+        text="The hitch of a tractor on stiff tyres enters a circle along a tangent. The trailer's articulation is "
+        "compared with the closed form for an axle that does not slide sideways.",
         checks=tuple(checks),
         plots=(
             Plot(
@@ -67,16 +67,16 @@ def _angle(name: str, turned: FloatArray, articulation: FloatArray, at: float, p
         name=name,
         value=float(np.interp(at, np.degrees(turned), np.degrees(articulation))),
         target=published,
-        tolerance=1.5e-3,  # 1e-3 of the model, and the rounding of the published figure
+        tolerance=1.5e-3,  # 1e-3 for the model, plus the rounding of the target
         unit="°",
-        source="calculated beforehand from the closed form, to three decimals",
+        source="calculated from the closed form, to three decimals",
     )
 
 
 def _driven(radius: float, length: float) -> tuple[FloatArray, FloatArray]:
     """Turn of the hitch's path and articulation to it [rad], over half a circle."""
     vehicle = gripping(tractor_and_trailer(load_vehicle("eu_tractor_semitrailer"), length=length, hitch_x=0.0))
-    seen = round_circle(vehicle, radius, CREEP, math.pi * radius + 0.1)
-    hitch = np.array([now.velocities[1] for now in seen])
+    truths = round_circle(vehicle, radius, CREEP, math.pi * radius + 0.1)
+    hitch = np.array([now.velocities[1] for now in truths])
     articulation = np.arctan2(hitch[:, 1], hitch[:, 0])
-    return poses_of(seen)[:, 1, 2] + articulation, articulation
+    return poses_of(truths)[:, 1, 2] + articulation, articulation

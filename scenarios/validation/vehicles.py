@@ -1,4 +1,4 @@
-"""Vehicles as theory has them, made from real ones: one axle for a group, tyres that hardly slip, given lengths."""
+"""Simplified vehicles for comparison with theory: single axles, very stiff tyres, given lengths."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from vehicle.combination.description import Axle, Unit, Vehicle
 from vehicle.tyres.linear import LinearTyre
 
-_STIFFEST: Final = 60.0  # slip stiffness over load [-], ten times a truck tyre's: the most that the data may say
+_STIFFEST: Final = 60.0  # slip stiffness over load [-]: ten times a truck tyre's, the largest valid value
 
 
 def on_single_axles(vehicle: Vehicle) -> Vehicle:
-    """The unsteered axles of every unit as one axle in their middle, as design vehicles and closed forms have it."""
+    """Replace the unsteered axles of every unit by one in their middle, as in design vehicles and closed forms."""
     return vehicle.model_copy(update={"units": tuple(_on_single_axle(unit) for unit in vehicle.units)})
 
 
 def gripping(vehicle: Vehicle) -> Vehicle:
-    """On tyres that are ten times as stiff as a truck's, without rolling resistance: rolling without slip, nearly."""
+    """Replace the tyres by ten times stiffer ones without rolling resistance, which hardly slip."""
     return vehicle.model_copy(update={"units": tuple(_gripping(unit) for unit in vehicle.units)})
 
 
@@ -33,12 +33,10 @@ def tractor_and_trailer(
     follow: float | None = None,
     width: float | None = None,
 ) -> Vehicle:
-    """The first two units of a vehicle on single axles, its trailer's axle ``length`` behind the hitch [m].
+    """First two units of a vehicle on single axles, with the trailer's axle ``length`` behind the hitch [m].
 
-    Centres of gravity move with the axles.
-
-    ``rear`` and ``follow`` are the distances of the body's end and the follow point behind the hitch; what is not
-    given stays.
+    Centres of gravity move with the axles. ``rear`` and ``follow`` are the distances of the body's end and the follow
+    point behind the hitch [m]. Values that are not given are kept.
     """
     tractor, trailer = on_single_axles(vehicle).units[:2]
     front, *driven = tractor.axles
@@ -61,9 +59,9 @@ def tractor_and_trailer(
 
 
 def with_steered_trailer(vehicle: Vehicle, distances: Sequence[float], follow: float) -> Vehicle:
-    """All axles of the trailer steered, at ``distances`` behind the hitch; follow point ``follow`` behind it [m].
+    """Steer all axles of the trailer, ``distances`` behind the hitch; the follow point is ``follow`` behind it [m].
 
-    The wheels' axes meet half way to the follow point, where the turning centre of path following lies.
+    The wheels' axes meet abreast of the point halfway to the follow point: the turning centre of path following.
     """
     tractor, trailer = vehicle.units[:2]
     axle = trailer.axles[-1].model_copy(update={"steered": True, "steer_group": None, "ackermann_x": -0.5 * follow})
@@ -79,7 +77,7 @@ def _on_single_axle(unit: Unit) -> Unit:
 
 
 def _merged(axles: Sequence[Axle]) -> Axle:
-    """One axle in the middle of several, which carries what they carry together."""
+    """One axle in the middle of several, which carries their total load."""
     n = len(axles)
     middle = axles[n // 2]
     return middle.model_copy(
@@ -102,14 +100,19 @@ def _gripping(unit: Unit) -> Unit:
 
 def _stiff(axle: Axle) -> LinearTyre:
     tyre = axle.tyre
+    return linear_tyre(_STIFFEST, tyre.nominal_load, relaxation_length=tyre.relaxation_length, damping=tyre.damping)
+
+
+def linear_tyre(stiffness: float, load: float, *, relaxation_length: float, damping: float) -> LinearTyre:
+    """A linear tyre with a slip stiffness over load [-], without rolling resistance and pneumatic trail."""
     return LinearTyre(
         model="linear",
-        cornering_stiffness=_STIFFEST,
-        longitudinal_stiffness=_STIFFEST,
-        nominal_load=tyre.nominal_load,
+        cornering_stiffness=stiffness,
+        longitudinal_stiffness=stiffness,
+        nominal_load=load,
         load_sensitivity=0.0,
-        relaxation_length=tyre.relaxation_length,
-        damping=tyre.damping,
+        relaxation_length=relaxation_length,
+        damping=damping,
         rolling_resistance=0.0,
         pneumatic_trail=0.0,
     )

@@ -17,7 +17,7 @@ from scenarios.environments.domain import Domain
 from scenarios.training import evaluation
 from scenarios.training.curve import Point, draw_curve, read_curve, write_curve
 from scenarios.training.evaluation import CONDITIONS, Condition, scored
-from scenarios.training.plan import COURSES, DOMAIN, Plan, usual
+from scenarios.training.plan import COURSES, DOMAIN, Plan, normalisation
 from scenarios.training.results import open_directory
 
 needs_extra = pytest.mark.skipif(
@@ -41,9 +41,9 @@ def test_what_is_called_unseen_is_not_in_the_training() -> None:
 
 def test_every_feature_has_a_usual_value() -> None:
     """The longest beginning that fits is what counts: the path's direction is no distance."""
-    assert usual("path_direction") == (0.0, 0.25)
-    assert usual("path_0.25_ahead") == (0.0, 1.0)
-    assert usual("speed")[0] == usual("hitch_v_x")[0]
+    assert normalisation("path_direction") == (0.0, 0.25)
+    assert normalisation("path_0.25_ahead") == (0.0, 1.0)
+    assert normalisation("speed")[0] == normalisation("hitch_v_x")[0]
 
 
 def test_a_curve_is_read_as_it_was_written_and_drawn(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""Closed forms of rolling without slip: tractrix, steady turns, the path-following steer law, roundabout limits.
+"""Closed forms of rolling without slip: tractrix, steady turns, path-following steer law, roundabout limits.
 
-Radii are of circles about the turning centre [m]; angles are positive to the left, turns are to the left.
+Radii are those of circles about the turning centre [m]. Angles are positive to the left; turns are to the left.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import math
 
 
 def tractrix_articulation(radius: float, length: float, turned: float) -> float:
-    """Articulation [rad] of a trailer whose hitch runs from a tangent onto a circle and has ``turned`` by [rad].
+    """Articulation [rad] of a trailer whose hitch enters a circle along a tangent and has ``turned`` by an angle [rad].
 
-    gamma' = 1 - (R / L) sin(gamma) over the path's angle, from 0; with the half-angle tangent it is a Riccati
-    equation of constant coefficients. For trailers shorter than the radius, R > L: longer ones fold up in the end.
+    gamma' = 1 - (R / L) sin(gamma) over the path's angle, from 0. The half-angle tangent gives a Riccati equation with
+    constant coefficients. Valid for trailers shorter than the radius, R > L; longer ones jackknife.
     """
     k = radius / length
     b = math.sqrt(k * k - 1.0)
@@ -23,7 +23,7 @@ def tractrix_articulation(radius: float, length: float, turned: float) -> float:
 def follow_point_off_tracking(radius: float, axle: float, follow: float) -> float:
     """Off-tracking [m] of a point ``follow`` behind the hitch, axle at ``axle``, hitch on a steady circle.
 
-    Square to the trailer's axis, as de Saxe measures it: both the hitch's circle and the follow point lie on it.
+    Measured square to the trailer's axis, as by de Saxe, from the follow point to the hitch's circle.
     """
     return math.sqrt(radius**2 - (follow - axle) ** 2) - math.sqrt(radius**2 - axle**2)
 
@@ -37,9 +37,9 @@ def front_axle_off_tracking(radius: float, wheelbase: float, hitch: float, lengt
 
 
 def path_following_steer(radius: float, axle: float, follow: float) -> float:
-    """Steer [rad] of an axle ``axle`` behind the hitch with which the follow point runs on the hitch's circle.
+    """Steer angle [rad] of an axle ``axle`` behind the hitch that keeps the follow point on the hitch's circle.
 
-    tan(gamma) = (Lf / 2) / sqrt(R^2 - Lf^2 / 4) at the hitch, its opposite at the follow point, linear in between.
+    Its tangent is (Lf / 2) / sqrt(R^2 - Lf^2 / 4) at the hitch, the opposite at the follow point, linear in between.
     """
     return math.atan(-(axle - 0.5 * follow) / math.sqrt(radius**2 - 0.25 * follow**2))
 
@@ -47,5 +47,5 @@ def path_following_steer(radius: float, axle: float, follow: float) -> float:
 def longest_wheelbase_on_the_roundabout(
     width: float, *, outer: float = 12.5, inner: float = 5.3, kingpin_to_front: float = 2.04
 ) -> float:
-    """Longest kingpin to axle [m] with which a semi-trailer is deemed to fit the ring of 97/27/EC."""
+    """Longest distance from kingpin to axle [m] of a semi-trailer deemed to comply with the roundabout of 97/27/EC."""
     return math.sqrt((outer - kingpin_to_front) ** 2 - (inner + 0.5 * width) ** 2)

@@ -1,4 +1,4 @@
-"""The plant at steps of its own, finer or coarser than a tick: what the default step is measured against."""
+"""The plant with another step size, finer or coarser than a tick, as a reference for the default step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from vehicle.surface import Surface
 
 
 class OtherStepPlant:
-    """A plant on level ground of one friction that takes steps of ``step`` [s]; seen as through ``Plant``."""
+    """A plant on level ground of uniform friction with an integration step of ``step`` [s]."""
 
     def __init__(self, vehicle: Vehicle, friction: float, step: float) -> None:
         self._vehicle, self._friction, self._step = vehicle, friction, step
@@ -31,7 +31,7 @@ class OtherStepPlant:
         return self._plant.initial_state(pose, speed)
 
     def observe(self, state: FloatArray, tick: int) -> Truth:
-        """What is really so in this state."""
+        """Ground truth for this state."""
         return self._plant.observe(state, tick)
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
