@@ -60,7 +60,7 @@ def test_a_directory_keeps_to_one_training(tmp_path: Path) -> None:
     """The same plan goes on; another one, or what is no training, is refused in one line."""
     open_directory(Plan(seed=1), tmp_path / "run")
     open_directory(Plan(seed=1), tmp_path / "run")
-    with pytest.raises(ValueError, match="another training"):
+    with pytest.raises(ValueError, match="with other options"):
         open_directory(Plan(seed=2), tmp_path / "run")
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ValueError, match="is not empty"):
