@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.world.ground import Centreline, RoadMap, Terrain
+from sensors.world.ground import Centreline, Landscape, RoadMap
 from sensors.world.scenery import Instances
 from sensors.world.shapes import Mesh, cards, grid_faces, smooth_normals
 from sensors.world.things import TWIGS_RANGE, Colour, Part, Thing
@@ -41,7 +41,7 @@ def patched(rng: np.random.Generator, road: RoadMap, per_100_m2: float) -> RoadM
     return replace(road, gravel=np.where(road.edge_distance < 0.0, wear, road.gravel).astype(np.float32))
 
 
-def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, road_half_width: float) -> Instances:
+def grain_fields(rng: np.random.Generator, line: Centreline, landscape: Landscape, road_half_width: float) -> Instances:
     """Beds of ripe grain on a lattice, clear of the road and within reach of it."""
     nearest = road_half_width + _VERGE + np.sqrt(0.5) * _BED
     low, high = line.points.min(axis=0) - nearest - _REACH, line.points.max(axis=0) + nearest + _REACH
@@ -53,18 +53,18 @@ def grain_fields(rng: np.random.Generator, line: Centreline, terrain: Terrain, r
     bed = _bed(rng)
     return Instances(
         thing=bed,
-        poses=_poses(rng, places[kept], terrain),
+        poses=_poses(rng, places[kept], landscape),
         brightness=1.0 + bed.variety * rng.uniform(-1.0, 1.0, len(kept)),
     )
 
 
-def _poses(rng: np.random.Generator, places: FloatArray, terrain: Terrain) -> FloatArray:
+def _poses(rng: np.random.Generator, places: FloatArray, landscape: Landscape) -> FloatArray:
     """Poses upright on the ground, turned by random multiples of 90 deg, so that neighbours differ."""
     turns = rng.integers(4, size=len(places))
     c, s = np.array([1.0, 0.0, -1.0, 0.0])[turns], np.array([0.0, 1.0, 0.0, -1.0])[turns]
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1] = c, -s, s, c
-    poses[:, :2, 3], poses[:, 2, 3] = places, terrain.height(places)
+    poses[:, :2, 3], poses[:, 2, 3] = places, landscape.height(places)
     return poses
 
 

@@ -48,7 +48,7 @@ class Waves:
         return waves
 
 
-class Terrain:
+class Landscape:
     """Height of the rendered ground: the surface of the course, and hills beyond its margin."""
 
     def __init__(self, rng: np.random.Generator, surface: Surface, low: FloatArray, high: FloatArray) -> None:
@@ -134,7 +134,7 @@ def road_map(
 
 
 def ground_mesh(
-    rng: np.random.Generator, terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+    rng: np.random.Generator, landscape: Landscape, line: Centreline, low: FloatArray, high: FloatArray
 ) -> Mesh:
     """Triangle mesh of the ground: fine where it is curved near the course, coarser elsewhere.
 
@@ -143,10 +143,10 @@ def ground_mesh(
     nowhere shifted by the same vector.
     """
     bends = [Waves(rng, wavelengths=_BENDS, count=7) for _ in range(2)]
-    xy, faces = _triangulated(terrain, line, low, high)
-    normals = np.concatenate([-terrain.slope(xy), np.ones((len(xy), 1))], axis=1)
+    xy, faces = _triangulated(landscape, line, low, high)
+    normals = np.concatenate([-landscape.slope(xy), np.ones((len(xy), 1))], axis=1)
     return Mesh(
-        vertices=np.column_stack([xy, terrain.height(xy)]),
+        vertices=np.column_stack([xy, landscape.height(xy)]),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
         uv=xy + _BEND * np.stack([bend(xy) for bend in bends], axis=-1),
         shade=np.ones(len(xy)),
@@ -155,7 +155,7 @@ def ground_mesh(
 
 
 def _triangulated(
-    terrain: Terrain, line: Centreline, low: FloatArray, high: FloatArray
+    landscape: Landscape, line: Centreline, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FaceArray]:
     """Nodes (n, 2) [m] up to the horizon, and the triangles between them."""
     cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
@@ -165,7 +165,7 @@ def _triangulated(
     cells = side * np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2)
     corners = []
     while len(cells):
-        split = _too_wide(terrain, line, start + cell * cells, side * cell, cell)
+        split = _too_wide(landscape, line, start + cell * cells, side * cell, cell)
         corners.append((cells[~split, None] + side * _CORNERS).reshape(-1, 2))
         side //= 2
         cells = (cells[split, None] + side * _CORNERS).reshape(-1, 2)
@@ -177,12 +177,14 @@ def _triangulated(
     return start + cell * nodes, np.asarray(faces, dtype=np.int32)
 
 
-def _too_wide(terrain: Terrain, line: Centreline, cells: FloatArray, side: float, finest: float) -> NDArray[np.bool_]:
+def _too_wide(
+    landscape: Landscape, line: Centreline, cells: FloatArray, side: float, finest: float
+) -> NDArray[np.bool_]:
     """Mask of the square cells (n, 2), given by their lowest corners, that have to be quartered."""
     distance = np.maximum(line.distance(cells + 0.5 * side) - 0.71 * side, 0.0)
     share = np.linspace(0.0, 1.0, 5)
     inside = np.stack(np.meshgrid(share, share, indexing="ij"), axis=-1)
-    z = terrain.height(cells[:, None, None] + side * inside)  # (n, 5, 5)
+    z = landscape.height(cells[:, None, None] + side * inside)  # (n, 5, 5)
     across = z[:, :1] + share[:, None] * (z[:, -1:] - z[:, :1])
     level = across[:, :, :1] + share * (across[:, :, -1:] - across[:, :, :1])
     bent = np.abs(z - level).max(axis=(1, 2)) > _SAG + _SAG_ANGLE * distance

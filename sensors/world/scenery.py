@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.world import houses, plants, things
-from sensors.world.ground import Centreline, Terrain
+from sensors.world.ground import Centreline, Landscape
 from sensors.world.things import Thing
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length, resampled
@@ -40,9 +40,9 @@ class Site:
     """The land around the course, with the space already taken."""
 
     def __init__(
-        self, rng: np.random.Generator, centreline: Centreline, terrain: Terrain, clearance: float, density: float
+        self, rng: np.random.Generator, centreline: Centreline, landscape: Landscape, clearance: float, density: float
     ) -> None:
-        self.rng, self.centreline, self.terrain = rng, centreline, terrain
+        self.rng, self.centreline, self.landscape = rng, centreline, landscape
         self.clearance, self.density = clearance, density
         self._taken = np.empty((0, 3))  # x, y, radius [m]
 
@@ -116,7 +116,7 @@ class Site:
         poses = np.tile(np.eye(4), (len(places), 1, 1))
         c, s = np.cos(yaws) * scales, np.sin(yaws) * scales
         poses[:, 0, 0], poses[:, 0, 1], poses[:, 1, 0], poses[:, 1, 1], poses[:, 2, 2] = c, -s, s, c, scales
-        poses[:, :2, 3], poses[:, 2, 3] = places, self.terrain.height(places)
+        poses[:, :2, 3], poses[:, 2, 3] = places, self.landscape.height(places)
         return Instances(
             thing=thing, poses=poses, brightness=1.0 + thing.variety * self.rng.uniform(-1, 1, len(places))
         )
@@ -135,7 +135,7 @@ def kerbs(site: Site, road_half_width: float) -> Instances:
         places.append((0.5 * (ends[1:] + ends[:-1]))[on_outline])
         yaws.append(yaw[on_outline] + (0.0 if side > 0 else math.pi))
     flat = site.instances(stone, np.concatenate(places), np.concatenate(yaws), np.ones(sum(map(len, places))))
-    return Instances(thing=stone, poses=_tilted(flat.poses, site.terrain), brightness=flat.brightness)
+    return Instances(thing=stone, poses=_tilted(flat.poses, site.landscape), brightness=flat.brightness)
 
 
 def _equidistant(line: FloatArray, length: float) -> FloatArray:
@@ -143,12 +143,12 @@ def _equidistant(line: FloatArray, length: float) -> FloatArray:
     return resampled(line, np.arange(0.0, arc_length(line)[-1], length))
 
 
-def _tilted(poses: FloatArray, terrain: Terrain) -> FloatArray:
+def _tilted(poses: FloatArray, landscape: Landscape) -> FloatArray:
     """Upright poses, tilted with the slope along their x axis, for long flat things."""
     tilted = poses.copy()
     half = 0.4  # half the base of the slope [m]
-    ahead = terrain.height(poses[:, :2, 3] + half * poses[:, :2, 0])
-    behind = terrain.height(poses[:, :2, 3] - half * poses[:, :2, 0])
+    ahead = landscape.height(poses[:, :2, 3] + half * poses[:, :2, 0])
+    behind = landscape.height(poses[:, :2, 3] - half * poses[:, :2, 0])
     tilted[:, 2, 0] = (ahead - behind) / (2.0 * half)  # a shear: the stone's ends stay upright
     return tilted
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.world import sky, textures
 from sensors.world.airfield import grain_fields, patched
 from sensors.world.condition import Condition, condition_of
-from sensors.world.ground import Centreline, RoadMap, Terrain, ground_mesh, road_map
+from sensors.world.ground import Centreline, Landscape, RoadMap, ground_mesh, road_map
 from sensors.world.scenery import Instances, Site, kerbs, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sunlight import Sunlight, daylight
@@ -88,21 +88,21 @@ def build_world(
     """
     _check(centreline, road_half_width, scenery_density, clearance)
     low, high = centreline.min(axis=0), centreline.max(axis=0)
-    terrain = Terrain(rng, surface, low, high)
+    landscape = Landscape(rng, surface, low, high)
     line = Centreline(centreline)
     chance = rng.uniform(0.0, 2.0 * np.pi)
     light = daylight(chance, azimuth=sun_azimuth, elevation=sun_elevation, overcast=overcast)
     scenery: list[Instances] = []
     if scenery_density > 0.0:
-        site = Site(rng, line, terrain, clearance, scenery_density)
+        site = Site(rng, line, landscape, clearance, scenery_density)
         scenery = [kerbs(site, road_half_width), *planted(site)]
     if grain:
-        scenery.append(grain_fields(rng, line, terrain, road_half_width))
+        scenery.append(grain_fields(rng, line, landscape, road_half_width))
     road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
     if tarmac_patches > 0.0:
         road = patched(rng, road, tarmac_patches)
     return World(
-        ground=ground_mesh(rng, terrain, line, low, high),
+        ground=ground_mesh(rng, landscape, line, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),
         detail_period=_DETAIL_PERIOD,
         road=replace(road, light=_shadows(road, scenery, light.direction)),

@@ -25,7 +25,7 @@ from scenarios.results.log import read_log
 from sensors.camera.rig import StereoRig
 from sensors.messages import StereoFrame
 from sensors.world.airfield import grain_fields, patched
-from sensors.world.ground import Centreline, Terrain, road_map
+from sensors.world.ground import Centreline, Landscape, road_map
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
@@ -237,8 +237,8 @@ def test_grain_stands_beside_the_tarmac_and_patches_lie_on_it() -> None:
     """Beds of crop keep off the tarmac's whole width; mended places change nothing beside it."""
     line = Centreline(np.array([[0.0, 0.0], [60.0, 0.0]]))
     low, high = np.array([-40.0, -60.0]), np.array([100.0, 60.0])
-    terrain = Terrain(np.random.default_rng(1), Surface(friction=0.8), low, high)
-    grain = grain_fields(np.random.default_rng(2), line, terrain, 20.0)
+    landscape = Landscape(np.random.default_rng(1), Surface(friction=0.8), low, high)
+    grain = grain_fields(np.random.default_rng(2), line, landscape, 20.0)
     assert len(grain.poses) > 100
     clear = line.distance(grain.poses[:, :2, 3]) - grain.thing.radius
     assert clear.min() > 20.0 - 0.5  # ears at the corners reach a little further

@@ -12,7 +12,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage
 from sensors.render import StereoRenderer
 from sensors.world.condition import condition_of
-from sensors.world.ground import Centreline, Terrain, road_map
+from sensors.world.ground import Centreline, Landscape, road_map
 from sensors.world.world import World
 from vehicle.frames import FloatArray
 from vehicle.surface import (
@@ -160,8 +160,8 @@ def test_the_drawn_ground_rises_and_falls_with_a_rough_road() -> None:
     profile = RoughProfile(np.random.default_rng(0), "D")
     holes = Potholes(*(np.array([value]) for value in (0.0, 0.0, 0.8, 0.08)))
     surface = Surface(friction=0.8, grade=0.03, roughness=Roughness(profile=profile, potholes=holes))
-    terrain = Terrain(np.random.default_rng(0), surface, np.zeros(2), np.ones(2))
+    landscape = Landscape(np.random.default_rng(0), surface, np.zeros(2), np.ones(2))
     xy = np.random.default_rng(1).uniform(-40.0, 40.0, (50, 2))
     xy[0] = 0.0
     expected = 0.03 * xy[:, 0] + profile.height(xy[:, 0], xy[:, 1])
-    np.testing.assert_allclose(terrain.height(xy), expected, atol=1e-12)  # sums in another order
+    np.testing.assert_allclose(landscape.height(xy), expected, atol=1e-12)  # sums in another order
