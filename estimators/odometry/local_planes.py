@@ -60,7 +60,7 @@ def warps(R: FloatArray, t: FloatArray, planes: FloatArray, rays: FloatArray) ->
     return backward
 
 
-def rays_through(calibration: StereoCalibration, points: Points) -> FloatArray:
+def rays_through(calibration: StereoCalibration, points: Points | FloatArray) -> FloatArray:
     """Rays (n, 3) of depth 1 through image points (n, 2)."""
     rays = np.ones((len(points), 3))
     rays[:, :2] = (points - np.array([calibration.cx, calibration.cy])) / calibration.focal_length

@@ -1,4 +1,4 @@
-"""What the odometries cost on one core, side by side: median of a stereo pair at 1344 x 391.
+"""Cost of the odometries on one core: median of a stereo pair at 1344 x 391.
 
 Bars on the reference machine: keyframe 20 ms, viso2 40 ms. Run with ``make benchmarks``.
 """
@@ -6,12 +6,14 @@ Bars on the reference machine: keyframe 20 ms, viso2 40 ms. Run with ``make benc
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from estimators.odometry.protocol import Odometry
 from scenarios.assembly.trailer import assemble
 from scenarios.catalogue import ODOMETRY, resolve
 from scenarios.options.scenario import load_scenario
@@ -27,9 +29,12 @@ def drive() -> tuple[StereoCalibration, list[StereoFrame]]:
     """Frames 0.28 m apart at the beginning of a roundabout."""
     parts = assemble(load_scenario("roundabout"), seed=1)
     assert parts.cameras is not None
-    state, frames = parts.plant.initial_state(parts.course.start, parts.scenario.speed), []
+    state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
+    frames: list[StereoFrame] = []
     for k in range(PAIRS):
-        frames.append(parts.trailers[-1].sensing.sensor.sample(parts.plant.observe(state, 100 * k)))
+        frame = parts.trailers[-1].sensing.sensor.sample(parts.plant.observe(state, 100 * k))
+        assert isinstance(frame, StereoFrame)
+        frames.append(frame)
         state = parts.plant.step(state, VehicleCommand(0.1, 0.0, (0.0, 0.0)), 100)
     parts.close()
     return parts.cameras.calibration, frames
@@ -41,7 +46,7 @@ def test_stereo_pair(
 ) -> None:
     """A short drive; ``median_pair_ms`` is the processor time of the ordinary pair, keyframes being the exception."""
     calibration, frames = drive
-    odometry = resolve("odometry", name, ODOMETRY)(calibration)
+    odometry: Odometry[Any] = resolve("odometry", name, ODOMETRY)(calibration)
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     spent: list[float] = []
@@ -55,7 +60,7 @@ def test_stereo_pair(
             inliers = 0 if motion is None else motion.inliers
         return inliers
 
-    inliers = benchmark.pedantic(driven, rounds=3, warmup_rounds=1)
+    inliers = benchmark.pedantic(driven, rounds=3, warmup_rounds=1)  # type: ignore[no-untyped-call]
     cv2.setNumThreads(threads)
     benchmark.extra_info["median_pair_ms"] = 1e3 * float(np.median(spent))
     assert inliers > 150

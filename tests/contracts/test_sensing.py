@@ -50,19 +50,20 @@ def driven(*settings: str) -> Drive:
     """Straight drive at a constant slip; there is one renderer at a time, so it is closed in the end."""
     parts = assemble(load_scenario("constant-slip", [*SETTINGS, *settings]), seed=3)
     assert parts.cameras is not None
-    state = parts.motive.initial_state(parts.course.start, parts.scenario.speed)
+    state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
+    last = parts.trailers[-1]
     frames: list[StereoFrame] = []
     poses, signals = [], []
     for tick in range(0, 100 * FRAMES, SIGNALS):
-        truth = parts.motive.observe(state, tick)
-        signals.append(parts.trailers[-1].signals.sample(truth))
+        truth = parts.plant.observe(state, tick)
+        signals.append(last.signals.sample(truth))
         if tick % 100 == 0:
-            frame = parts.sensor.sample(truth)
+            frame = last.sensing.sensor.sample(truth)
             assert isinstance(frame, StereoFrame)
             frames.append(frame)
-            poses.append(ExactPose(parts.trailer_unit).sample(truth))
-        state = parts.motive.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
-    parts.cameras.renderer.close()
+            poses.append(ExactPose(last.unit).sample(truth))
+        state = parts.plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
+    parts.close()
     camera: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor
     messages: dict[str, list[Any]] = {camera: frames, "reference_pose": poses, "combination_signals": signals}
     return Drive(parts, parts.cameras.calibration, messages)
@@ -106,13 +107,13 @@ def off_tracking(
     parts = source.assembly
     context = TrailerContext(
         vehicle=parts.vehicle,
-        unit=parts.trailer_unit,
-        follow_distance=parts.trailer.follow_distance,
+        unit=parts.trailers[-1].unit,
+        follow_distance=parts.trailers[-1].geometry.follow_distance,
         calibration=source.calibration,
         odometry=resolve("odometry", parts.scenario.odometry, ODOMETRY)(drive.calibration),
         rng=np.random.default_rng(3),
         options={},
-        sensor=parts.sensor,
+        sensor=parts.trailers[-1].sensing.sensor,
     )
     return part.of(context), source.messages[part.sensor]
 
@@ -238,8 +239,8 @@ def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
     parts = drive.assembly
     context = TrailerContext(
         vehicle=parts.vehicle,
-        unit=parts.trailer_unit,
-        follow_distance=parts.trailer.follow_distance,
+        unit=parts.trailers[-1].unit,
+        follow_distance=parts.trailers[-1].geometry.follow_distance,
         calibration=None,
         odometry=None,
         rng=np.random.default_rng(3),

@@ -51,7 +51,8 @@ def seen(camera: CameraModel, X_CB: FloatArray) -> FloatArray | None:
 
 def poses(seed: int, count: int, *, both: bool = True) -> list[FloatArray]:
     """X_ClB of a board as somebody holds it before the cameras: anywhere in view, near and far, tilted up to 43 deg."""
-    rng, found = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    found: list[FloatArray] = []
     while len(found) < count:
         depth = rng.uniform(0.8, 2.0)
         place = np.array([0.25 / depth, 0.0]) * both + rng.uniform([-1.1, -0.6], [1.1, 0.6])
@@ -78,7 +79,7 @@ def parameters(camera: CameraModel) -> FloatArray:
 
 
 def bending(camera: CameraModel) -> FloatArray:
-    """Where rays all over the true camera's picture arrive [px]."""
+    """Pixels of rays all over the true camera's image [px]."""
     u, v = np.meshgrid(np.linspace(40, WIDTH - 40, 25), np.linspace(30, HEIGHT - 30, 15))
     return camera.pixels(LEFT.rays(np.stack([u, v], axis=-1)))
 

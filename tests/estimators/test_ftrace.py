@@ -32,7 +32,7 @@ SPEED = 0.08  # [m/s]
 
 @functools.cache
 def seen_ground() -> tuple[FloatArray, FloatArray]:
-    """Where each pixel sees the ground: x, y from the wheel's centre B [m]."""
+    """Ground positions of all pixels: x, y from the wheel's centre B [m]."""
     camera = RIG.camera
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
     pixels = camera.undistort_points(np.stack([u, v], axis=-1))

@@ -51,7 +51,8 @@ def view(texture: FloatArray, X_WC: FloatArray, rng: np.random.Generator) -> Gre
     to_texels = np.diag([1.0 / TEXEL, 1.0 / TEXEL, 1.0]) @ np.linalg.inv(to_pixels)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     image = cv2.warpPerspective(texture, to_texels, (c.width, c.height), flags=flags, borderMode=cv2.BORDER_WRAP)
-    return np.clip(np.rint(image + 2.0 * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+    noisy = np.rint(image + 2.0 * rng.standard_normal(image.shape))
+    return np.asarray(np.clip(noisy, 0, 255), dtype=np.uint8)
 
 
 def pose(k: float) -> FloatArray:
@@ -63,7 +64,7 @@ def pose(k: float) -> FloatArray:
 
 
 def frames(front: FloatArray, rear: FloatArray, poses: Sequence[FloatArray], tilt: float = 0.0) -> list[StereoFrame]:
-    """What both cameras see at these poses every 0.1 s, the body rolled by ``tilt`` [rad]."""
+    """Frames of both cameras at these poses every 0.1 s, the body rolled by ``tilt`` [rad]."""
     rng, seen = np.random.default_rng(2), []
     rolled = transform(rotation_zyx(0.0, 0.0, tilt), np.zeros(3))
     for k, X_WS in enumerate(poses):
@@ -92,7 +93,7 @@ def followed(system: GroundWatching, seen: Sequence[StereoFrame]) -> list[OffTra
 
 
 def true_off_tracking(k: int) -> float:
-    """Where the hitch's path crosses the line across the follow point, by bisection on the exact drive [m]."""
+    """Crossing of the hitch's path with the lateral line through the follow point, by bisection [m]."""
     X_SW, low, high = inverse(pose(k)), k - 2.0 * FOLLOW / STEP, float(k)
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -108,7 +109,7 @@ def errors(found: Sequence[OffTracking]) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def known(drive: list[StereoFrame]) -> list[OffTracking]:
-    """What two cameras know of the drive."""
+    """Off-tracking of the drive by two cameras, without lost estimates."""
     return [o for o in followed(GroundWatching(CALIBRATION, FOLLOW), drive) if o.health is not Health.LOST]
 
 
@@ -258,7 +259,7 @@ def test_cameras_that_contradict_each_other_say_so() -> None:
 
 
 def chain(poses: Sequence[FloatArray]) -> tuple[Sample, ...]:
-    samples = (first_sample(0),)
+    samples: tuple[Sample, ...] = (first_sample(0),)
     for k in range(1, len(poses)):
         increment = UncertainMotion(inverse(poses[k - 1]) @ poses[k], 1e-8 * np.eye(6))
         samples = extended(samples, 100 * k, increment, doubtful=False, keep_start=False)

@@ -12,13 +12,15 @@ from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.rigid_motion import rotation_vector, stretched
+from sensors.messages import GreyImage
+from tests.estimators.stereo_scene import Drive
 from vehicle.frames import FloatArray, inverse
 
 STANDING = 43  # first frame of the drive that is where the one before was
 
 
 @pytest.fixture(scope="module")
-def motions(drive) -> list[Motion]:
+def motions(drive: Drive) -> list[Motion]:
     return drive.run(KeyframeOdometry(drive.calibration), drive.frames)[1]
 
 
@@ -29,7 +31,7 @@ def travelled(motions: Sequence[Motion]) -> FloatArray:
     return X
 
 
-def test_motions_are_those_of_the_camera(drive, motions: list[Motion]) -> None:
+def test_motions_are_those_of_the_camera(drive: Drive, motions: list[Motion]) -> None:
     """Straight on, turning, yawing and shaking, 0.5 m a frame."""
     errors = drive.errors(motions)
     assert len(motions) == len(drive.frames) - 1
@@ -40,8 +42,8 @@ def test_motions_are_those_of_the_camera(drive, motions: list[Motion]) -> None:
     assert rms[3:].max() < 1.5e-3
 
 
-def test_drift_is_less_than_from_frame_to_frame(drive, motions: list[Motion]) -> None:
-    """What the keyframes are for: over any 7 m of way, errors of 14 motions do not add up."""
+def test_drift_is_less_than_from_frame_to_frame(drive: Drive, motions: list[Motion]) -> None:
+    """Over any 7 m of travel the errors of 14 motions do not accumulate: the purpose of keyframes."""
     circular, memory = CircularOdometry(drive.calibration), CircularOdometry(drive.calibration).init()
     chained = []
     for frame in drive.frames:
@@ -56,7 +58,7 @@ def test_drift_is_less_than_from_frame_to_frame(drive, motions: list[Motion]) ->
     assert drifts[0][1] < 0.7 * drifts[1][1]  # yaw about the camera's y: what off-tracking lives on
 
 
-def test_covariances_are_consistent_with_the_errors(drive, motions: list[Motion]) -> None:
+def test_covariances_are_consistent_with_the_errors(drive: Drive, motions: list[Motion]) -> None:
     """Of single motions and against the keyframe: 19 of 20 within 2.5 standard deviations, and not all of them tiny."""
     anchored = []
     for motion in motions:
@@ -85,7 +87,7 @@ def test_rotations_stay_rotations(motions: list[Motion]) -> None:
         assert motion.X_PC[:3, :3] @ motion.X_PC[:3, :3].T == pytest.approx(np.eye(3), abs=1e-12)
 
 
-def test_matches_are_of_those_offered(drive, motions: list[Motion]) -> None:
+def test_matches_are_of_those_offered(drive: Drive, motions: list[Motion]) -> None:
     """420 points are looked for in an ordinary view and most are found, well above the 250 that health needs."""
     assert np.median([motion.matches for motion in motions]) > 330
     for motion in motions:
@@ -94,7 +96,7 @@ def test_matches_are_of_those_offered(drive, motions: list[Motion]) -> None:
         assert np.all((motion.tracks[:, 2:] >= 0.0) & (motion.tracks[:, 2:] <= [1343.0, 390.0]))
 
 
-def test_standstill_is_no_motion_and_needs_no_keyframe(drive) -> None:
+def test_standstill_is_no_motion_and_needs_no_keyframe(drive: Drive) -> None:
     """The truck stands for 20 frames, with new noise each: nothing wanders, as all of them hang on one keyframe."""
     rng, still = np.random.default_rng(4), drive.frames[STANDING]
     frames = [replace(still, tick=still.tick + 100 * k, left=noisy(still.left, rng)) for k in range(1, 21)]
@@ -105,11 +107,11 @@ def test_standstill_is_no_motion_and_needs_no_keyframe(drive) -> None:
     assert np.degrees(np.linalg.norm(rotation_vector(travelled(motions)[:3, :3]))) < 0.005
 
 
-def noisy(image, rng: np.random.Generator):
-    return np.clip(image + np.rint(rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+def noisy(image: GreyImage, rng: np.random.Generator) -> GreyImage:
+    return np.asarray(np.clip(image + np.rint(rng.standard_normal(image.shape)), 0, 255), dtype=np.uint8)
 
 
-def test_reversing_is_driving_backwards(drive) -> None:
+def test_reversing_is_driving_backwards(drive: Drive) -> None:
     """The frames in the opposite order: every motion is the inverse of the true one."""
     backwards = [replace(frame, tick=100 * k) for k, frame in enumerate(drive.frames[12:40][::-1])]
     motions = drive.run(KeyframeOdometry(drive.calibration), backwards)[1]
@@ -119,7 +121,7 @@ def test_reversing_is_driving_backwards(drive) -> None:
         assert np.abs(drive.deviation(truth, motion.X_PC)[3:]).max() < 4e-3  # [m] 4 sigma of a frame
 
 
-def test_dropped_frames_are_bridged(drive) -> None:
+def test_dropped_frames_are_bridged(drive: Drive) -> None:
     """Irregular ticks: single, double and triple steps, up to 1.5 m and 6 deg."""
     chosen = [14, 15, 17, 18, 21, 22, 23, 25, 28, 29, 31, 32]
     motions = drive.run(KeyframeOdometry(drive.calibration), [drive.frames[k] for k in chosen])[1]
@@ -129,14 +131,14 @@ def test_dropped_frames_are_bridged(drive) -> None:
     assert np.abs(drive.normalised(motions)).max() < 5.0
 
 
-def test_first_motion_is_measured_from_a_keyframe(drive) -> None:
+def test_first_motion_is_measured_from_a_keyframe(drive: Drive) -> None:
     """1.5 m with 6 deg to go from rest: frame-to-frame odometry says where to look, and no more."""
     motion = drive.run(KeyframeOdometry(drive.calibration), drive.frames[30:34:3])[1][0]
     assert motion.health is Health.OK
     assert motion.anchor is not None
 
 
-def test_darkness_leaves_no_trace(drive) -> None:
+def test_darkness_leaves_no_trace(drive: Drive) -> None:
     """Dark for one frame: the next is measured from the same keyframe as ever."""
     frames = list(drive.frames[20:28])
     frames[4] = drive.dark(frames[4])
@@ -146,7 +148,7 @@ def test_darkness_leaves_no_trace(drive) -> None:
     assert motions[4].anchor.tick <= 2300
 
 
-def test_lost_keyframes_fall_back_to_frame_to_frame(drive) -> None:
+def test_lost_keyframes_fall_back_to_frame_to_frame(drive: Drive) -> None:
     """Keyframes that show nothing of the world (spoilt here): degraded, from the frame before, and then whole again."""
     odometry = KeyframeOdometry(drive.calibration)
     memory, _ = drive.run(odometry, drive.frames[10:14])
@@ -159,7 +161,7 @@ def test_lost_keyframes_fall_back_to_frame_to_frame(drive) -> None:
     assert np.abs(drive.normalised(motions)).max() < 5.0
 
 
-def test_sudden_shake_is_found_again(drive) -> None:
+def test_sudden_shake_is_found_again(drive: Drive) -> None:
     """The prediction misses by some 40 px, five times the reach of the patches: Lucas-Kanade leads them there."""
     odometry = KeyframeOdometry(drive.calibration)
     memory, _ = drive.run(odometry, drive.frames[20:25])
@@ -178,7 +180,7 @@ def yawed(angle: float) -> FloatArray:
     return X
 
 
-def test_exposure_may_change_from_frame_to_frame(drive) -> None:
+def test_exposure_may_change_from_frame_to_frame(drive: Drive) -> None:
     """Brighter and darker by 30 %, frame by frame: patches are compared with their gain taken out."""
     gains = [1.0, 1.25, 0.8, 1.1, 0.7, 1.0, 1.3, 0.9]
     frames = [
@@ -190,11 +192,11 @@ def test_exposure_may_change_from_frame_to_frame(drive) -> None:
     assert np.abs(drive.errors(motions)[:, 3:]).max() < 4e-3  # [m] 4 sigma of a frame
 
 
-def exposed(image, gain: float):
-    return np.clip(np.rint(gain * image.astype(np.float64)), 0, 255).astype(np.uint8)
+def exposed(image: GreyImage, gain: float) -> GreyImage:
+    return np.asarray(np.clip(np.rint(gain * image.astype(np.float64)), 0, 255), dtype=np.uint8)
 
 
-def test_vehicle_over_a_quarter_of_the_view_does_not_move_the_trailer(drive) -> None:
+def test_vehicle_over_a_quarter_of_the_view_does_not_move_the_trailer(drive: Drive) -> None:
     """A textured vehicle overtakes: its points miss, and after two misses they are not asked again."""
     rng = np.random.default_rng(0)
     skin = rng.integers(40, 220, (60, 250)).astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
@@ -216,7 +218,7 @@ def test_vehicle_over_a_quarter_of_the_view_does_not_move_the_trailer(drive) -> 
     [(Health.OK, 0.3, True), (Health.DEGRADED, 0.3, False), (Health.DEGRADED, 0.05, True)],
 )
 def test_a_doubtful_leap_is_not_believed(
-    drive, monkeypatch: pytest.MonkeyPatch, health: Health, leap: float, believed: bool
+    drive: Drive, monkeypatch: pytest.MonkeyPatch, health: Health, leap: float, believed: bool
 ) -> None:
     """A vehicle that hides the view and keeps its distance looks like having stopped dead: 30 m/s2.
 
@@ -244,7 +246,7 @@ def test_a_doubtful_leap_is_not_believed(
     [(0.7, 0.4, True), (0.0, 0.4, False), (0.0, 2.0, False), (1.4, 2.0, True), (0.0, 6.0, True)],
 )
 def test_what_is_seen_first_after_a_loss_must_go_on_as_before(
-    drive, monkeypatch: pytest.MonkeyPatch, share: float, lost_for: float, believed: bool
+    drive: Drive, monkeypatch: pytest.MonkeyPatch, share: float, lost_for: float, believed: bool
 ) -> None:
     """In good health even, and if brakes could explain it: at rest is what a vehicle close behind would look like.
 

@@ -108,7 +108,7 @@ def test_swapping_left_and_right_flips_the_estimate() -> None:
 
 
 def test_after_a_long_silence_the_path_begins_anew() -> None:
-    """What happened within 0.6 s without signals is not known: lost until the new path reaches back far enough."""
+    """0.6 s without signals restart the path: lost until it reaches back far enough."""
     estimated, _ = driven(1, seconds=8.0, gap=(4000, 4600))
     before = [e for e in estimated if e.tick < 4000]
     after = [e for e in estimated if e.tick > 4600]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.odometry.corners import Points
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.stereo_geometry import project
 from sensors.camera.rig import StereoCalibration
@@ -13,7 +14,7 @@ from vehicle.frames import FloatArray, rotation_zyx
 
 def seen(
     calibration: StereoCalibration, points: FloatArray, rng: np.random.Generator, std: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[Points, FloatArray]:
     """Left images (n, 2) and disparities (n,) with noise."""
     z = project(calibration, points)
     return z[:, :2].astype(np.float32), z[:, 0] - z[:, 2] + std * rng.standard_normal(len(z))

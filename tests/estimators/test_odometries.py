@@ -1,4 +1,4 @@
-"""What every odometry of the catalogue does when views are good, bad and gone: synthetic ones, with exact truth."""
+"""Every odometry of the catalogue on good, bad and missing views: synthetic ones, with exact truth."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
+from estimators.odometry.protocol import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration
+from tests.estimators.stereo_scene import Drive
 
 # Whole pixels are no better, and match fewer features than a view in good health has.
 OFF = {"viso2": 60e-3}  # that a single motion may be [m]
@@ -24,8 +26,9 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def odometry(name: str, drive) -> Any:
-    return resolve("odometry", name, ODOMETRY)(drive.calibration)
+def odometry(name: str, drive: Drive) -> Odometry[Any]:
+    part: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
+    return part
 
 
 def states(name: str, motions: list[Motion]) -> list[str]:
@@ -34,14 +37,14 @@ def states(name: str, motions: list[Motion]) -> list[str]:
     return ["found" if motion.health in found else motion.health.value for motion in motions]
 
 
-def test_first_motion_is_found_from_rest(drive, name: str, odometry: Any) -> None:
+def test_first_motion_is_found_from_rest(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """No prediction yet, and 1.5 m with 6 deg to go."""
     motions = drive.run(odometry, drive.frames[30:34:3])[1]
     assert states(name, motions) == ["found"]
     assert np.linalg.norm(drive.errors(motions)[0, 3:]) < OFF.get(name, FINE)
 
 
-def test_dark_frame_is_lost_and_passed_over(drive, name: str, odometry: Any) -> None:
+def test_dark_frame_is_lost_and_passed_over(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """No texture, no information: identity, infinitely uncertain; the next motion starts before the gap."""
     frames = list(drive.frames[20:28])
     frames[4] = drive.dark(frames[4])
@@ -56,7 +59,7 @@ def test_dark_frame_is_lost_and_passed_over(drive, name: str, odometry: Any) -> 
     assert np.abs(drive.normalised(motions[4:])).max() < 5.0
 
 
-def test_long_darkness_ends(drive, name: str, odometry: Any) -> None:
+def test_long_darkness_ends(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """Dark for longer than the ground can be recognised over: it starts again with the first light."""
     frames = [*drive.frames[10:13], *(drive.dark(frame) for frame in drive.frames[13:22]), *drive.frames[22:26]]
     motions = drive.run(odometry, frames)[1]
@@ -64,13 +67,13 @@ def test_long_darkness_ends(drive, name: str, odometry: Any) -> None:
     assert motions[12].previous_tick == 2200
 
 
-def test_starting_in_the_dark_recovers(drive, name: str, odometry: Any) -> None:
+def test_starting_in_the_dark_recovers(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """A first frame without texture must not stay the one that all others are compared with."""
     motions = drive.run(odometry, [drive.dark(drive.frames[0]), *drive.frames[1:4]])[1]
     assert states(name, motions) == ["lost", "found", "found"]
 
 
-def test_frame_from_elsewhere_is_lost_and_recovered_from(drive, name: str, odometry: Any) -> None:
+def test_frame_from_elsewhere_is_lost_and_recovered_from(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """Textured, but of another place: nothing agrees, and the odometry says so and goes on from there."""
     other = drive.frames[40]
     strange = replace(drive.frames[5], left=np.fliplr(other.left).copy(), right=np.fliplr(other.right).copy())
@@ -78,7 +81,7 @@ def test_frame_from_elsewhere_is_lost_and_recovered_from(drive, name: str, odome
     assert states(name, motions) == ["found"] * 2 + ["lost"] * 2 + ["found"] * 2
 
 
-def test_few_features_degrade(drive, odometry: Any) -> None:
+def test_few_features_degrade(drive: Drive, odometry: Odometry[Any]) -> None:
     """Dirt over most of both lenses: still a motion, but it is not to be trusted as much, and it says how much."""
     frames = []
     for frame in drive.frames[15:19]:
@@ -94,16 +97,19 @@ def test_few_features_degrade(drive, odometry: Any) -> None:
     assert np.abs(drive.normalised(motions)).max() < 5.0
 
 
-def test_step_is_pure_and_repeatable(drive, name: str, odometry: Any) -> None:
+def test_step_is_pure_and_repeatable(drive: Drive, name: str, odometry: Odometry[Any]) -> None:
     """The same memory and frame give the same motion, bit by bit, however often they are used."""
     memory, _ = drive.run(odometry, drive.frames[:4])
     results = [odometry.step(memory, drive.frames[4])[1] for _ in range(2)]
     another = resolve("odometry", name, ODOMETRY)(drive.calibration)
     results.append(drive.run(another, drive.frames[:5])[1][-1])
+    first = results[0]
+    assert first is not None
     for result in results[1:]:
-        assert np.array_equal(result.X_PC, results[0].X_PC)
-        assert np.array_equal(result.covariance, results[0].covariance)
-        assert np.array_equal(result.tracks, results[0].tracks)
+        assert result is not None
+        assert np.array_equal(result.X_PC, first.X_PC)
+        assert np.array_equal(result.covariance, first.covariance)
+        assert np.array_equal(result.tracks, first.tracks)
 
 
 def test_camera_must_be_above_the_ground(name: str, calibration: StereoCalibration) -> None:

@@ -68,7 +68,7 @@ def winding_truth(now: float) -> float:
     to_trailer = winding(now).inverse()
 
     def seen(t: float) -> FloatArray:
-        return to_trailer.apply(np.array([[winding(t).x, winding(t).y]]))[0]
+        return np.asarray(to_trailer.apply(np.array([[winding(t).x, winding(t).y]]))[0], dtype=np.float64)
 
     then = brentq(lambda t: seen(t)[0] + LENGTH, now - 1.6 * LENGTH, now, xtol=1e-13)
     return float(seen(then)[1])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.odometry.circular_matching import Matches
-from estimators.odometry.pose import _CORRELATION, Observations, own_covariance, point_covariance, refined
-from estimators.odometry.ransac import consensus
+from estimators.odometry.pose import _CORRELATION, Observations, Solution, own_covariance, point_covariance, refined
+from estimators.odometry.ransac import Consensus, consensus
 from estimators.odometry.reprojection import linearised
 from estimators.rigid_motion import rotation_vector
 from estimators.stereo_geometry import project, triangulate, triangulation_jacobian
@@ -51,7 +51,7 @@ def observations(calibration: StereoCalibration, matches: Matches, variance: Flo
     return Observations(points, covariance, matches.current, np.broadcast_to(variance, points.shape))
 
 
-def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0):
+def solved(calibration: StereoCalibration, matches: Matches, seed: int = 0) -> tuple[Consensus, Solution]:
     seen = observations(calibration, matches)
     agreed = consensus(calibration, seen.points, seen.z, np.eye(4), np.inf, np.random.default_rng(seed))
     return agreed, refined(calibration, seen, agreed.X_PC, agreed.inliers)

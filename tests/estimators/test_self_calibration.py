@@ -17,9 +17,11 @@ from estimators.calibration.rotation_views import Images, View
 from estimators.calibration.self_calibration import SelfCalibratedMotion, SelfCalibratedOdometry
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
+from estimators.odometry.protocol import Odometry
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
+from tests.estimators.stereo_scene import Drive
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
 TURNED = RightRotation(*np.radians([-0.15, 0.10, 0.05]).tolist())  # de Saxe 2018, section 4.4, and some pitch
@@ -29,7 +31,7 @@ MOVED = transform(rotation_zyx(0.05, 0.004, -0.003), np.array([0.3, 0.0, -5.0]))
 
 
 def turned_image(calibration: StereoCalibration, p_Cl: FloatArray, rotation: RightRotation) -> FloatArray:
-    """Where the turned right camera shows points (n, 3) of the left one [px]."""
+    """Images of points (n, 3) of the left camera in the rotated right one [px]."""
     p = (p_Cl - [calibration.baseline, 0.0, 0.0]) @ rotation.matrix()
     return calibration.focal_length * p[:, :2] / p[:, 2:] + [calibration.cx, calibration.cy]
 
@@ -71,7 +73,7 @@ def known_but_for_yaw() -> Estimate:
     return Estimate(np.array([TURNED.roll, 0.0, TURNED.pitch]), np.diag(np.radians([0.001, 0.1, 0.001]) ** 2))
 
 
-def test_straightened_points_are_those_of_the_camera_as_calibrated(calibration) -> None:
+def test_straightened_points_are_those_of_the_camera_as_calibrated(calibration: StereoCalibration) -> None:
     """Exactly, whatever their depth: a camera that turns about its optical centre sees the same rays."""
     p = world_points(calibration, np.random.default_rng(0))
     rotation = RightRotation(0.02, -0.03, 0.01)
@@ -80,7 +82,7 @@ def test_straightened_points_are_those_of_the_camera_as_calibrated(calibration) 
     np.testing.assert_allclose(straight, as_calibrated, atol=1e-9)
 
 
-def test_sensitivity_is_the_derivative(calibration) -> None:
+def test_sensitivity_is_the_derivative(calibration: StereoCalibration) -> None:
     """Against central differences of the homography."""
     q, h = np.array([[100.0, 50.0], [1200.0, 380.0], [700.0, 200.0]]), 1e-6
     for k in range(3):
@@ -90,7 +92,7 @@ def test_sensitivity_is_the_derivative(calibration) -> None:
         np.testing.assert_allclose(sensitivity(calibration, q)[..., k], difference / (2 * h), rtol=1e-6, atol=1e-3)
 
 
-def test_rows_tell_roll_and_pitch_and_are_not_asked_for_yaw(calibration) -> None:
+def test_rows_tell_roll_and_pitch_and_are_not_asked_for_yaw(calibration: StereoCalibration) -> None:
     """One pair of 330 points: a thousandth of a degree; what is believed of yaw stays as it is."""
     rng = np.random.default_rng(1)
     p = world_points(calibration, rng)
@@ -106,7 +108,7 @@ def test_rows_tell_roll_and_pitch_and_are_not_asked_for_yaw(calibration) -> None
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.2])
-def test_motion_tells_yaw(calibration, wrong: float) -> None:
+def test_motion_tells_yaw(calibration: StereoCalibration, wrong: float) -> None:
     """Two views 5 m apart, also when a fifth of the points move by themselves; with an honest standard deviation."""
     ratios = []
     for seed in range(12):
@@ -120,7 +122,7 @@ def test_motion_tells_yaw(calibration, wrong: float) -> None:
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 1.1
 
 
-def test_yaw_needs_a_way(calibration) -> None:
+def test_yaw_needs_a_way(calibration: StereoCalibration) -> None:
     """After 1 cm there is no parallax to compare the disparities with: yaw stays unknown."""
     p = world_points(calibration, np.random.default_rng(0))
     rng, hardly = np.random.default_rng(1), transform(np.eye(3), np.array([0.0, 0.0, -0.01]))
@@ -130,26 +132,24 @@ def test_yaw_needs_a_way(calibration) -> None:
     assert np.degrees(np.sqrt(found.covariance[1, 1])) > 0.05
 
 
-def test_too_few_points_tell_nothing(calibration) -> None:
+def test_too_few_points_tell_nothing(calibration: StereoCalibration) -> None:
     """They may agree by chance."""
     first, second = two_views(calibration, 0, TURNED)
-    few = tuple(Images(*(field[:20] for field in view)) for view in (first, second))
-    assert from_motion(calibration, *few, MOVED, known_but_for_yaw()) is None
+    few, again = (Images(v.left[:20], v.right[:20], v.variance[:20]) for v in (first, second))
+    assert from_motion(calibration, few, again, MOVED, known_but_for_yaw()) is None
 
 
 @pytest.fixture(scope="module")
-def turned_drive(drive: Any) -> Any:
+def turned_drive(drive: Drive) -> Drive:
     """The drive as seen with the right camera turned: its image moves by the homography back from the straight one."""
     H = np.linalg.inv(homography(drive.calibration, TURNED))
     size = (drive.calibration.width, drive.calibration.height)
-    frames = [
-        replace(frame, right=cv2.warpPerspective(frame.right, H, size, borderMode=cv2.BORDER_REPLICATE))
-        for frame in drive.frames
-    ]
+    turned = (cv2.warpPerspective(f.right, H, size, borderMode=cv2.BORDER_REPLICATE) for f in drive.frames)
+    frames = [replace(f, right=np.asarray(image, np.uint8)) for f, image in zip(drive.frames, turned, strict=True)]
     return replace(drive, frames=frames)
 
 
-def run(odometry: Any, frames: Sequence[StereoFrame]) -> tuple[Any, list[Any]]:
+def run(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> tuple[Any, list[Any]]:
     memory, motions = odometry.init(), []
     for frame in frames:
         memory, motion = odometry.step(memory, frame)
@@ -163,11 +163,11 @@ def self_calibrated(calibration: StereoCalibration) -> SelfCalibratedOdometry[An
 
 
 @pytest.fixture(scope="module")
-def calibrated(turned_drive: Any) -> list[SelfCalibratedMotion]:
+def calibrated(turned_drive: Drive) -> list[SelfCalibratedMotion]:
     return run(self_calibrated(turned_drive.calibration), turned_drive.frames)[1]
 
 
-def errors(drive: Any, motions: Sequence[Motion]) -> FloatArray:
+def errors(drive: Drive, motions: Sequence[Motion]) -> FloatArray:
     """Errors (n, 6) along the axes of the frames that the motions start from."""
     found = []
     for motion in motions:
@@ -195,7 +195,9 @@ def test_its_standard_deviation_is_honest(calibrated: list[SelfCalibratedMotion]
     assert np.degrees(max(calibrated[-1].right_rotation_std)) < 0.006
 
 
-def test_motions_are_as_good_as_with_a_straight_camera(turned_drive: Any, calibrated) -> None:
+def test_motions_are_as_good_as_with_a_straight_camera(
+    turned_drive: Drive, calibrated: list[SelfCalibratedMotion]
+) -> None:
     """Without self-calibration the translation is wrong by per cents; with it by no more than noise."""
     plain = run(CircularOdometry(turned_drive.calibration), turned_drive.frames)[1]
     late = slice(10, 40)
@@ -208,7 +210,9 @@ def test_motions_are_as_good_as_with_a_straight_camera(turned_drive: Any, calibr
     assert rms[3:].max() < 1.5e-3
 
 
-def test_covariance_covers_the_time_before_yaw_is_known(turned_drive: Any, calibrated) -> None:
+def test_covariance_covers_the_time_before_yaw_is_known(
+    turned_drive: Drive, calibrated: list[SelfCalibratedMotion]
+) -> None:
     """The first motions are off by per cents, and say so."""
     error = errors(turned_drive, calibrated)
     ratios = np.abs(error) / np.array([np.sqrt(np.diag(motion.covariance)) for motion in calibrated])
@@ -216,7 +220,7 @@ def test_covariance_covers_the_time_before_yaw_is_known(turned_drive: Any, calib
     assert np.sqrt(calibrated[0].covariance[5, 5]) > 3.0 * np.sqrt(calibrated[-5].covariance[5, 5])
 
 
-def test_nothing_is_done_where_nothing_is_turned(drive: Any) -> None:
+def test_nothing_is_done_where_nothing_is_turned(drive: Drive) -> None:
     """Bitwise the motions of the odometry alone."""
     plain = run(CircularOdometry(drive.calibration), drive.frames[:30])[1]
     watched = run(self_calibrated(drive.calibration), drive.frames[:30])[1]
@@ -226,7 +230,7 @@ def test_nothing_is_done_where_nothing_is_turned(drive: Any) -> None:
         assert np.abs(np.degrees(np.array(same.right_rotation))).max() < 0.02  # nothing yet, or nearly nothing
 
 
-def test_a_mount_that_bends_is_followed(turned_drive: Any, drive: Any) -> None:
+def test_a_mount_that_bends_is_followed(turned_drive: Drive, drive: Drive) -> None:
     """Straight for 15 frames, then turned by a knock: found again, and honest about it a few views later."""
     frames = [*drive.frames[:15], *turned_drive.frames[15:40]]
     motions = run(self_calibrated(drive.calibration), frames)[1]
@@ -235,7 +239,7 @@ def test_a_mount_that_bends_is_followed(turned_drive: Any, drive: Any) -> None:
     assert abs(np.degrees(last.pitch - TURNED.pitch)) < 0.01
 
 
-def test_blinded_cameras_are_lost_and_found_again(turned_drive: Any) -> None:
+def test_blinded_cameras_are_lost_and_found_again(turned_drive: Drive) -> None:
     """Black frames tell nothing of the rotation: what was known is kept, and used at once afterwards."""
     frames = list(turned_drive.frames[:25])
     black = np.zeros_like(frames[0].left)
@@ -248,7 +252,7 @@ def test_blinded_cameras_are_lost_and_found_again(turned_drive: Any) -> None:
     assert np.isfinite(motions[-1].covariance).all()
 
 
-def test_a_first_frame_in_the_dark_does_no_harm(turned_drive: Any) -> None:
+def test_a_first_frame_in_the_dark_does_no_harm(turned_drive: Drive) -> None:
     """Nothing is seen, nothing is concluded."""
     frames = list(turned_drive.frames[:8])
     black = np.zeros_like(frames[0].left)
@@ -257,12 +261,14 @@ def test_a_first_frame_in_the_dark_does_no_harm(turned_drive: Any) -> None:
     assert abs(np.degrees(motions[-1].right_rotation.roll - TURNED.roll)) < 0.006
 
 
-def test_memory_travels(turned_drive: Any) -> None:
+def test_memory_travels(turned_drive: Drive) -> None:
     """The same to the bit through a pickle; nothing is kept anywhere else."""
     odometry, frames = self_calibrated(turned_drive.calibration), turned_drive.frames
     memory, _ = run(odometry, frames[:4])
     _, motion = odometry.step(memory, frames[4])
     _, again = self_calibrated(turned_drive.calibration).step(pickle.loads(pickle.dumps(memory)), frames[4])
+    assert motion is not None
+    assert again is not None
     np.testing.assert_array_equal(motion.X_PC, again.X_PC)
     np.testing.assert_array_equal(motion.covariance, again.covariance)
     assert motion.right_rotation == again.right_rotation

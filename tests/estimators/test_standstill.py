@@ -100,7 +100,7 @@ def test_frames_lost_at_a_stop_leave_no_trace() -> None:
 
 @pytest.mark.parametrize(("seconds", "low", "high"), [(1.5, 0.03, 0.15), (4.0, 0.5, 2.0)])
 def test_longer_blackout_at_a_stop_keeps_the_path_with_doubt(seconds: float, low: float, high: float) -> None:
-    """It stood before and stands after; that it went somewhere meanwhile is the less unlikely the longer it took."""
+    """Standstill before and after a loss: the longer it lasts, the more likely the trailer has moved."""
     motions = drive(np.concatenate([ARRIVING, np.zeros(120)]))
     first, last = STOP + 20, STOP + 20 + round(10 * seconds)
     faulty = [blind(motion) if first <= k < last else motion for k, motion in enumerate(motions)]
@@ -112,7 +112,7 @@ def test_longer_blackout_at_a_stop_keeps_the_path_with_doubt(seconds: float, low
 
 
 def test_blackout_that_ends_in_motion_begins_a_new_path() -> None:
-    """It stood, and rolls at walking pace when it is seen again two seconds later: how far it came is not known."""
+    """Standstill, then walking pace after two seconds of loss: the distance between is unknown."""
     motions = drive(np.concatenate([ARRIVING, np.zeros(40), np.full(60, 1.5)]))
     faulty = [blind(motion) if STOP + 30 <= k < STOP + 50 else motion for k, motion in enumerate(motions)]
     results = run(faulty)[1]

@@ -10,16 +10,17 @@ import pytest
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
 from estimators.rigid_motion import rotation_vector
+from tests.estimators.stereo_scene import Drive
 
 STANDING = 43  # first frame of the drive that is where the one before was
 
 
 @pytest.fixture(scope="module")
-def motions(drive) -> list[Motion]:
+def motions(drive: Drive) -> list[Motion]:
     return drive.run(CircularOdometry(drive.calibration), drive.frames)[1]
 
 
-def test_motions_are_those_of_the_camera(drive, motions: list[Motion]) -> None:
+def test_motions_are_those_of_the_camera(drive: Drive, motions: list[Motion]) -> None:
     """Straight on, turning, yawing and shaking, 0.5 m a frame: a few millimetres and thousandths of a degree."""
     errors = drive.errors(motions)
     assert len(motions) == len(drive.frames) - 1
@@ -30,7 +31,7 @@ def test_motions_are_those_of_the_camera(drive, motions: list[Motion]) -> None:
     assert rms[3:].max() < 1.5e-3
 
 
-def test_covariance_is_consistent_with_the_errors(drive, motions: list[Motion]) -> None:
+def test_covariance_is_consistent_with_the_errors(drive: Drive, motions: list[Motion]) -> None:
     """Normalised errors: 19 of 20 within 2.5 standard deviations, and not all of them tiny either."""
     ratios = np.abs(drive.normalised(motions))
     assert np.mean(ratios < 2.5) > 0.95
@@ -45,7 +46,7 @@ def test_ordinary_frames_have_clearly_more_matches_than_the_threshold(motions: l
         assert motion.tracks.shape == (motion.inliers, 4)
 
 
-def test_tracks_are_where_the_points_went(drive, motions: list[Motion]) -> None:
+def test_tracks_are_where_the_points_went(drive: Drive, motions: list[Motion]) -> None:
     """Tracks move with the image: backwards view, so the ground draws together, and there are two ends to each."""
     motion = motions[10]
     size = [drive.calibration.width, drive.calibration.height]
@@ -54,7 +55,7 @@ def test_tracks_are_where_the_points_went(drive, motions: list[Motion]) -> None:
     assert 0.5 < np.median(flow) < 30.0  # [px]
 
 
-def test_standstill_is_no_motion(drive, motions: list[Motion]) -> None:
+def test_standstill_is_no_motion(drive: Drive, motions: list[Motion]) -> None:
     """The truck stands: what is left is the noise of the images."""
     standing = [motion for motion in motions if motion.previous_tick >= 100 * (STANDING - 1)]
     assert len(standing) == 3
@@ -65,7 +66,7 @@ def test_standstill_is_no_motion(drive, motions: list[Motion]) -> None:
 
 
 @pytest.mark.parametrize("every", [2, 3])
-def test_dropped_frames_are_bridged_by_a_longer_motion(drive, every: int) -> None:
+def test_dropped_frames_are_bridged_by_a_longer_motion(drive: Drive, every: int) -> None:
     """Frames missing in between: the motion spans them, up to 1.5 m and 6 deg."""
     frames = drive.frames[20 : STANDING - 1 : every]
     motions = drive.run(CircularOdometry(drive.calibration), frames)[1]
@@ -76,7 +77,7 @@ def test_dropped_frames_are_bridged_by_a_longer_motion(drive, every: int) -> Non
     assert np.degrees(np.abs(errors[:, :3])).max() < 0.01 * every
 
 
-def test_one_dropped_frame_does_not_upset_the_prediction(drive) -> None:
+def test_one_dropped_frame_does_not_upset_the_prediction(drive: Drive) -> None:
     """Constant velocity is stretched over the gap, and back again after it."""
     frames = [frame for k, frame in enumerate(drive.frames[20:30]) if k != 5]
     motions = drive.run(CircularOdometry(drive.calibration), frames)[1]
@@ -85,7 +86,7 @@ def test_one_dropped_frame_does_not_upset_the_prediction(drive) -> None:
     assert all(motion.health is Health.OK for motion in motions)
 
 
-def test_vehicle_that_fills_the_view_does_not_move_the_trailer(drive) -> None:
+def test_vehicle_that_fills_the_view_does_not_move_the_trailer(drive: Drive) -> None:
     """A vehicle that most corners are on cuts in: no trailer could swerve like that, so the world is what is left."""
     rng = np.random.default_rng(0)
     skin = rng.integers(40, 220, (60, 250)).astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
@@ -103,7 +104,7 @@ def test_vehicle_that_fills_the_view_does_not_move_the_trailer(drive) -> None:
     assert np.degrees(np.abs(errors[:, :3])).max() < 0.03
 
 
-def test_the_draws_hardly_matter(drive, motions: list[Motion]) -> None:
+def test_the_draws_hardly_matter(drive: Drive, motions: list[Motion]) -> None:
     """Another seed draws other hypotheses; the refined motion is the same but for a few matches on the edge."""
     other = drive.run(CircularOdometry(drive.calibration, seed=5), drive.frames[:6])[1]
     for one, another in zip(motions, other, strict=False):

@@ -34,7 +34,7 @@ def trace() -> list[Labelled]:
 
 @pytest.fixture(scope="module")
 def estimates(trace: list[Labelled]) -> list[SlipAngle]:
-    """What the tracker makes of it."""
+    """Estimates of the tracker."""
     return run(RIG, [moment.view for moment in trace])
 
 

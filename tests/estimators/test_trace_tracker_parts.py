@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -18,9 +19,9 @@ from estimators.slip.trace_tracker.pace import QUICK
 from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, PathState
 from estimators.slip.trace_tracker.pursuit import Pursuit, begun
 from estimators.slip.trace_tracker.pursuit import judged as pursuit_after
-from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, shipped_templates
+from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, Profiles, shipped_templates
 from sensors.sand.rig import nominal_rig
-from vehicle.frames import inverse
+from vehicle.frames import FloatArray, inverse
 from vehicle.rover.description import load_rover
 
 RIG = nominal_rig(load_rover("el_dorado_ii"))
@@ -34,6 +35,10 @@ def moved(state: PathState, yaw: float, steer: float, k: int) -> PathState:
     """One piece on, after which the compass reads what the heading is."""
     state = path_state.moved(state, PIECE, yaw, 0.2, steer, 200 * k)
     return path_line.with_fronts(state, RIG)
+
+
+def with_straight_piece(k: int, state: PathState) -> PathState:
+    return path_state.with_compass(moved(state, 0.0, 0.0, k), 0.0)
 
 
 def driven(slip: float, yaw: float, pieces: int = 60) -> PathState:
@@ -116,7 +121,7 @@ def test_pace_that_fits_what_slip_does_gets_the_larger_share(slips: tuple[float,
     for k in range(1, 120):
         true = moved(true, 0.0, 0.0, k)
         true.mean[0] = math.radians(slips[k // 10 % 2])
-        both = both.each(lambda path, k=k: path_state.with_compass(moved(path, 0.0, 0.0, k), 0.0))
+        both = both.each(partial(with_straight_piece, k))
         lies = path_line.trace(true, RIG, BEHIND)
         both = histories.with_trace(both, RIG, BEHIND, lies, every, 9e-6 * np.eye(len(BEHIND)))
     assert both.paths[0].pace is QUICK
@@ -154,7 +159,7 @@ def test_places_on_the_ground_keep_their_place_in_the_patch() -> None:
 
 
 def test_rows_begin_behind_the_wheel() -> None:
-    """What the wheel itself hides from the camera is no ground."""
+    """Ground hidden by the wheel is not part of the patch."""
     patch = GroundPatch(rig=RIG)
     assert patch.behind[0] > RIG.wheel_radius
     assert 0.55 < patch.behind[-1] < 0.66  # the camera sees to 0.63 m
@@ -171,12 +176,12 @@ def test_camera_that_looks_elsewhere_is_refused() -> None:
 def test_matching_finds_a_shift_to_a_tenth_of_a_cell() -> None:
     """Smooth profiles shifted by 3.4 cells; a parabola through three correlations is good to some hundredths."""
     rng = np.random.default_rng(3)
-    t = np.arange(WIDTH + 2 * SEARCH) - SEARCH - WIDTH // 2
+    t = np.arange(WIDTH + 2.0 * SEARCH) - SEARCH - WIDTH // 2
     phases = rng.uniform(0, 6, (2, CHANNELS, 4))
 
-    def profiles(at: np.ndarray) -> np.ndarray:
+    def profiles(at: FloatArray) -> Profiles:
         waves = [np.sin(at / (4.0 + 2 * k) + phases[..., k, None]) for k in range(4)]
-        return np.sum(waves, axis=0).astype(np.float32)
+        return np.asarray(np.sum(waves, axis=0), dtype=np.float32)
 
     template = profiles(t)[..., SEARCH : SEARCH + WIDTH]
     off, score = peaks(correlation(windows(profiles(t - 3.4)), unit(template)), np.full(2, 0.1))

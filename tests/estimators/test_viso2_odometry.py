@@ -14,11 +14,12 @@ from estimators.odometry.viso2 import Viso2Odometry
 from estimators.odometry.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from estimators.rigid_motion import UncertainMotion
+from tests.estimators.stereo_scene import Drive
 from vehicle.frames import FloatArray, so3_exp, transform
 
 
 @pytest.fixture(scope="module")
-def motions(drive) -> list[Motion]:
+def motions(drive: Drive) -> list[Motion]:
     return drive.run(Viso2Odometry(drive.calibration), drive.frames)[1]
 
 
@@ -51,7 +52,7 @@ def test_black_and_saturated_images_have_no_features(grey: int) -> None:
 
 
 @pytest.mark.parametrize("gain", [0.4, 0.7])
-def test_features_do_not_depend_on_brightness_and_contrast(drive, gain: float) -> None:
+def test_features_do_not_depend_on_brightness_and_contrast(drive: Drive, gain: float) -> None:
     """A darker image of the same has the same features but for those at the edge of the noise."""
     image = drive.frames[20].left
     darker = np.rint(gain * image + 10.0).astype(np.uint8)
@@ -76,7 +77,7 @@ def test_resampled_noise_is_noise() -> None:
     assert len(detect_features(np.asarray(resampled)).points) < 2 * 4 * 27 * 8  # of four kinds
 
 
-def test_glare_does_not_hide_the_noise(drive) -> None:
+def test_glare_does_not_hide_the_noise(drive: Drive) -> None:
     """A third of the image saturated: the noise is that of the rest."""
     image = drive.frames[20].left.copy()
     image[:, :448] = 255
@@ -85,7 +86,7 @@ def test_glare_does_not_hide_the_noise(drive) -> None:
     assert np.count_nonzero(detect_features(image).points[:, 0] > 460) == pytest.approx(kept, rel=0.1)
 
 
-def test_responses_are_those_to_the_masks(drive) -> None:
+def test_responses_are_those_to_the_masks(drive: Drive) -> None:
     """Sums over squares are a short way to the very same numbers, at the edges as well."""
     image = drive.frames[20].left
     assert np.array_equal(blob_response(image), cv2.filter2D(image, cv2.CV_16S, BLOB))
@@ -98,7 +99,8 @@ def test_most_similar_is_what_a_full_search_finds(window: Window) -> None:
     rng = np.random.default_rng(1)
     sought, others = (some_features(rng, count) for count in (300, 400))
     sought.points[:40], sought.kind[:40] = others.points[:40], others.kind[:40]  # no disparity at all
-    found = most_similar(*(Placed(f, f.points.astype(np.float64)) for f in (sought, others)), window)
+    placed, candidates = (Placed(f, f.points.astype(np.float64)) for f in (sought, others))
+    found = most_similar(placed, candidates, window)
     offset = others.points[None] - sought.points[:, None]
     allowed = (offset[..., 0] >= -window.left) & (offset[..., 0] <= window.right)
     allowed &= np.abs(offset[..., 1]) <= window.rows
@@ -116,7 +118,7 @@ def some_features(rng: np.random.Generator, count: int) -> Features:
     return Features(points, rng.integers(0, 4, count), np.ones(count, np.float32), descriptors)
 
 
-def test_matches_are_whole_pixels_two_a_bucket_and_right(drive) -> None:
+def test_matches_are_whole_pixels_two_a_bucket_and_right(drive: Drive) -> None:
     """The loop of four images and the neighbours leave few wrong ones: within 2 px of where the point went."""
     previous, current = (pair_features(drive.frames[k]) for k in (20, 21))
     X_PC = drive.camera_motion(20, 21)
@@ -131,14 +133,14 @@ def test_matches_are_whole_pixels_two_a_bucket_and_right(drive) -> None:
     assert np.mean(off < 2.0) > 0.9
 
 
-def test_no_texture_gives_no_matches(drive) -> None:
+def test_no_texture_gives_no_matches(drive: Drive) -> None:
     """Dark images have no features, and nothing of the matching minds."""
     dark = pair_features(drive.dark(drive.frames[0]))
     for pairs in ((dark, dark), (dark, pair_features(drive.frames[0])), (pair_features(drive.frames[0]), dark)):
         assert len(circular_matches(drive.calibration, *pairs, np.eye(4), 60.0).current) == 0
 
 
-def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: list[Motion]) -> None:
+def test_motions_are_those_of_the_camera_within_the_rounding(drive: Drive, motions: list[Motion]) -> None:
     """Whole pixels: some millimetres and hundredths of a degree a frame, ten times the sub-pixel odometries."""
     assert len(motions) == len(drive.frames) - 1
     assert all(motion.health is not Health.LOST for motion in motions)
@@ -147,7 +149,7 @@ def test_motions_are_those_of_the_camera_within_the_rounding(drive, motions: lis
     assert 1e-3 < rms[3:].max() < 20e-3  # [m]
 
 
-def test_covariance_is_consistent_with_the_errors(drive, motions: list[Motion]) -> None:
+def test_covariance_is_consistent_with_the_errors(drive: Drive, motions: list[Motion]) -> None:
     """Normalised errors while driving steadily: 19 of 20 within 2.5 standard deviations."""
     deviations = np.sqrt([np.diag(motion.covariance) for motion in motions[:40]])
     ratios = np.abs(drive.errors(motions)[:40] / deviations)
@@ -170,7 +172,7 @@ def filtered(velocities: FloatArray, std: float) -> list[Velocity]:
 
 def test_filter_follows_constant_acceleration_without_lag() -> None:
     """Its model: after the start velocity and acceleration are those of the ramp."""
-    states = filtered(5.0 + 0.15 * np.arange(40), 1e-3)  # 1.5 m/s2
+    states = filtered(np.linspace(5.0, 5.0 + 0.15 * 39, 40), 1e-3)  # 1.5 m/s2
     assert states[-1].state[5, 0] == pytest.approx(5.0 + 0.15 * 39, abs=1e-3)
     assert states[-1].state[5, 1] == pytest.approx(1.5, abs=0.02)
     ahead = expected_motion(states[-1], 4100, 100)
@@ -179,7 +181,7 @@ def test_filter_follows_constant_acceleration_without_lag() -> None:
 
 def test_filter_smooths_the_noise_and_keeps_the_sum() -> None:
     """10 mm of noise a motion at constant speed: smoother, while the way travelled is the measured one."""
-    noise = 0.1 * np.random.default_rng(3).standard_normal(200)  # [m/s]
+    noise = np.asarray(0.1 * np.random.default_rng(3).standard_normal(200), dtype=np.float64)  # [m/s]
     states = filtered(5.0 + noise, 0.01)
     out = np.array([state.state[5, 0] for state in states]) - 5.0
     assert np.std(out[20:]) < 0.8 * np.std(noise[20:])

@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.estimates import Health, OffTracking
+from estimators.estimates import CameraOffTracking, Health, OffTracking
 from estimators.odometry.circular import CircularOdometry
 from estimators.off_tracking.reference import ReferenceOffTracking
-from estimators.off_tracking.viso_ot import CameraOffTracking, VisoOt
+from estimators.off_tracking.viso_ot import VisoOt
 from sensors.messages import BodyPose
+from tests.estimators.stereo_scene import Drive
 
 FOLLOW_DISTANCE = 7.0  # shorter than a trailer, so that a short drive fills the buffer [m]
 
 
 @pytest.fixture(scope="module")
-def estimates(drive) -> list[CameraOffTracking]:
+def estimates(drive: Drive) -> list[CameraOffTracking]:
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
     memory, results = viso_ot.init(), []
     for frame in drive.frames:
@@ -26,7 +27,7 @@ def estimates(drive) -> list[CameraOffTracking]:
 
 
 @pytest.fixture(scope="module")
-def references(drive) -> list[OffTracking]:
+def references(drive: Drive) -> list[OffTracking]:
     reference = ReferenceOffTracking(FOLLOW_DISTANCE)
     memory, results = reference.init(), []
     for frame, X_WB in zip(drive.frames, drive.bodies, strict=True):
@@ -66,7 +67,7 @@ def test_path_and_velocity_are_those_of_the_hitch(
         assert np.abs(ours.path - reference.path).max() < 0.03  # [m]
 
 
-def test_first_frame_and_first_pose_have_no_estimate(drive) -> None:
+def test_first_frame_and_first_pose_have_no_estimate(drive: Drive) -> None:
     """A motion needs two."""
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
     assert viso_ot.step(viso_ot.init(), drive.frames[0])[1] is None
@@ -74,17 +75,19 @@ def test_first_frame_and_first_pose_have_no_estimate(drive) -> None:
     assert reference.step(reference.init(), BodyPose(tick=0, X_WB=drive.bodies[0]))[1] is None
 
 
-def test_lost_frame_is_without_health_and_leaves_no_trace(drive, estimates: list[CameraOffTracking]) -> None:
+def test_lost_frame_is_without_health_and_leaves_no_trace(drive: Drive, estimates: list[CameraOffTracking]) -> None:
     """A dark frame in mid-turn: no value at its tick; the next motion spans the gap and the buffer is whole again."""
     viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, CircularOdometry(drive.calibration))
     memory, results = viso_ot.init(), []
     for k, frame in enumerate(drive.frames[:38]):
         if k == 34:
-            dark = np.zeros_like(frame.left)
-            frame = type(frame)(tick=frame.tick, left=dark, right=dark)
+            frame = drive.dark(frame)
         memory, estimate = viso_ot.step(memory, frame)
         results.append(estimate)
-    lost, after = results[34].off_tracking, results[35].off_tracking
+    dark, next_one = results[34:36]
+    assert dark is not None
+    assert next_one is not None
+    lost, after = dark.off_tracking, next_one.off_tracking
     assert (lost.health, lost.value, lost.std) == (Health.LOST, 0.0, np.inf)
     assert lost.v_x == pytest.approx(estimates[33].off_tracking.v_x, abs=0.1)  # at the last velocity
     assert after.health is Health.OK

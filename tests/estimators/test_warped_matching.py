@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from estimators.odometry.warped_matching import match_patches, templates, warped_patches
+from estimators.odometry.corners import Points
+from estimators.odometry.warped_matching import Float32Array, PatchMatches, match_patches, templates, warped_patches
 from vehicle.frames import FloatArray
 
 SHIFT = np.array([1.37, -0.62])  # [px]
@@ -16,33 +17,36 @@ SHEARED = np.array([[1.1, 0.17], [-0.05, 0.9]])  # offsets in the second image t
 
 
 @pytest.fixture(scope="module")
-def scene() -> FloatArray:
+def scene() -> Float32Array:
     """Smooth texture, some 8 px from crest to crest, so that interpolation is nearly exact."""
     noise = np.random.default_rng(0).standard_normal((300, 400)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
-    return (120.0 + 25.0 * smooth / smooth.std()).astype(np.float32)
+    return np.asarray(120.0 + 25.0 * smooth / smooth.std(), dtype=np.float32)
 
 
-def centres() -> FloatArray:
+def centres() -> Points:
     u, v = np.meshgrid(np.arange(60.0, 340.0, 20.0), np.arange(60.0, 240.0, 20.0))
     return np.column_stack([u.ravel(), v.ravel()]).astype(np.float32)
 
 
-def seen_through(image: FloatArray, A: FloatArray, about: FloatArray) -> FloatArray:
+def seen_through(image: Float32Array, A: FloatArray, about: Points) -> Float32Array:
     """The second image: around ``about`` + SHIFT it shows what the first has at A times the offset around ``about``.
 
     Cubic splines: OpenCV's own warp rounds to 1/32 px.
     """
     offset = (about - A @ (about + SHIFT))[::-1]
-    return ndimage.affine_transform(image, A[::-1, ::-1], offset, order=3, mode="nearest").astype(np.float32)
+    moved = ndimage.affine_transform(image, A[::-1, ::-1], offset, order=3, mode="nearest")
+    return np.asarray(moved, dtype=np.float32)
 
 
-def matched(first: FloatArray, second: FloatArray, points: FloatArray, A: FloatArray, guess: FloatArray):
+def matched(
+    first: Float32Array, second: Float32Array, points: Points, A: FloatArray, guess: Points | FloatArray
+) -> PatchMatches:
     patches = templates(warped_patches(first, points, np.broadcast_to(A, (len(points), 2, 2))))
     return match_patches(patches, second, guess.astype(np.float32))
 
 
-def test_shift_is_found_to_hundredths_of_a_pixel(scene: FloatArray) -> None:
+def test_shift_is_found_to_hundredths_of_a_pixel(scene: Float32Array) -> None:
     """No noise: what is left is the bilinear interpolation, which smooths unevenly."""
     points = centres()
     found = matched(scene, seen_through(scene, STRAIGHT, points[0]), points, STRAIGHT, points)
@@ -52,7 +56,7 @@ def test_shift_is_found_to_hundredths_of_a_pixel(scene: FloatArray) -> None:
     assert found.correlation.min() > 0.98
 
 
-def test_warp_is_what_finds_a_sheared_patch(scene: FloatArray) -> None:
+def test_warp_is_what_finds_a_sheared_patch(scene: Float32Array) -> None:
     """The patch seen from elsewhere is found where it is; merely shifted it is less alike and less accurate."""
     errors, correlation = [], []
     for point in centres()[::7]:
@@ -67,7 +71,7 @@ def test_warp_is_what_finds_a_sheared_patch(scene: FloatArray) -> None:
     assert min(correlation[::2]) > max(correlation[1::2])
 
 
-def test_exposure_does_not_matter(scene: FloatArray) -> None:
+def test_exposure_does_not_matter(scene: Float32Array) -> None:
     """Another gain and another black level: the same place, exactly as alike."""
     points = centres()
     second = seen_through(scene, STRAIGHT, points[0])
@@ -76,14 +80,16 @@ def test_exposure_does_not_matter(scene: FloatArray) -> None:
     assert brighter.correlation == pytest.approx(same.correlation, abs=1e-3)
 
 
-def test_variance_is_that_of_the_spread(scene: FloatArray) -> None:
+def test_variance_is_that_of_the_spread(scene: Float32Array) -> None:
     """Noise of 2 grey levels in both images, as on rendered frames: normalised errors of unit size."""
     rng, points = np.random.default_rng(1), centres()
     second = seen_through(scene, STRAIGHT, points[0])
     normalised = []
     for _ in range(8):
-        noisy = [(image + 2.0 * rng.standard_normal(image.shape)).astype(np.float32) for image in (scene, second)]
-        found = matched(*noisy, points, STRAIGHT, points + SHIFT)
+        first, other = (
+            np.asarray(image + 2.0 * rng.standard_normal(image.shape), dtype=np.float32) for image in (scene, second)
+        )
+        found = matched(first, other, points, STRAIGHT, points + SHIFT)
         normalised.append((found.points - points - SHIFT) / np.sqrt(found.variance))
     # the weights are not those of least squares, which the formula allows for only on average; and interpolation
     # smooths the noise
