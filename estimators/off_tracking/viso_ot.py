@@ -66,7 +66,7 @@ class VisoOt(Generic[Memory]):
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
         """Estimator with the context's cameras, odometry and options."""
-        values = option_values(cls.options, context.options, "viso_ot")
+        values = option_values(cls.options, context.options, "estimator")
         return cls(
             context.stereo(),
             context.follow_distance,

@@ -17,7 +17,7 @@ from sensors.faults.faulty_sensor import with_faults
 from sensors.sensor import Message, Sensor
 from vehicle.clock import Schedule
 from vehicle.combination.truth import Truth
-from vehicle.option import Parameter
+from vehicle.option import Parameter, check_options
 
 
 class TrailerSensor(Protocol):
@@ -65,6 +65,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     options = _estimator_options(scenario)
+    check_options(part.options, options, "estimator")
     opened = opened_sensor(scenario.sensor if scenario.sensor is not None else part.sensor, context)
     cameras = opened.cameras
     odometry: Odometry[Any] | None = None

@@ -256,3 +256,11 @@ def test_a_context_without_cameras_is_refused(drive: Drive) -> None:
     for part in parts_of_images:
         with pytest.raises(ValueError, match="needs a calibrated stereo pair"):
             part.of(context)
+
+
+@pytest.mark.parametrize("name", sorted(OFF_TRACKING))
+def test_an_unknown_option_is_refused(name: str) -> None:
+    """Also by estimators without options, before anything is opened."""
+    scenario = load_scenario("constant-slip", [*SETTINGS, f"off_tracking={name}", "estimator.unknown=1.0"])
+    with pytest.raises(ValueError, match=r"^unknown option 'estimator\.unknown'"):
+        assemble(scenario, seed=3)

@@ -25,7 +25,7 @@ def test_options_are_refused_where_nothing_would_use_them() -> None:
     """An estimator without this buffer's options says so rather than run without them."""
     for name in ("truth", "kinematic"):
         scenario = load_scenario("roundabout", [f"off_tracking={name}", "viso_ot.smoothing=true"])
-        with pytest.raises(ValueError, match=f"off_tracking = {name} has none"):
+        with pytest.raises(ValueError, match=f"apply only to off_tracking = viso_ot, not to {name}"):
             assemble(scenario, 1)
     with pytest.raises(ValueError, match=r"viso_ot.reversing_distance = -1 must be .* 0 \[m\]"):
         load_scenario("roundabout", ["viso_ot.reversing_distance=-1"])
