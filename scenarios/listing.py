@@ -13,12 +13,10 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from scenarios import catalogue
-from scenarios.options.course import COURSES, TurnTable
-from scenarios.options.driver import StopTable
-from scenarios.options.faults import FaultOptions
-from scenarios.options.rover import ROVER_COURSES, MoundOptions, RoverScenario
+from scenarios.options.base import tables_in
+from scenarios.options.course import COURSES
+from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
-from scenarios.options.surface import PATCHES
 from sensors.faults.catalogue import FAULTS
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.option import Option, declared_options
@@ -27,13 +25,6 @@ from vehicle.rover.description import load_rover, rover_names
 from vehicle.rover.soil import load_soil, soil_names
 
 Kind = Callable[[], Iterator["Part"]]
-_LISTS: Final[Mapping[str, tuple[type[BaseModel], ...]]] = {
-    "turns": (TurnTable,),
-    "stops": (StopTable,),
-    "patches": PATCHES,
-    "faults": (FaultOptions,),
-    "mounds": (MoundOptions,),
-}
 _PARAMETERS_OF: Final[Mapping[str, tuple[str, ...]]] = {  # tables of free parameters, with the key of their part
     "steering": ("trailer_steering",),
     "estimator": ("off_tracking", "slip_estimator"),
@@ -77,32 +68,24 @@ def parts(kind: str | None = None) -> list[Part]:
 
 
 def keys(scenario: str | None = None, settings: tuple[str, ...] = ()) -> list[Key]:
-    """All keys of a scenario with its values as defaults; of no scenario, all keys of trailers.
+    """All keys of a scenario with its values; of no scenario, all keys of trailers with their defaults.
 
     Raises:
         ValueError: one line, if there is no such scenario.
     """
-    if scenario is None:
-        return list(_keys_of(Scenario, None, "", COURSES))
-    loaded = load_any_scenario(scenario, settings)
-    courses = ROVER_COURSES if isinstance(loaded, RoverScenario) else COURSES
-    return list(_keys_of(type(loaded), loaded, "", courses))
+    loaded = None if scenario is None else load_any_scenario(scenario, settings)
+    return list(_keys_of(Scenario if loaded is None else type(loaded), loaded))
 
 
-def _keys_of(
-    model: type[BaseModel], values: BaseModel | None, prefix: str, courses: tuple[type[BaseModel], ...]
-) -> Iterator[Key]:
+def _keys_of(model: type[BaseModel], values: BaseModel | None = None, prefix: str = "") -> Iterator[Key]:
     for name, field in model.model_fields.items():
         value = getattr(values, name) if values is not None else None
-        tables: tuple[type[BaseModel], ...] = _LISTS.get(name, ())
-        if name == "course":
-            tables = (type(value),) if isinstance(value, BaseModel) else courses
-        elif isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            tables = (field.annotation,)
+        tables = (type(value),) if isinstance(value, BaseModel) else tables_in(field.annotation)
+        is_list = get_origin(field.annotation) is tuple
         if name in _PARAMETERS_OF and values is not None:
             yield from _parameters(name, values)
-        elif not tables or name in _LISTS:
-            yield _key(prefix + name, field, value if values is not None else None)
+        elif not tables or is_list:
+            yield _key(prefix + name, field, value)
         if name == "plant":
             yield Key(
                 name=f"{prefix}plant.units.UNIT.NUMBER",
@@ -112,9 +95,7 @@ def _keys_of(
                 meaning="Any number of the vehicle file by its path, for the simulated vehicle alone.",
             )
         for table in tables:
-            inner = value if isinstance(value, table) else None
-            ending = "[]." if name in _LISTS else "."
-            yield from _keys_of(table, inner, f"{prefix}{name}{ending}", courses)
+            yield from _keys_of(table, value if isinstance(value, table) else None, f"{prefix}{name}{'[]' * is_list}.")
 
 
 def _parameters(table: str, values: BaseModel) -> Iterator[Key]:
@@ -207,7 +188,7 @@ def _courses(kind: str, tables: tuple[type[BaseModel], ...]) -> Kind:
     def listed() -> Iterator[Part]:
         for table in tables:
             (name,) = _choices(table.model_fields["kind"].annotation)
-            parameters = tuple(key for key in _keys_of(table, None, "", ()) if key.name != "kind")
+            parameters = tuple(key for key in _keys_of(table) if key.name != "kind")
             yield Part(kind=kind, name=name, meaning=_first_line(table), parameters=parameters)
 
     return listed

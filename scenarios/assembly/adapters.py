@@ -9,25 +9,14 @@ import numpy as np
 
 from controllers.driver import TractorGeometry
 from controllers.trailer import Linkage, TrailerGeometry
-from scenarios.assembly import courses
-from scenarios.assembly.courses import Course
 from scenarios.assembly.ground_friction import ground_friction
-from scenarios.options.course import (
-    ConstantSlipOptions,
-    LaneChangeOptions,
-    RoundaboutOptions,
-    SegmentsOptions,
-    StraightOptions,
-    TurnOptions,
-)
+from scenarios.courses import Course
 from scenarios.options.rig import RigOptions
 from scenarios.options.scenario import Scenario
 from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
 from vehicle.combination.description import Unit, Vehicle, load_vehicle
 from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
-
-_TYRE_WIDTH = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -99,50 +88,8 @@ def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
 
 
 def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
-    """The course as this vehicle's tractor has to drive it."""
-    options, tractor = scenario.course, vehicle.units[0]
-    axle_x = tractor.steered_axles[0].x
-    if isinstance(options, ConstantSlipOptions):
-        return courses.straight(front_x=tractor.front_x, length=options.length)
-    if isinstance(options, StraightOptions):
-        guided = max(tractor.front_x, axle_x + courses.PREVIEW * scenario.speed)
-        return courses.straight(front_x=guided, length=options.length)
-    if isinstance(options, SegmentsOptions):
-        table = [courses.Turn(t.direction, t.radius, math.radians(t.turn_deg), t.straight) for t in options.turns]
-        return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=options.entry)
-    if isinstance(options, TurnOptions):
-        return courses.corner(
-            wheel_x=axle_x,
-            wheel_y=outer_wall(tractor),
-            direction=options.direction,
-            radius=options.radius,
-            turn=math.radians(options.turn_deg),
-            entry=options.entry,
-            exit=options.exit,
-        )
-    if isinstance(options, LaneChangeOptions):
-        return courses.lane_change(
-            axle_x=axle_x,
-            speed=scenario.speed,
-            direction=options.direction,
-            frequency=options.frequency_hz,
-            peak_acceleration=options.peak_acceleration,
-            entry=options.entry,
-            exit=options.exit,
-        )
-    if isinstance(options, RoundaboutOptions):
-        return courses.roundabout(
-            front_x=tractor.front_x,
-            width=tractor.width,
-            direction=options.direction,
-            radius=options.radius,
-            turn=math.radians(options.turn_deg),
-            entry=options.entry,
-            exit=options.exit,
-        )
-    return courses.figure_of_eight(
-        front_x=tractor.front_x, width=tractor.width, radius=options.radius, entry=options.entry, exit=options.exit
-    )
+    """The course as this vehicle's tractor drives it."""
+    return scenario.course.course(vehicle.units[0], scenario.speed)
 
 
 def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:
@@ -172,11 +119,6 @@ def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
             yield "steer_tractor" if k == 1 else f"steer_tractor_{k}"
         else:
             yield f"steer_trailer_{k}_{unit.name}"
-
-
-def outer_wall(tractor: Unit) -> float:
-    """How far out from the middle the outer walls of the tractor's first steered tyres stand [m]."""
-    return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
 
 
 def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:

@@ -14,9 +14,9 @@ from controllers.driver_trace import TraceDriver
 from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from scenarios.assembly.adapters import tractor_geometry
-from scenarios.assembly.courses import Course
 from scenarios.assembly.recorded_drive import read_trace
 from scenarios.catalogue import DRIVER, constructed, resolve
+from scenarios.courses import Course
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario
 from vehicle.combination.description import Vehicle

@@ -14,7 +14,6 @@ from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
 from estimators.slip.rover_odometry import RoverGeometry
-from scenarios.assembly.rover_courses import rover_path
 from scenarios.assembly.rover_sensors import (
     ReadOnce,
     RoverMountContext,
@@ -84,7 +83,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         ValueError: one line, for whatever of the scenario does not fit.
     """
     rover = load_rover(scenario.vehicle)
-    geometry, path, terrain = rover_geometry(rover), rover_path(scenario.course), terrain_of(scenario.surface)
+    geometry, path, terrain = rover_geometry(rover), scenario.course.path(), terrain_of(scenario.surface)
     soil = None if scenario.surface.soil == "none" else load_soil(scenario.surface.soil)
     driver = _driver(scenario, geometry, path)
     mount = rover_mount(scenario, rover, terrain, path, seed=seed)

@@ -14,13 +14,13 @@ import numpy as np
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry, vehicle_of, watched_units
-from scenarios.assembly.courses import Course
 from scenarios.assembly.drivers import OpenedDriver, opened_driver
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.assembly.sensing import Sensing, opened_sensing, opened_sensor
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.assembly.views import Views, built_world, traffic_around
+from scenarios.courses import Course
 from scenarios.options.rig import RigOptions
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress

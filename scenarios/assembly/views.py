@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from controllers.trailer import TrailerGeometry
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.options.rig import WorldOptions
 from scenarios.options.traffic import TrafficOptions
 from sensors.camera.rig import StereoCalibration

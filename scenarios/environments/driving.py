@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from controllers.driver import PERIOD
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.courses import straight
+from scenarios.courses import straight
 from scenarios.environments.core import Feature, Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.movers import Slipping

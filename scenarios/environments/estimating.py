@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.environments.core import Feature, Features, observation_space, within
 from scenarios.environments.hitch_paths import Beside
 from scenarios.environments.images import reduced, reduced_shape

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.report.canvas import INK, SHIFT, SOFT, TRUE, Picture, blank, curve, fixed_point, write
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from vehicle.combination.description import Vehicle

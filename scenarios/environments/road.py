@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from scenarios.assembly.adapters import course_of
-from scenarios.assembly.courses import Course, Turn, turns
+from scenarios.courses import Course, Turn, turns
 from scenarios.options.scenario import load_scenario
 from scenarios.randomness import stream
 from vehicle.combination.description import Vehicle

@@ -14,11 +14,11 @@ import numpy as np
 from controllers.trailer_steering.policy import AHEAD, felt_features, seen_features
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
-from scenarios.assembly.courses import Course
 from scenarios.assembly.mount import MountContext
 from scenarios.assembly.sensing import opened_sensing, opened_sensor
 from scenarios.assembly.trailer import trailer_stream
 from scenarios.assembly.views import Views, built_world
+from scenarios.courses import Course
 from scenarios.loop.channel import Channel
 from scenarios.loop.combination import OffTrackingEstimate, as_estimate
 from scenarios.loop.stopwatch import Stopwatch

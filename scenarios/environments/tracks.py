@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from vehicle.frames import FloatArray
 
 V = TypeVar("V")  # an array (n,), or SX

@@ -68,7 +68,7 @@ from numpy.typing import NDArray
 
 from controllers.driver import PERIOD
 from scenarios.assembly.adapters import outlines, tractor_geometry
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.environments import endings, rewards
 from scenarios.environments.core import Info, Lanes, Observation, Result
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -21,3 +21,10 @@ class Options(BaseModel):
     """A checked table that cannot be changed and knows no other keys than its own."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def tables_in(annotation: object) -> tuple[type[BaseModel], ...]:
+    """All tables that a field's annotation names, alone, in a list or as alternatives."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return (annotation,)
+    return tuple(table for part in get_args(annotation) for table in tables_in(part))

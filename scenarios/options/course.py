@@ -1,15 +1,34 @@
-"""Courses as a scenario file describes them; ``kind`` tells which."""
+"""Courses of trailers: each kind is a table of options that builds its course. A new kind is a class and a line."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 
 from pydantic import Field
 
+from scenarios import courses
 from scenarios.options.base import Options, option, quantity
+from vehicle.combination.description import Unit
+
+_TYRE_WIDTH: Final = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
 
 
-class RoundaboutOptions(Options):
+class CourseOptions(Options):
+    """Base class of all courses; one's own is named by ``course.kind = package.module:Name``."""
+
+    kind: str = option("Kind of the course (see offtrack parts course) or package.module:Name.")
+
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s].
+
+        Raises:
+            ValueError: one line, if the tractor can not drive it.
+        """
+        raise ValueError(f"course.kind = {self.kind}: the class does not say how its course is built")
+
+
+class RoundaboutOptions(CourseOptions):
     """The tractor's outer front corner on a circle, tangent entry and exit."""
 
     kind: Literal["roundabout"] = option("Kind of the course.")
@@ -19,8 +38,20 @@ class RoundaboutOptions(Options):
     entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the circle.")
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circle.")
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        return courses.roundabout(
+            front_x=tractor.front_x,
+            width=tractor.width,
+            direction=self.direction,
+            radius=self.radius,
+            turn=math.radians(self.turn_deg),
+            entry=self.entry,
+            exit=self.exit,
+        )
 
-class FigureOfEightOptions(Options):
+
+class FigureOfEightOptions(CourseOptions):
     """A full left circle, then a full right circle."""
 
     kind: Literal["figure-of-eight"] = option("Kind of the course.")
@@ -28,16 +59,26 @@ class FigureOfEightOptions(Options):
     entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the circles.")
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circles.")
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        return courses.figure_of_eight(
+            front_x=tractor.front_x, width=tractor.width, radius=self.radius, entry=self.entry, exit=self.exit
+        )
 
-class ConstantSlipOptions(Options):
+
+class ConstantSlipOptions(CourseOptions):
     """The trailer dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
 
     kind: Literal["constant-slip"] = option("Kind of the course.")
     slip_angle_deg: float = quantity(14.0, "deg", -60.0, 60.0, "Direction of travel from the trailer's x axis, + left.")
     length: float = quantity(100.0, "m", 20.0, 1000.0, "Length of the straight line.")
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        return courses.straight(front_x=tractor.front_x, length=self.length)
 
-class TurnOptions(Options):
+
+class TurnOptions(CourseOptions):
     """The low-speed turn of performance-based standards: the outer steered tyre's wall on an arc, tangent both ends."""
 
     kind: Literal["turn"] = option("Kind of the course.")
@@ -47,8 +88,20 @@ class TurnOptions(Options):
     entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the turn.")
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the turn.")
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        return courses.corner(
+            wheel_x=tractor.steered_axles[0].x,
+            wheel_y=outer_wall(tractor),
+            direction=self.direction,
+            radius=self.radius,
+            turn=math.radians(self.turn_deg),
+            entry=self.entry,
+            exit=self.exit,
+        )
 
-class LaneChangeOptions(Options):
+
+class LaneChangeOptions(CourseOptions):
     """The single lane change of ISO 14791, at the scenario's set speed."""
 
     kind: Literal["lane-change"] = option("Kind of the course.")
@@ -58,12 +111,29 @@ class LaneChangeOptions(Options):
     entry: float = quantity(60.0, "m", 20.0, 500.0, "Straight before the lane change.")
     exit: float = quantity(150.0, "m", 20.0, 1000.0, "Straight after the lane change.")
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        return courses.lane_change(
+            axle_x=tractor.steered_axles[0].x,
+            speed=speed,
+            direction=self.direction,
+            frequency=self.frequency_hz,
+            peak_acceleration=self.peak_acceleration,
+            entry=self.entry,
+            exit=self.exit,
+        )
 
-class StraightOptions(Options):
+
+class StraightOptions(CourseOptions):
     """Straight ahead."""
 
     kind: Literal["straight"] = option("Kind of the course.")
     length: float = quantity(200.0, "m", 20.0, 5000.0, "Length of the course.")
+
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        guided = max(tractor.front_x, tractor.steered_axles[0].x + courses.PREVIEW * speed)
+        return courses.straight(front_x=guided, length=self.length)
 
 
 class TurnTable(Options):
@@ -75,7 +145,7 @@ class TurnTable(Options):
     straight: float = quantity(10.0, "m", 0.1, 5000.0, "Straight after the turn.")
 
 
-class SegmentsOptions(Options):
+class SegmentsOptions(CourseOptions):
     """One turn after the other, with straights between them; the middle of the tractor's front is guided."""
 
     kind: Literal["segments"] = option("Kind of the course.")
@@ -84,8 +154,18 @@ class SegmentsOptions(Options):
         min_length=1, description="Turns, each with direction, radius, turn_deg and straight."
     )
 
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Course as this tractor drives it at a set speed [m/s]."""
+        table = [courses.Turn(t.direction, t.radius, math.radians(t.turn_deg), t.straight) for t in self.turns]
+        return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=self.entry)
 
-COURSES = (
+
+def outer_wall(tractor: Unit) -> float:
+    """Lateral distance of the outer walls of the tractor's first steered tyres from the middle [m]."""
+    return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
+
+
+COURSES: Final = (
     RoundaboutOptions,
     FigureOfEightOptions,
     ConstantSlipOptions,
@@ -94,13 +174,7 @@ COURSES = (
     StraightOptions,
     SegmentsOptions,
 )
-Course = Annotated[
-    RoundaboutOptions
-    | FigureOfEightOptions
-    | ConstantSlipOptions
-    | TurnOptions
-    | LaneChangeOptions
-    | StraightOptions
-    | SegmentsOptions,
-    Field(discriminator="kind"),
-]
+if TYPE_CHECKING:
+    CourseTable = CourseOptions
+else:
+    CourseTable = Annotated[Union[COURSES], Field(discriminator="kind")]  # noqa: UP007  # of a tuple of classes

@@ -3,44 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tomli_w
 from pydantic import Field, field_validator
 
 from scenarios.options.base import Options, option, quantity
 from scenarios.options.faults import Faults
+from scenarios.options.rover_course import RoverCourseTable
 from vehicle.option import Parameter
 
 Compensation = Literal["none", "heading", "crab"]
-
-
-class RoverStraightOptions(Options):
-    """Straight ahead."""
-
-    kind: Literal["straight"] = option("Kind of the path.")
-    length: float = quantity(7.0, "m", 0.5, 200.0, "Length of the path; Reina 2008, section III: about 7 m.")
-
-
-class RoverFigureOfEightOptions(Options):
-    """A full left circle, then a full right circle, a straight before and after."""
-
-    kind: Literal["figure-of-eight"] = option("Kind of the path.")
-    radius: float = quantity(2.0, "m", 1.0, 50.0, "Radius of both circles.")
-    straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before and after the circles.")
-
-
-class RoverArcOptions(Options):
-    """A straight, then an arc to the left (turn > 0) or to the right."""
-
-    kind: Literal["arc"] = option("Kind of the path.")
-    radius: float = quantity(3.0, "m", 1.0, 100.0, "Radius of the arc.")
-    turn_deg: float = quantity(90.0, "deg", -720.0, 720.0, "Angle of the arc, + left.")
-    straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before the arc.")
-
-
-ROVER_COURSES = (RoverStraightOptions, RoverFigureOfEightOptions, RoverArcOptions)
-RoverCourse = Annotated[RoverStraightOptions | RoverFigureOfEightOptions | RoverArcOptions, Field(discriminator="kind")]
 
 
 class MoundOptions(Options):
@@ -116,7 +89,7 @@ class RoverScenario(Options):
     kind: Literal["rover"] = option("rover: a scenario for rovers.")
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
-    course: RoverCourse = option("Path of the rover.")
+    course: RoverCourseTable = option("Path of the rover.")
     vehicle: str = option("Rover by name (see offtrack parts rover) or TOML file.", "el_dorado_ii")
     speed_kmh: float = quantity(0.288, "km/h", 0.05, 1.08, "Set speed of the wheels; 0.288 km/h is 8 cm/s.")
     slip_estimator: str = option(

@@ -9,19 +9,21 @@ from pathlib import Path
 from typing import Any, get_args
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
 from pydantic_core import ErrorDetails
 
 from controllers.trailer_steering.policy import shipped_networks
-from scenarios.options.base import Options, option, quantity
-from scenarios.options.course import COURSES, Course, TurnTable
+from scenarios.catalogue import resolve
+from scenarios.options.base import Options, option, quantity, tables_in
+from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.degradation import DegradationOptions
-from scenarios.options.driver import DriverOptions, DriverTable, StopTable
-from scenarios.options.faults import FaultOptions, Faults
+from scenarios.options.driver import DriverOptions, DriverTable
+from scenarios.options.faults import Faults
 from scenarios.options.ground_rig import GroundRigOptions
 from scenarios.options.plant import PlantOptions
 from scenarios.options.rig import RigOptions, WorldOptions
-from scenarios.options.rover import ROVER_COURSES, MoundOptions, RoverScenario
+from scenarios.options.rover import RoverScenario
+from scenarios.options.rover_course import RoverCourseOptions
 from scenarios.options.signals import SignalOptions, SteerGroups
 from scenarios.options.surface import PATCHES, SurfaceOptions
 from scenarios.options.traffic import TrafficOptions, TrafficTable
@@ -52,7 +54,7 @@ class Scenario(Options):
 
     name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
-    course: Course = option("Course of the guided point of the tractor.")
+    course: CourseTable = option("Course of the guided point of the tractor.")
     vehicle: str = option(
         "Vehicle by name (see offtrack parts vehicle) or TOML file, as controllers know it.", "uk_longer_semitrailer"
     )
@@ -134,7 +136,24 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
     vehicle = table.get("vehicle")
     if isinstance(vehicle, str) and vehicle.endswith(".toml"):
         table["vehicle"] = str(Path(vehicle).resolve())  # the resolved scenario runs again from any folder
-    return _validated(RoverScenario if table.get("kind") == "rover" else Scenario, table, name_or_path)
+    model = RoverScenario if table.get("kind") == "rover" else Scenario
+    return _validated(_with_own_course(model, table), table, name_or_path)
+
+
+def _with_own_course(model: type[Scenario | RoverScenario], table: Table) -> type[Scenario | RoverScenario]:
+    """The model with the user's own kind of course, if ``course.kind`` is an import path.
+
+    Raises:
+        ValueError: one line, if there is no such class or it is no course.
+    """
+    course = table.get("course")
+    kind = course.get("kind") if isinstance(course, dict) else None
+    if not isinstance(kind, str) or ":" not in kind:
+        return model
+    part, base = resolve("course.kind", kind, {}), CourseOptions if issubclass(model, Scenario) else RoverCourseOptions
+    if not (isinstance(part, type) and issubclass(part, base)):
+        raise ValueError(f"course.kind = {kind}: the class must be derived from {base.__module__}.{base.__name__}")
+    return create_model(model.__name__, __base__=model, course=(part, ...))
 
 
 def _data() -> resources.abc.Traversable:
@@ -159,6 +178,8 @@ def _apply(table: Table, setting: str) -> None:
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
             raise ValueError(f"--set {setting}: '{parent}' is a value, not a table")
+    if parents == ["course"] and last == "kind" and table.get("kind") != text.strip():
+        table.clear()  # the other keys are those of another kind of course
     table[last] = _value(text.strip())
 
 
@@ -171,7 +192,7 @@ def _value(text: str) -> Parameter | list[Any]:
     return value if isinstance(value, bool | int | float | str | list) else text
 
 
-def _validated(model: type[Scenario] | type[RoverScenario], table: Table, source: str) -> Scenario | RoverScenario:
+def _validated(model: type[Scenario | RoverScenario], table: Table, source: str) -> Scenario | RoverScenario:
     try:
         return model.model_validate(table)
     except ValidationError as error:
@@ -180,8 +201,8 @@ def _validated(model: type[Scenario] | type[RoverScenario], table: Table, source
 
 def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> str:
     """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
-    courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
-    kinds = [get_args(options.model_fields["kind"].annotation)[0] for options in (*courses, *PATCHES)]
+    tables: tuple[type[BaseModel], ...] = (*tables_in(model.model_fields["course"].annotation), *PATCHES)
+    kinds = [kind for options in tables for kind in get_args(options.model_fields["kind"].annotation)]
     parts = [str(part) for part in first["loc"] if part not in kinds]
     key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
     units = dict(_known_keys(model))
@@ -203,18 +224,8 @@ def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> st
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Dotted name and unit of every key a scenario may have."""
     for name, info in model.model_fields.items():
-        courses = COURSES if issubclass(model, Scenario) else ROVER_COURSES
-        lists: dict[str, tuple[type[Options], ...]] = {"course": courses, "patches": PATCHES}
-        lists |= (
-            {"turns": (TurnTable,)}
-            | {"faults": (FaultOptions,)}
-            | {"stops": (StopTable,)}
-            | {"mounds": (MoundOptions,)}
-        )
-        tables = lists.get(name, (info.annotation,))
-        for table in tables:
-            if isinstance(table, type) and issubclass(table, BaseModel):
-                yield from _known_keys(table, f"{prefix}{name}.")
-            else:
-                extra = info.json_schema_extra
-                yield prefix + name, str(extra["unit"]) if isinstance(extra, dict) else "-"
+        for table in tables_in(info.annotation):
+            yield from _known_keys(table, f"{prefix}{name}.")
+        if not tables_in(info.annotation):
+            extra = info.json_schema_extra
+            yield prefix + name, str(extra["unit"]) if isinstance(extra, dict) else "-"

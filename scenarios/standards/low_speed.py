@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.driver import PreviewDriver
 from scenarios.assembly.adapters import tractor_geometry
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.standards.motion import point_path
 from scenarios.standards.proving_ground import Drive, drive
 from vehicle.combination.description import Vehicle

@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import Final
 
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.courses import Course
-from scenarios.assembly.courses import roundabout as roundabout_course
+from scenarios.courses import Course
+from scenarios.courses import roundabout as roundabout_course
 from scenarios.results.swept_path import swept_path
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured

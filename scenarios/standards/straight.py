@@ -8,8 +8,8 @@ import numpy as np
 
 from controllers.driver import PreviewDriver
 from scenarios.assembly.adapters import outlines, tractor_geometry
-from scenarios.assembly.courses import PREVIEW
-from scenarios.assembly.courses import straight as straight_course
+from scenarios.courses import PREVIEW
+from scenarios.courses import straight as straight_course
 from scenarios.results.log import Log
 from scenarios.results.swept_path import placed
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured

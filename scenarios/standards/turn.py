@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.assembly.adapters import outer_wall, outlines
-from scenarios.assembly.courses import Course, corner
+from scenarios.assembly.adapters import outlines
+from scenarios.courses import Course, corner
+from scenarios.options.course import outer_wall
 from scenarios.results.swept_path import tail_swings
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.assembly import courses
+from scenarios import courses
 from scenarios.assembly.adapters import outlines
 from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.results.swept_path import swept_path

@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from scenarios.assembly import courses
+from scenarios import courses
 from scenarios.assembly.adapters import outlines
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from scenarios.results.swept_path import placed, tail_swings
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of

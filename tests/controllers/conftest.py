@@ -14,7 +14,7 @@ from controllers.driver import PreviewDriver, TractorGeometry
 from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking
-from scenarios.assembly.courses import Course
+from scenarios.courses import Course
 from sensors.messages import BodyPose, CombinationSignals, EgoState
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, rotation_zyx, transform

@@ -13,7 +13,7 @@ from controllers.trailer import Combination
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.hitch_motion import hitch_motion
 from controllers.trailer_steering.path_preview import PathPreview
-from scenarios.assembly.courses import roundabout
+from scenarios.courses import roundabout
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER
 from tests.trailers import COMBINATION

@@ -11,7 +11,7 @@ import pytest
 
 from controllers.trailer import Combination
 from controllers.trailer_steering.ct_at import CtAt
-from scenarios.assembly.courses import roundabout, straight
+from scenarios.courses import roundabout, straight
 from tests.trailers import ALL_STEERED as TRAILER
 from vehicle.combination.description import load_vehicle
 

@@ -14,7 +14,7 @@ from controllers.trailer import Linkage, SteerCommand, TrailerGeometry
 from controllers.trailer_steering.path_preview import PathPreview, PathPreviewMemory
 from controllers.trailer_steering.unsteered import Unsteered
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.courses import figure_of_eight, roundabout, straight
+from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER
 from tests.trailers import TWO_OF_THREE, signals

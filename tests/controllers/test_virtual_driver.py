@@ -11,7 +11,7 @@ import pytest
 
 from controllers.trailer_steering.virtual_driver import VirtualDriver
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.courses import roundabout, straight
+from scenarios.courses import roundabout, straight
 from sensors.messages import CombinationSignals
 from tests.trailers import ALL_STEERED as TRAILER
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.assembly.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
+from scenarios.assembly.adapters import course_of
+from scenarios.courses import Course, Turn, corner, figure_of_eight, lane_change, roundabout, straight, turns
+from scenarios.options.scenario import load_scenario
+from vehicle.combination.description import load_vehicle
 
 TRACTOR: dict[str, Any] = {"front_x": 5.2, "width": 2.55}
 ALL = {
@@ -194,3 +198,29 @@ def test_an_impossible_course_is_refused(build: Callable[[], Course], message: s
     """By name and value."""
     with pytest.raises(ValueError, match=message):
         build()
+
+
+def test_a_course_of_ones_own_is_named_by_its_import_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its table is checked like those that come with offtrack, and the resolved scenario names it again."""
+    (tmp_path / "depots.py").write_text(
+        "from scenarios.courses import straight\n"
+        "from scenarios.options.base import quantity\n"
+        "from scenarios.options.course import CourseOptions\n"
+        "class Depot(CourseOptions):\n"
+        "    length: float = quantity(40.0, 'm', 20.0, 50.0, 'Length.')\n"
+        "    def course(self, tractor, speed):\n"
+        "        return straight(front_x=tractor.front_x, length=self.length)\n"
+        "class NoCourse:\n"
+        "    pass\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    scenario = load_scenario("roundabout", ["course.kind=depots:Depot", "course.length=45"])
+    assert course_of(scenario, load_vehicle(scenario.vehicle)).length == pytest.approx(45.0)
+    assert 'kind = "depots:Depot"' in scenario.to_toml()
+    with pytest.raises(ValueError, match=r"course\.length = 99 must be less than or equal to 50 \[m\]"):
+        load_scenario("roundabout", ["course.kind=depots:Depot", "course.length=99"])
+    with pytest.raises(ValueError, match=r"course\.kind = depots:NoCourse: the class must be derived from"):
+        load_scenario("roundabout", ["course.kind=depots:NoCourse"])
+    with pytest.raises(ValueError, match=r"course\.kind = depots:None_: module depots has no 'None_'"):
+        load_scenario("roundabout", ["course.kind=depots:None_"])

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import scenarios.gym_env  # noqa: F401  # registers the environments
-from scenarios.assembly.courses import straight
+from scenarios.courses import straight
 from scenarios.environments import sensed_trailer
 from scenarios.environments.domain import Domain
 from scenarios.environments.estimating import Pictured
