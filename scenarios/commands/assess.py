@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import Quiet, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.standards.assessment import Assessment
@@ -33,7 +33,7 @@ def assess(
             help="Output directory of the report; it must not exist yet.", show_default="runs/assess-VEHICLE-N"
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the assessment as JSON and nothing else.")] = False,
 ) -> None:
     """Drive a vehicle through standard manoeuvres and compare it with the limits of the standards.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -14,6 +15,8 @@ from rich.progress import Progress as ProgressDisplay
 from scenarios.progress import Progress
 
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
 
 
 @contextmanager

@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
+    from estimators.context import OffTrackingSource
     from scenarios.recordings.stereo_reader import Recording
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
@@ -27,6 +28,8 @@ SLIP_EXAMPLES = (
     "Examples: offtrack run rover-slope --record runs/traces, then offtrack estimate slip runs/traces   "
     "offtrack estimate slip beach --rig webcam.toml --estimator ftrace"
 )
+_OFF_TRACKING_GROUPS = ("frames", "off_tracking", "odometry", "kitti", "self_calibration", "timing")
+_SLIP_GROUPS = ("frames", "slip", "timing")
 _SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
 
 
@@ -83,7 +86,7 @@ def off_tracking(
         Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
     """Estimate the off-tracking of a trailer from recorded stereo images.
@@ -119,12 +122,7 @@ def off_tracking(
                 video=video and estimation.outcome == "completed",
                 progress=progress_bar(display, "video"),
             )
-        if as_json:
-            typer.echo(json.dumps(numbers, indent=2))
-        elif not quiet:
-            _print(numbers, results)
-    if numbers["outcome"] == "interrupted":
-        raise typer.Exit(INTERRUPTED)
+    _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
 
 
 @app.command("slip", epilog=SLIP_EXAMPLES)
@@ -146,7 +144,7 @@ def slip(
         Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video (a GIF if the extra 'video' is not installed).")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
     """Estimate the slip angle of a rover from recorded images of its wheel trace.
@@ -178,63 +176,55 @@ def slip(
                 video=video and estimation.outcome == "completed",
                 progress=progress_bar(display, "video"),
             )
-        if as_json:
-            typer.echo(json.dumps(numbers, indent=2))
-        elif not quiet:
-            _print_slip(numbers, results)
-    if numbers["outcome"] == "interrupted":
-        raise typer.Exit(INTERRUPTED)
+    _finish(numbers, results, _SLIP_GROUPS, quiet=quiet, as_json=as_json)
 
 
-def _print_slip(numbers: dict[str, Any], directory: Path) -> None:
-    console = Console()
-    table = Table(title=f"{escape(numbers['recording'])}: {numbers['outcome']}", title_justify="left")
-    for column, justify in (("", "left"), ("quantity", "left"), ("value", "right")):
-        table.add_column(column, justify="right" if justify == "right" else "left")
-    for group in ("frames", "slip", "timing"):
-        rows = [(name, value) for name, value in numbers[group].items() if value is not None]
-        for k, (name, value) in enumerate(rows):
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
-    console.print(table)
-    for entry in numbers["dropped_images"][:_SHOWN]:
-        line = f"Image {entry['image']} dropped: {entry['reason']}"
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
-
-
-def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, Any]:
-    """The estimator with an odometry of this name, and the name."""
+def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, OffTrackingSource]:
+    """Estimator with an odometry of this name, and the name."""
     from estimators.calibration.self_calibration import SelfCalibratedOdometry
     from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
     from scenarios.options.scenario import Scenario
 
     name = odometry or str(Scenario.model_fields["odometry"].default)
-    made = resolve("--odometry", name, ODOMETRY)(recording.calibration)
+    motions = resolve("--odometry", name, ODOMETRY)(recording.calibration)
     if self_calibration:
-        made = SelfCalibratedOdometry(recording.calibration, made)
+        motions = SelfCalibratedOdometry(recording.calibration, motions)
     estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
-    return name, estimator(recording.calibration, recording.follow_distance, made)
+    source: OffTrackingSource = estimator(recording.calibration, recording.follow_distance, motions)
+    return name, source
 
 
-def _print(numbers: dict[str, Any], directory: Path) -> None:
+def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *, quiet: bool, as_json: bool) -> None:
+    """Print the summary; raise the exit code of an interrupt."""
+    if as_json:
+        typer.echo(json.dumps(numbers, indent=2))
+    elif not quiet:
+        _print(numbers, directory, groups)
+    if numbers["outcome"] == "interrupted":
+        raise typer.Exit(INTERRUPTED)
+
+
+def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:
     console = Console()
     table = Table(title=f"{escape(numbers['recording'])}: {numbers['outcome']}", title_justify="left")
-    for column, justify in (("", "left"), ("quantity", "left"), ("value", "right")):
-        table.add_column(column, justify="right" if justify == "right" else "left")
-    for group in ("frames", "off_tracking", "odometry", "kitti", "self_calibration", "timing"):
+    table.add_column("")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    for group in groups:
         rows = [(name, value) for name, value in numbers[group].items() if value not in (None, [])]
         for k, (name, value) in enumerate(rows):
             shown = f"{value:.4g}" if isinstance(value, float) else escape(str(value))
             table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
     console.print(table)
-    for line in _remarks(numbers):
+    for line in (*_remarks(numbers), f"Report: {directory / 'report.html'}"):
         console.print(line, soft_wrap=True, highlight=False, markup=False)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _remarks(numbers: dict[str, Any]) -> list[str]:
-    dropped = [f"Frame {entry['frame']} dropped: {entry['reason']}" for entry in numbers["dropped_frames"]]
-    more = [f"... and {len(dropped) - _SHOWN} more dropped frames, see summary.json"] if len(dropped) > _SHOWN else []
-    assumed = [f"Assumed: {line}" for line in numbers["assumed"]]
-    return [*assumed, *(f"Note: {line}" for line in numbers["notes"]), *dropped[:_SHOWN], *more]
+    """Assumptions, notes and the first dropped images, one line each."""
+    frames = numbers.get("dropped_frames", [])
+    dropped = [f"Frame {entry['frame']} dropped: {entry['reason']}" for entry in frames]
+    dropped += [f"Image {entry['image']} dropped: {entry['reason']}" for entry in numbers.get("dropped_images", [])]
+    more = [f"... and {len(dropped) - _SHOWN} more, see summary.json"] if len(dropped) > _SHOWN else []
+    assumed = [f"Assumed: {line}" for line in numbers.get("assumed", [])]
+    return [*assumed, *(f"Note: {line}" for line in numbers.get("notes", [])), *dropped[:_SHOWN], *more]

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.reproduce.figure import Reproduction
@@ -37,7 +37,7 @@ def reproduce(
             show_default="runs/NAME-N",
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON and nothing else.")] = False,
 ) -> None:
     """Reproduce a paper's table or figure and print it beside the published numbers.

@@ -14,7 +14,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import Quiet, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.training.results import Scores
@@ -54,7 +54,7 @@ def train(
             help="Output directory; an existing training is resumed.", show_default="runs/train-OBSERVATION-SEED"
         ),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")] = False,
+    quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON and nothing else.")] = False,
 ) -> None:
     """Train a policy for offtrack/TrailerSteering-v0 with PPO, and compare it with steering laws.

@@ -3,7 +3,7 @@
 ``image_0`` and ``image_1`` hold the left and right grey images, ``calib.txt`` the projection matrices, ``times.txt``
 the capture times, ``poses.txt`` the true pose of the left camera relative to the first frame. ``rig.toml`` adds the
 camera's pose on the trailer and the trailer's follow point. KITTI's projections can not describe raw images: for these
-``rig.toml`` holds the whole calibration, and there is no ``calib.txt``.
+``rig.toml`` contains the whole calibration, and there is no ``calib.txt``.
 """
 
 from __future__ import annotations

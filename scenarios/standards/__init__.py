@@ -1,1 +1,1 @@
-"""Standard manoeuvres: what a combination does in them, measured from a log, against the levels of the standards."""
+"""Standard manoeuvres: drives, measured quantities, and comparison with the limits of the standards."""

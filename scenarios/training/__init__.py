@@ -1,1 +1,1 @@
-"""Training of a steering policy in the environments, and its comparison with the laws that are there."""
+"""Training of a steering policy in the environments, and its comparison with steering laws."""

@@ -1,1 +1,1 @@
-"""Numbers of the vehicle model beside what theory, published tables and independent models say."""
+"""Validation of the vehicle model against theory, published tables and independent models."""

@@ -1,1 +1,1 @@
-"""A vehicle on one sheet: drawn to scale, with its loads, reach and handling."""
+"""Data sheets of vehicles and rovers: numbers, tables, and drawings to scale."""

@@ -217,8 +217,16 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
 
         def step(self, memory: None, frame: StereoFrame) -> tuple[None, Motion]:
             X_PC, tracks = transform(np.eye(3), 0.4 * np.array(way)), np.zeros((0, 4), np.float32)
-            known = {"covariance": np.eye(6), "matches": 300, "inliers": 300, "health": Health.OK, "tracks": tracks}
-            return None, Motion(tick=frame.tick, previous_tick=frame.tick - 100, X_PC=X_PC, **known)
+            return None, Motion(
+                tick=frame.tick,
+                previous_tick=frame.tick - 100,
+                X_PC=X_PC,
+                covariance=np.eye(6),
+                matches=300,
+                inliers=300,
+                health=Health.OK,
+                tracks=tracks,
+            )
 
     monkeypatch.setattr("scenarios.recordings.mounting.CircularOdometry", Moving)
     grey = np.zeros((32, 64), np.uint8)

@@ -11,6 +11,7 @@ import pytest
 
 from scenarios.recordings.images import Dropped, image_size, read_grey, stream
 from scenarios.recordings.sequence import LAYOUTS, Layout, find_sequence
+from sensors.messages import GreyImage
 
 SIZE = (24, 16)  # width, height [px]
 
@@ -242,7 +243,12 @@ def test_only_a_few_frames_are_in_memory(tmp_path: Path, monkeypatch: pytest.Mon
 
     make(tmp_path, range(40))
     read: list[Path] = []
-    monkeypatch.setattr(images, "read_grey", lambda path: (read.append(path), read_grey(path))[1])
+
+    def counted(path: Path) -> GreyImage:
+        read.append(path)
+        return read_grey(path)
+
+    monkeypatch.setattr(images, "read_grey", counted)
     frames = stream(find_sequence(tmp_path, 10.0).frames, SIZE)
     next(frames)
     frames.close()  # type: ignore[attr-defined]  # a generator

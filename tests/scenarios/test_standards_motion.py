@@ -16,9 +16,9 @@ TIME: FloatArray = np.arange(0.0, 12.0, 0.02)
 
 def circling(speed: float, yaw_rate: float, slide: float) -> Log:
     """The log of a unit in a steady turn whose frame's origin slides sideways at ``slide`` [m/s]."""
-    columns = {"time": TIME, "v_x_unit": speed, "v_y_unit": slide, "yaw_rate_unit": yaw_rate}
-    signals = tuple(Signal(name, "-", name) for name in columns)
-    return Log(signals, np.column_stack([np.broadcast_to(column, TIME.shape) for column in columns.values()]))
+    constants = {"v_x_unit": speed, "v_y_unit": slide, "yaw_rate_unit": yaw_rate}
+    signals = tuple(Signal(name, "-", name) for name in ("time", *constants))
+    return Log(signals, np.column_stack([TIME, *(np.full(len(TIME), value) for value in constants.values())]))
 
 
 def test_a_steady_turn_has_the_acceleration_of_its_circle() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from controllers.path import Path as Course
 from controllers.path import arc, line
@@ -143,7 +144,7 @@ def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, 
 
 
 @pytest.mark.parametrize("section", [linear_theory, mechanics])
-def test_theory_holds(section: Task) -> None:
+def test_theory_holds(section: Callable[[bool], Section]) -> None:
     """Linear oracle, conservation, derivations, friction circle."""
     done = section(True)
     assert [one.name for one in done.checks if one.verdict != "passed"] == []
@@ -204,7 +205,7 @@ def test_the_page_says_everything_and_needs_nothing() -> None:
         assert foreign not in page.replace('xlink:href="#', ""), foreign
 
 
-def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str):
+def run(monkeypatch: pytest.MonkeyPatch, values: tuple[float | None, ...], *arguments: str) -> Result:
     monkeypatch.setattr(suite, "TASKS", (Task(title="Turns", work=lambda quick: sections(*values)[0]),))
     app = typer.Typer()
     app.command()(validate)
