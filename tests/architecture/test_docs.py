@@ -1,0 +1,235 @@
+"""The documents: links and pictures resolve, the README is short, and every command in them is one that would start."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+import typer
+
+from scenarios.catalogue import TRAILER_STEERING, resolve
+from scenarios.cli import app
+from scenarios.options.scenario import load_any_scenario, scenario_names
+from scenarios.reproduce.catalogue import names_of
+from scenarios.studies.study import load_study
+from vehicle.combination.description import load_vehicle
+from vehicle.rover.description import load_rover, rover_names
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+DOCUMENTS: Final = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("[a-z]*/README.md")])
+ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+MOST_WORDS: Final = 1300  # in the README; all of it counts: text, tables, code and the addresses of links
+
+FENCE: Final = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK: Final = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+SPAN: Final = re.compile(r"`(offtrack [^`]+)`")
+HEADING: Final = re.compile(r"^#+ (.+)$", re.MULTILINE)
+
+
+def ids(documents: list[Path]) -> list[str]:
+    return [str(document.relative_to(ROOT)) for document in documents]
+
+
+def text_of(document: Path) -> str:
+    return document.read_text(encoding="utf-8")
+
+
+def blocks(document: Path, language: str) -> list[str]:
+    return [block for name, block in FENCE.findall(text_of(document)) if name == language]
+
+
+def without_code(document: Path) -> str:
+    return FENCE.sub("", text_of(document))
+
+
+def anchors(document: Path) -> set[str]:
+    """Anchors of the headings, as GitHub makes them."""
+    headings = HEADING.findall(without_code(document))
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def write_modules(document: Path, folder: Path) -> Iterator[str]:
+    """Write the Python blocks that begin with the name of their file; the names of their modules."""
+    for block in blocks(document, "python"):
+        name = re.match(r"# (\w+)\.py\n", block)
+        if name:
+            (folder / f"{name[1]}.py").write_text(block, encoding="utf-8")
+            yield name[1]
+
+
+def block_commands() -> Iterator[tuple[Path, str]]:
+    """Command lines of the shell blocks, with their documents."""
+    for document in DOCUMENTS:
+        for block in blocks(document, "sh"):
+            for line in block.replace("\\\n", " ").splitlines():
+                if line.startswith("offtrack "):
+                    yield document, line
+
+
+def parsed(words: list[str]) -> tuple[str, dict[str, Any]]:
+    """Name and parameters of the subcommand that a command line calls; nothing is run.
+
+    Raises:
+        Exception: of the parser, if the command line is wrong.
+    """
+    called: list[tuple[str, dict[str, Any]]] = []
+
+    def record(name: str, command: Any) -> None:
+        for child, nested in getattr(command, "commands", {}).items():
+            record(f"{name} {child}".strip(), nested)
+        if not hasattr(command, "commands"):
+            command.callback = lambda **parameters: called.append((name, parameters))
+
+    command = typer.main.get_command(app)
+    record("", command)
+    command.main(args=words, prog_name="offtrack", standalone_mode=False)
+    return called[0] if called else ("", {})
+
+
+def check_scenario(name: str, settings: list[str]) -> None:
+    """Load the scenario with the settings; a file that an earlier command writes does not exist yet."""
+    if Path(name).suffix != ".toml":
+        load_any_scenario(name, settings)
+
+
+def axes(vary: list[str]) -> Iterator[str]:
+    """One setting for every value of ``KEY=VALUE,VALUE``."""
+    for axis in vary:
+        key, _, values = axis.partition("=")
+        yield from (f"{key}={value}" for value in values.split(","))
+
+
+def check_study(parameters: dict[str, Any]) -> None:
+    scenario, settings = parameters["scenario"], list(parameters["settings"] or [])
+    check_scenario(scenario, settings)
+    for setting in axes([*(parameters["vary"] or []), *(parameters.get("judge_vary") or [])]):
+        check_scenario(scenario, [*settings, setting])
+
+
+def check_vehicle(name: str) -> None:
+    if name.endswith(".toml"):
+        return
+    if name in rover_names():
+        load_rover(name)
+    else:
+        load_vehicle(name)
+
+
+def check(name: str, parameters: dict[str, Any]) -> None:
+    """Check what a subcommand itself would refuse before it starts.
+
+    Raises:
+        ValueError: one line.
+    """
+    if name == "run":
+        check_scenario(parameters["scenario"], list(parameters["settings"] or []))
+    elif name in ("compare", "tune"):
+        check_study(parameters)
+        laws = parameters.get("controllers") or parameters.get("controller") or ""
+        for law in laws.split(","):
+            if law and ":" not in law:
+                resolve("trailer_steering", law, TRAILER_STEERING)
+    elif name == "reproduce":
+        names_of(parameters["name"])
+    elif name == "vehicle" and parameters["name"]:
+        check_vehicle(parameters["name"])
+    elif name == "assess":
+        check_vehicle(parameters["vehicle"])
+    elif name in ("scenarios", "keys") and parameters.get("name"):
+        assert parameters["name"] in scenario_names()
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
+def test_every_relative_link_and_picture_resolves(document: Path) -> None:
+    """Files exist, and an anchor is a heading of its document."""
+    broken = []
+    for link in LINK.findall(without_code(document)):
+        if re.match(r"[a-z]+:", link):
+            continue
+        file, _, anchor = link.partition("#")
+        target = (document.parent / file).resolve() if file else document
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    assert not broken
+
+
+def test_every_page_of_the_documentation_is_linked_from_the_readme() -> None:
+    """A page that nothing links to is not found."""
+    linked = set(LINK.findall(text_of(ROOT / "README.md")))
+    assert {f"docs/{page.name}" for page in ROOT.glob("docs/*.md")} <= linked
+
+
+def test_the_readme_is_short() -> None:
+    """Longer, it is not read."""
+    assert len(text_of(ROOT / "README.md").split()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize(("document", "line"), [pytest.param(d, line, id=line) for d, line in block_commands()])
+def test_every_command_of_a_shell_block_would_start(
+    document: Path, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Subcommand, options, scenario and keys are valid, and parts of one's own are classes of the same page."""
+    words = shlex.split(line, comments=True)[1:]
+    if "--help" in words:
+        return
+    modules = set(write_modules(document, tmp_path))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    try:
+        for module, part in re.findall(r"=(\w+):([A-Z]\w*)", line):
+            assert isinstance(resolve("part", f"{module}:{part}", {}), type)
+        check(*parsed(words))
+    finally:
+        for module in modules & set(sys.modules):
+            del sys.modules[module]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
+def test_every_command_in_the_text_is_one_with_these_options(document: Path) -> None:
+    """The text says only the beginning of a command, or has words in capitals for what the reader fills in."""
+    known = typer.main.get_command(app)
+    for span in SPAN.findall(without_code(document)):
+        command: Any = known
+        options: set[str] = set()
+        for word in span.split()[1:]:
+            if hasattr(command, "commands") and not word.startswith("-"):
+                assert word in command.commands, f"{span}: no command {word}"
+                command = command.commands[word]
+                options = {name for parameter in command.params for name in parameter.opts}
+            elif word.startswith("--"):
+                assert word in options, f"{span}: no option {word}"
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
+def test_every_python_block_compiles(document: Path) -> None:
+    """A block is one module of its own."""
+    for block in blocks(document, "python"):
+        compile(block, str(document), "exec")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
+def test_every_import_of_a_python_block_works(document: Path) -> None:
+    """Modules of the five rooms exist, and hold what is imported from them."""
+    for block in blocks(document, "python"):
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ROOMS:
+                module = importlib.import_module(str(node.module))
+                assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
+
+
+def test_the_study_of_the_documentation_is_one(tmp_path: Path) -> None:
+    """The TOML block with axes to vary is read by `offtrack sweep`."""
+    studies = [block for block in blocks(ROOT / "docs" / "trailers.md", "toml") if "[vary]" in block]
+    assert studies
+    for block in studies:
+        (tmp_path / "study.toml").write_text(block, encoding="utf-8")
+        study = load_study(tmp_path / "study.toml")
+        for case in study.cases():
+            check_scenario(case.scenario, list(case.settings))
