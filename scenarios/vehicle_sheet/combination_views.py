@@ -38,7 +38,7 @@ class CombinationDrawing:
     """A combination, its data sheet, and the scale at which it is drawn."""
 
     vehicle: Vehicle
-    facts: DataSheet
+    data: DataSheet
     scale: Scale
 
     def units(self) -> Iterator[tuple[Unit, float, Unit | None, Unit | None]]:
@@ -51,8 +51,8 @@ class CombinationDrawing:
 def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
     """Draw bodies, wheels, centres of gravity, axle and coupling loads, and chains of dimensions."""
     beyond = drawing.scale.metres(0.5)
-    ax.plot((-beyond, drawing.facts.length + beyond), (0.0, 0.0), color=INK, linewidth=1.0, zorder=1.0)
-    top = drawing.facts.height + drawing.scale.metres(0.1)
+    ax.plot((-beyond, drawing.data.length + beyond), (0.0, 0.0), color=INK, linewidth=1.0, zorder=1.0)
+    top = drawing.data.height + drawing.scale.metres(0.1)
     for unit, origin, ahead, behind in drawing.units():
         body_from_side(ax, unit, origin, ahead, behind)
         for axle in (*unit.axles, *unit.lifted_axles):
@@ -67,40 +67,40 @@ def side_view(ax: Axes, drawing: CombinationDrawing) -> None:
 
 def plan_view(ax: Axes, drawing: CombinationDrawing) -> None:
     """Draw outlines and wheels from above, the steered axles at the lock of a left turn."""
-    for (unit, origin, ahead, behind), facts in zip(drawing.units(), drawing.facts.units, strict=True):
+    for (unit, origin, ahead, behind), data in zip(drawing.units(), drawing.data.units, strict=True):
         body_from_above(ax, unit, origin, ahead, behind)
         for axle in (*unit.axles, *unit.lifted_axles):
             axle_from_above(ax, unit, origin - axle.x, axle)
         if behind is not None:
             pivot(ax, origin - (unit.hitch_x or 0.0), 0.0)
-        for one in facts.axles:
+        for one in data.axles:
             if one.reach is not None:
                 at, text = 0.5 * unit.width + drawing.scale.metres(0.1), f"±{math.degrees(one.reach):.0f}°"
                 ax.text(one.behind_front, at, text, ha="center", va="bottom", fontsize=8.0, color=TRUE)
-    half = 0.5 * drawing.facts.width
-    vertical_dimension(ax, drawing.scale, drawing.facts.length + drawing.scale.metres(0.3), -half, half)
+    half = 0.5 * drawing.data.width
+    vertical_dimension(ax, drawing.scale, drawing.data.length + drawing.scale.metres(0.3), -half, half)
 
 
 def _couplings(ax: Axes, drawing: CombinationDrawing) -> None:
     """Hitches with the load that each puts on the unit ahead."""
     arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.2, "shrinkA": 0.0, "shrinkB": 3.5}
-    for (_, origin, ahead, _), facts in zip(drawing.units(), drawing.facts.units, strict=True):
-        if ahead is None or facts.coupling_load is None:
+    for (_, origin, ahead, _), data in zip(drawing.units(), drawing.data.units, strict=True):
+        if ahead is None or data.coupling_load is None:
             continue
         z = ahead.hitch_height or 0.0
         start = z + drawing.scale.metres(0.42)
         pivot(ax, origin, z)
         ax.annotate("", (origin, z), (origin, start), arrowprops=arrow, zorder=5.2)
-        text = _tonnes(facts.coupling_load)
+        text = _tonnes(data.coupling_load)
         ax.text(origin, start + drawing.scale.metres(0.03), text, ha="center", va="bottom", fontsize=8.0, color=LOAD)
 
 
 def _axle_loads(ax: Axes, drawing: CombinationDrawing) -> None:
     """Loads of axles and groups of axles, as arrows under the ground."""
-    largest = max(axle.load for unit in drawing.facts.units for axle in unit.axles)
+    largest = max(axle.load for unit in drawing.data.units for axle in unit.axles)
     row = -drawing.scale.metres(_LOAD)
     arrow = {"arrowstyle": "-|>", "color": LOAD, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
-    for unit in drawing.facts.units:
+    for unit in drawing.data.units:
         for axle in unit.axles:
             if axle.load > 0.0:
                 length = drawing.scale.metres(_ARROW) * axle.load / largest
@@ -137,15 +137,15 @@ def _tonnes(load: float) -> str:
 
 def _dimensions(ax: Axes, drawing: CombinationDrawing) -> None:
     """Chains of dimensions: axles, hitches, overall length; and the height."""
-    length = drawing.facts.length
+    length = drawing.data.length
 
     def below(row: float) -> float:
         return -drawing.scale.metres(row)
 
-    axles = [axle.behind_front for unit in drawing.facts.units for axle in unit.axles]
-    hitches = [unit.behind_front for unit in drawing.facts.units[1:]]
+    axles = [axle.behind_front for unit in drawing.data.units for axle in unit.axles]
+    hitches = [unit.behind_front for unit in drawing.data.units[1:]]
     horizontal_dimension(ax, drawing.scale, below(_AXLES), [0.0, *sorted(axles), length])
     if hitches:
         horizontal_dimension(ax, drawing.scale, below(_HITCHES), [0.0, *hitches, length])
     horizontal_dimension(ax, drawing.scale, below(_LENGTH if hitches else _HITCHES), [0.0, length])
-    vertical_dimension(ax, drawing.scale, length + drawing.scale.metres(0.3), 0.0, drawing.facts.height)
+    vertical_dimension(ax, drawing.scale, length + drawing.scale.metres(0.3), 0.0, drawing.data.height)
