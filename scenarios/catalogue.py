@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Mapping
 from typing import Any, Final, Protocol, TypeVar
 
 from vehicle.parameter_file import nearest
@@ -67,7 +68,7 @@ PLANT: Final = {
 }
 
 
-def resolve(key: str, name: str, catalogue: dict[str, str]) -> Any:
+def resolve(key: str, name: str, catalogue: Mapping[str, str]) -> Any:
     """The class that ``name`` stands for: a catalogue entry, or ``package.module:Name`` for one's own.
 
     One's own modules are also looked for in the working directory.

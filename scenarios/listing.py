@@ -165,7 +165,7 @@ def _of_catalogue(kind: str, key: str, table: Mapping[str, str]) -> Kind:
 
     def listed() -> Iterator[Part]:
         for name in table:
-            part = catalogue.resolve(key, name, dict(table))
+            part = catalogue.resolve(key, name, table)
             options = declared_options(part) if isinstance(getattr(part, "options", None), tuple) else ()
             yield Part(kind=kind, name=name, meaning=_first_line(part), parameters=tuple(map(_parameter, options)))
 

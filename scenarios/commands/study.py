@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 COMPARE_EXAMPLES = (
     "Examples: offtrack compare roundabout --controllers none,command_steer,path_preview --off-tracking truth   "
     "offtrack compare roundabout-low-friction --controllers path_preview,mpc --off-tracking truth,viso_ot "
-    "--vary surface.friction=0.8,0.5,0.3,0.2 --seeds 1-5"
+    "--vary surface.friction=0.8,0.5,0.3,0.2 --seeds 1-5   "
+    "offtrack compare rover-slope --slip-estimators truth,ftrace_plus"
 )
 SWEEP_EXAMPLES = "Example of a STUDY.toml: the study.toml that offtrack compare writes."
 
@@ -36,17 +37,24 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the rows as JSON, an
 def compare(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
     controllers: Annotated[
-        str, typer.Option(help="Trailer steering laws, with commas between them.")
-    ] = "none,command_steer,path_preview",
-    off_tracking: Annotated[
-        str, typer.Option("--off-tracking", help="Where they have the off-tracking from, with commas between them.")
+        str | None,
+        typer.Option(
+            help="Comma-separated trailer steering laws; for a rover, values of slip_compensation.",
+            show_default="none,command_steer,path_preview; none,heading,crab",
+        ),
+    ] = None,
+    estimators: Annotated[
+        str,
+        typer.Option(
+            "--off-tracking", "--slip-estimators", help="Comma-separated off-tracking sources, or slip estimators."
+        ),
     ] = "truth",
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="The same in all runs. May be repeated.")
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of all runs. May be repeated.")
     ] = None,
     vary: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Another axis of the grid. May be repeated."),
+        typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every point is run with each.")] = "1",
     jobs: Jobs = None,
@@ -54,22 +62,25 @@ def compare(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run trailer steering laws side by side and print a table of what each of them does.
+    """Compare trailer steering laws, or a rover's slip compensations, and print a table.
 
-    Runs are made in parallel and kept as they finish: the same command goes on where an interrupted one was left.
-    Laws that do not look at the off-tracking are run once, not for each way of having it.
+    Runs are made in parallel and kept as they finish: repeat the command to continue an interrupted study. A law that
+    does not use the off-tracking runs with the first source only.
     """
-    from scenarios.catalogue import OFF_TRACKING, TRAILER_STEERING, resolve
+    from scenarios.catalogue import resolve
     from scenarios.studies.case import listed, seeds_of
     from scenarios.studies.study import Study, settings_of
+    from scenarios.studies.subject import TRAILER, subject_of
 
     with one_line_errors():
-        laws, sources = listed(controllers, "--controllers"), listed(off_tracking, "--off-tracking")
-        for law in laws:
-            resolve("--controllers", law, TRAILER_STEERING)
+        subject = subject_of(scenario)
+        chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
+        sources = listed(estimators, "--off-tracking")
+        for law in chosen if subject is TRAILER else ():
+            resolve("--controllers", law, subject.parts)
         for source in sources:
-            resolve("--off-tracking", source, OFF_TRACKING)
-        axes = {"trailer_steering": laws, "off_tracking": sources}
+            resolve("--off-tracking", source, subject.estimators)
+        axes = {subject.compared: chosen, subject.estimator: sources}
         axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
         study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
     _made(f"compare-{_short(scenario)}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "Examples: offtrack tune roundabout --controller path_preview --trials 40   "
+    "offtrack tune rover-slope --set slip_estimator=truth --trials 10   "
     "offtrack tune roundabout-low-friction --controller path_preview --trials 100 "
     "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
     "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
@@ -27,23 +28,30 @@ EXAMPLES = (
 
 def tune(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
-    controller: Annotated[str, typer.Option(help="Trailer steering law, or package.module:Name.")] = "path_preview",
-    trials: Annotated[
-        int, typer.Option(min=1, help="Finished trials to have in the end, those of before included.")
-    ] = 40,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            help="Trailer steering law or rover driver, or package.module:Name.", show_default="path_preview; path"
+        ),
+    ] = None,
+    trials: Annotated[int, typer.Option(min=1, help="Total number of finished trials, including earlier ones.")] = 40,
     objectives: Annotated[
-        str, typer.Option(help="Numbers of the summary that are to be small, with commas between them.")
-    ] = "off_tracking.true_rms_m,off_tracking.true_max_m",
+        str | None,
+        typer.Option(
+            help="Comma-separated summary metrics to minimise.",
+            show_default="true_rms_m and true_max_m of off_tracking; slip.cross_track_rms_m",
+        ),
+    ] = None,
     ranges: Annotated[
         list[str] | None,
         typer.Option(
-            "--range", metavar="NAME=LOW:HIGH", help="A parameter to tune; not given: what the law says itself."
+            "--range", metavar="NAME=LOW:HIGH", help="Parameter to tune; not given: those that the law declares."
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="The same in all runs, e.g. off_tracking=truth. May be repeated."
+            "--set", metavar="KEY=VALUE", help="Setting of all runs, e.g. off_tracking=truth. May be repeated."
         ),
     ] = None,
     vary: Annotated[
@@ -56,29 +64,40 @@ def tune(
     ] = None,
     judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging set.")] = "1-3",
     jobs: Annotated[int | None, typer.Option(min=1, help="Trials at a time.", show_default="one per core")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the search.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1,
     out: Annotated[
         Path | None,
-        typer.Option(help="Directory; its trials are gone on with.", show_default="runs/tune-SCENARIO-LAW"),
+        typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
 ) -> None:
-    """Look for the parameters of a trailer steering law that do best over a set of runs, and judge them on another.
+    """Tune the parameters of a trailer steering law or rover driver on a set of runs, and judge them on another.
 
     Trials are kept in a journal as they finish: killed or interrupted, the same command goes on. Writes tuned.toml,
     a scenario to run, journal.log, trials.csv and report.html with the trade-off between the objectives.
     """
     from scenarios.studies.files import check_study_directory, replaced
     from scenarios.studies.pool import default_jobs, run_cases
+    from scenarios.studies.subject import subject_of
     from scenarios.studies.tuning import JOURNAL, chosen, finished, objective_means, optimise, with_parameters
     from scenarios.studies.tuning_page import tuning_page
 
     with one_line_errors():
         if importlib.util.find_spec("optuna") is None:
             raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
+        subject = subject_of(scenario)
+        controller = controller or subject.part
         tuning = _tuning(
-            scenario, controller, objectives, ranges, settings, vary, seeds, judge_vary or vary, judge_seeds
+            scenario,
+            controller,
+            objectives or ",".join(subject.objectives),
+            ranges,
+            settings,
+            vary,
+            seeds,
+            judge_vary or vary,
+            judge_seeds,
         )
         directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
         if not (directory / JOURNAL).is_file():
@@ -126,17 +145,19 @@ def _tuning(
     Raises:
         ValueError: one line, for the first of them that can not be.
     """
-    from scenarios.catalogue import TRAILER_STEERING, resolve
+    from scenarios.catalogue import resolve
     from scenarios.studies.case import listed, seeds_of
     from scenarios.studies.parameters import defaults_of, ranges_of
     from scenarios.studies.study import Study, settings_of
+    from scenarios.studies.subject import subject_of
     from scenarios.studies.table import QUANTITIES
     from scenarios.studies.tuning import Tuning
     from vehicle.parameter_file import nearest
 
-    law = resolve("--controller", controller, TRAILER_STEERING)
+    subject = subject_of(scenario)
+    law = resolve("--controller", controller, subject.parts)
     found = ranges_of(controller, law, ranges or [])
-    fixed = (*settings_of(settings or [], "--set"), ("trailer_steering", controller))
+    fixed = (*settings_of(settings or [], "--set"), (subject.tuned, controller))
     sets = []
     for axes, seeds_text in ((vary, seeds), (judge_vary, judge_seeds)):
         values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes or [], "--vary")}
@@ -185,13 +206,13 @@ def _check_same(path: Path, told: str) -> None:
 
 
 def _write(tuning: Tuning, trials: list[Trial], best: Trial, directory: Path) -> None:
-    from scenarios.options.scenario import load_scenario
+    from scenarios.options.scenario import load_any_scenario
     from scenarios.studies.files import replaced
     from scenarios.studies.tuning import with_parameters
 
     case = with_parameters(tuning.judged_on, best.parameters).cases()[0]
     fixed = [f"{key}={value}" for key, value in case.fixed]
-    replaced(directory / "tuned.toml", load_scenario(case.scenario, fixed).to_toml())
+    replaced(directory / "tuned.toml", load_any_scenario(case.scenario, fixed).to_toml())
     lines = [",".join(["trial", *tuning.ranges, *tuning.objectives])]
     for trial in trials:
         numbers = [*(trial.parameters[name] for name in tuning.ranges), *trial.values]
@@ -209,6 +230,8 @@ def _plain(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]]) ->
 
 
 def _print(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]], directory: Path) -> None:
+    from scenarios.studies.subject import subject_of
+
     table = Table(title=f"{tuning.law} on runs that no trial has seen", title_justify="left")
     table.add_column("")
     for name in tuning.objectives:
@@ -218,6 +241,6 @@ def _print(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]], di
     console = Console()
     console.print(table)
     for name, value in best.parameters.items():
-        console.print(f"steering.{name} = {value:.4g}", highlight=False)
+        console.print(f"{subject_of(tuning.tuned_on.scenario).parameters}.{name} = {value:.4g}", highlight=False)
     console.print(f"Run it: offtrack run {directory / 'tuned.toml'}", soft_wrap=True, highlight=False)
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)

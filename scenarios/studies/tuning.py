@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.study import Study
+from scenarios.studies.subject import subject_of
 
 if TYPE_CHECKING:
     import optuna
@@ -126,9 +127,10 @@ def chosen(trials: Sequence[Trial]) -> Trial:
 
 
 def with_parameters(study: Study, parameters: Mapping[str, float]) -> Study:
-    """The study with the law's parameters set."""
-    steering: Settings = tuple((f"steering.{name}", repr(value)) for name, value in parameters.items())
-    return Study(scenario=study.scenario, fixed=(*study.fixed, *steering), axes=study.axes, seeds=study.seeds)
+    """The study with parameters of the tuned part set."""
+    table = subject_of(study.scenario).parameters
+    chosen: Settings = tuple((f"{table}.{name}", repr(value)) for name, value in parameters.items())
+    return Study(scenario=study.scenario, fixed=(*study.fixed, *chosen), axes=study.axes, seeds=study.seeds)
 
 
 def objective_means(objectives: Sequence[str], outcomes: Sequence[Outcome]) -> tuple[float, ...]:
@@ -143,8 +145,8 @@ def _number(outcome: Outcome, objective: str) -> float:
 
 def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """A trial: the runs of the tuning set with the parameters that it suggests."""
-    from scenarios.loop.run import run
-    from scenarios.options.scenario import load_scenario
+    from scenarios.loop.run import run_any
+    from scenarios.options.scenario import load_any_scenario
     from scenarios.results.summary import summary
 
     parameters = {
@@ -153,7 +155,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     }
     outcomes = []
     for case in with_parameters(tuning.tuned_on, parameters).cases():
-        result = run(load_scenario(case.scenario, case.settings), case.seed)
+        result = run_any(load_any_scenario(case.scenario, case.settings), case.seed)
         outcomes.append(Outcome(case=case, numbers=summary(result)))
     return objective_means(tuning.objectives, outcomes)
 
