@@ -23,7 +23,7 @@ import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.hitch_motion import hitch_motion
-from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
 from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
@@ -77,7 +77,7 @@ class CommandSteer(SteeringLaw[CommandSteerMemory]):
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         wanted = last = np.array(memory.demand)
         if abs(signals.speed) >= _CREEP:
-            lead = held(hitch_motion(self._combination, signals).direction)
+            lead = limited_direction(hitch_motion(self._combination, signals).direction)
             wanted = self._axles.steer_angles(lead, -math.atan(self._beyond * math.tan(lead)), 0.0)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return CommandSteerMemory(tick, tuple(demand.tolist())), SteerCommand(angles=demand)

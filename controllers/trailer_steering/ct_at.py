@@ -25,7 +25,7 @@ import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
-from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.reckoned_path import ReckonedPath, moved, straight_behind
 from estimators.estimates import OffTracking
@@ -96,7 +96,7 @@ class CtAt(SteeringLaw[CtAtMemory]):
         wanted = last = np.array(memory.demand)
         required = self._required_direction(path.in_trailer(), motion) if motion.v_x >= _CREEP else None
         if required is not None:
-            wanted = self._axles.steer_angles(held(motion.direction), held(required), 0.0)
+            wanted = self._axles.steer_angles(limited_direction(motion.direction), limited_direction(required), 0.0)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return CtAtMemory(tick, path, tuple(demand.tolist())), SteerCommand(angles=demand)
 

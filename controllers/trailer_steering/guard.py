@@ -1,12 +1,13 @@
-"""One answer to estimates that can not be relied on, around any steering law that uses them.
+"""Guard against unreliable estimates, around any steering law that uses them.
 
-An estimate that is lost, degraded beyond use, too old, or at odds with the wheels is passed over: for a while, and a
-way, the law goes on with the last good one. After that the trailer is steered without any: the axles go over to the
-fallback; so it is where the first good one does not come when the path is long enough. An implausible jump is passed
-over in the same way, until what comes after it agrees with itself for some time. Either way the law then takes over
-again. At every change of hands the axles stay where they are: the difference between the two hands is added to what the
-new one asks for, and given up at a slow rate that quickens. So there is no jerk, and the new hand's own moves are made
-in full: a law whose moves were held back would swing.
+An estimate that is lost, too uncertain, too old, or in conflict with the wheels is ignored: for some time and distance
+the law continues with the last good one. After that the fallback steers, without any estimate; also if no good one has
+come when the path is long enough. After an implausible jump, estimates are ignored until later ones agree with each
+other for some time. Then the law takes over again.
+
+At every handover between law and fallback the axles keep their angles: the difference between the two demands is added
+to the new one and reduced at a rate that starts low and grows. The angles have no step, and the demands of the new law
+are followed in full; a law that is held back would oscillate.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from controllers.trailer_steering.command_steer import CommandSteerMemory
 from controllers.trailer_steering.fallback import Fallback, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
 from controllers.trailer_steering.limits import reachable
-from controllers.trailer_steering.plausibility import Limits, Way, jumps, moved_on, moves_as_told, usable
+from controllers.trailer_steering.plausibility import Limits, Travel, jumps, motion_agrees, moved_on, usable
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
-_QUICKENING = 1.0  # in which the rate of a change of hands grows by as much as it began with [s]
-_HELD_WAY = 0.25  # of the follow distance: further on, where the hitch goes is a guess [-]
-_GAP = 0.3  # two frames may be missing at any speed [s]
+_GROWTH_TIME = 1.0  # in which the rate of a handover grows by its initial value [s]
+_HOLD_DISTANCE = 0.25  # of the follow distance; beyond it the path of the hitch is a guess [-]
+_GAP = 0.3  # accepted at any speed: two missing frames [s]
 LIMITS: Final = {
     "hold": (0.0, 1.5, "s"),
     "fade_rate": (0.001, 1.0, "rad/s"),
@@ -43,18 +44,18 @@ LIMITS: Final = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degradation:
-    """When an estimate is not relied on, and what happens then.
+    """Criteria for ignoring estimates, and the response.
 
     Raises:
         ValueError: if a value is outside its limits.
     """
 
-    hold: float = 1.0  # how long the last good estimate is steered by, for a quarter of the follow distance at most [s]
-    fade_rate: float = 0.05  # at which a change of hands begins; assumed: 3 deg/s let go of a turn in seconds [rad/s]
-    max_age: float = 0.6  # of an estimate when it arrives: 2 m of way at 10 km/h [s]
-    max_std: float = 0.15  # of a degraded one: the most that a path follower may be off [m]
-    max_jump: float = 0.25  # beside what is expected [m]
-    recovery: float = 0.5  # how long estimates must be good before they are relied on again [s]
+    hold: float = 1.0  # use of the last good estimate, for a quarter of the follow distance at most [s]
+    fade_rate: float = 0.05  # initial rate of a handover; assumed: 3 deg/s end a turn within seconds [rad/s]
+    max_age: float = 0.6  # of an estimate on arrival: 2 m of travel at 10 km/h [s]
+    max_std: float = 0.15  # of a degraded estimate: the largest acceptable error of a path follower [m]
+    max_jump: float = 0.25  # deviation from the expected value [m]
+    recovery: float = 0.5  # for which estimates must be good before they are used again [s]
     fallback: FallbackName = "command_steer"
 
     def __post_init__(self) -> None:
@@ -63,48 +64,48 @@ class Degradation:
 
     @property
     def limits(self) -> Limits:
-        """What an estimate must keep to."""
+        """Limits of a single estimate."""
         return Limits(self.max_age, self.max_std, self.max_jump)
 
 
 class GuardMemory(NamedTuple):
-    """What is carried from one step to the next."""
+    """State of the guard between two steps."""
 
     law: Any  # memory of the law
     fallback: CommandSteerMemory
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
-    way: Way
-    sound: OffTracking | None  # newest that agrees with the one before
-    sound_since: int | None  # since when all of them have been [ticks]; None: the newest is not
-    good: OffTracking | None  # newest that the law may steer by
-    good_at: int  # when it arrived, or the first one was due [ticks]
-    rolled: float  # without a first one [m]
-    trusted: bool  # whether sound ones are good
-    steers: bool  # the law, rather than the fallback
-    changed_at: int  # when the axles last changed hands [ticks]
-    apart: tuple[float, ...]  # what is left of the difference between the two hands then [rad]
+    travel: Travel
+    sound: OffTracking | None  # newest estimate that agrees with the one before
+    sound_since: int | None  # since when all estimates have agreed [ticks]; None: the newest does not
+    good: OffTracking | None  # newest estimate for the law
+    good_at: int  # its arrival, or the time when the first one was due [ticks]
+    rolled: float  # distance without a first good estimate [m]
+    trusted: bool  # True if sound estimates are used
+    steers: bool  # True: the law steers; False: the fallback
+    changed_at: int  # last handover [ticks]
+    difference: tuple[float, ...]  # remaining difference between the two demands at that handover [rad]
 
 
 class Guarded:
-    """A steering law that is given good estimates only, and is relieved when there are none."""
+    """A steering law that receives good estimates only; without any the fallback steers."""
 
     def __init__(
         self, law: TrailerSteering[Any], trailer: TrailerGeometry, combination: Combination, degradation: Degradation
     ) -> None:
-        """The law for a trailer, with steered axles, of a combination."""
+        """Guard a ``law`` for a trailer with steered axles."""
         self.law = law
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
         self._fallback = Fallback(trailer, combination=combination, name=degradation.fallback)
 
     def init(self) -> GuardMemory:
-        """Nothing seen yet, wheels straight."""
+        """Memory without any estimate, wheels straight."""
         return GuardMemory(
             law=self.law.init(),
             fallback=self._fallback.init(),
             tick=None,
             demand=(0.0,) * len(self._trailer.steered_distances),
-            way=Way(),
+            travel=Travel(),
             sound=None,
             sound_since=None,
             good=None,
@@ -113,7 +114,7 @@ class Guarded:
             trusted=True,
             steers=True,
             changed_at=-1,
-            apart=(0.0,) * len(self._trailer.steered_distances),
+            difference=(0.0,) * len(self._trailer.steered_distances),
         )
 
     def step(
@@ -122,37 +123,37 @@ class Guarded:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         motion = hitch_motion(self._combination, signals)
-        newest = memory.way.newest
+        newest = memory.travel.newest
         if off_tracking is not None and (newest is None or off_tracking.tick > newest.tick):
-            memory = self._judged(memory, tick, off_tracking, motion)
-        memory = self._in_hands(memory, tick, motion, elapsed)
-        law, wanted = self.law.step(memory.law, tick, _given(memory, off_tracking), signals)
-        fallback, relieving = self._fallback.step(memory.fallback, tick, None, signals)
-        target = wanted.angles if memory.steers else relieving.angles
+            memory = self._checked(memory, tick, off_tracking, motion)
+        memory = self._with_handover(memory, tick, motion, elapsed)
+        law, command = self.law.step(memory.law, tick, _for_law(memory, off_tracking), signals)
+        fallback, substitute = self._fallback.step(memory.fallback, tick, None, signals)
+        target = command.angles if memory.steers else substitute.angles
         memory = self._steered(memory, tick, target, elapsed)
         return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
 
-    def _judged(self, memory: GuardMemory, tick: int, seen: OffTracking, motion: HitchMotion) -> GuardMemory:
-        """Memory with a new estimate, which is good if it can be believed and those before it could."""
+    def _checked(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
+        """Memory with a new estimate, which is good if it and those before it are plausible."""
         d, length = self._degradation, self._trailer.follow_distance
-        way = moved_on(memory.way, seen, motion, length)
-        memory = memory._replace(way=way)
-        if not (usable(seen, tick, d.limits) and moves_as_told(seen, way, motion, length)):
+        travel = moved_on(memory.travel, estimate, motion, length)
+        memory = memory._replace(travel=travel)
+        if not (usable(estimate, tick, d.limits) and motion_agrees(estimate, travel, motion, length)):
             return memory._replace(sound_since=None)
         before = memory.sound
-        comparable = before is not None and (seen.tick - before.tick) * TICK <= d.hold
-        if before is not None and comparable and jumps(before, seen, length, d.limits):
-            return memory._replace(sound=seen, sound_since=None, trusted=False)
+        comparable = before is not None and (estimate.tick - before.tick) * TICK <= d.hold
+        if before is not None and comparable and jumps(before, estimate, length, d.limits):
+            return memory._replace(sound=estimate, sound_since=None, trusted=False)
         since = tick if memory.sound_since is None else memory.sound_since
-        memory = memory._replace(sound=seen, sound_since=since)
+        memory = memory._replace(sound=estimate, sound_since=since)
         if not memory.trusted and (tick - since) * TICK >= d.recovery:
             memory = memory._replace(trusted=True, steers=True, changed_at=tick)
-        return memory._replace(good=seen, good_at=tick) if memory.trusted else memory
+        return memory._replace(good=estimate, good_at=tick) if memory.trusted else memory
 
-    def _in_hands(self, memory: GuardMemory, tick: int, motion: HitchMotion, elapsed: float) -> GuardMemory:
-        """Memory after the fallback has been given the axles, if the last good estimate says nothing any more.
+    def _with_handover(self, memory: GuardMemory, tick: int, motion: HitchMotion, elapsed: float) -> GuardMemory:
+        """Memory after a handover to the fallback, if the last good estimate is out of date.
 
-        The first can not be there before the path reaches back to the follow point.
+        The first estimate is due when the path reaches back to the follow point.
         """
         if not memory.steers:
             return memory
@@ -163,26 +164,26 @@ class Guarded:
             if (tick - due) * TICK <= self._degradation.hold + _GAP:
                 return memory
             return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
-        held, far = (tick - memory.good_at) * TICK, _HELD_WAY * self._trailer.follow_distance
-        if held <= self._degradation.hold and (held <= _GAP or held * abs(motion.v_x) <= far):
+        held, limit = (tick - memory.good_at) * TICK, _HOLD_DISTANCE * self._trailer.follow_distance
+        if held <= self._degradation.hold and (held <= _GAP or held * abs(motion.v_x) <= limit):
             return memory
         return memory._replace(steers=False, trusted=False, sound_since=None, changed_at=tick)
 
     def _steered(self, memory: GuardMemory, tick: int, target: FloatArray, elapsed: float) -> GuardMemory:
-        """Memory with a new demand: the target, and what is left of the difference at the last change of hands."""
-        last, t, apart = np.array(memory.demand), self._trailer, np.array(memory.apart)
+        """Memory with a new demand: the target plus the remaining difference of the last handover."""
+        last, difference = np.array(memory.demand), np.array(memory.difference)
         if tick == memory.changed_at:
-            apart = last - target
-        elif apart.any():
-            quicker = 1.0 + (tick - memory.changed_at) * TICK / _QUICKENING
-            given_up = self._degradation.fade_rate * quicker * elapsed
-            apart -= np.clip(apart, -given_up, given_up)
-        demand = reachable(t, last, target + apart, elapsed)
-        return memory._replace(demand=tuple(demand.tolist()), apart=tuple(apart.tolist()))
+            difference = last - target
+        elif difference.any():
+            growth = 1.0 + (tick - memory.changed_at) * TICK / _GROWTH_TIME
+            reduction = self._degradation.fade_rate * growth * elapsed
+            difference -= np.clip(difference, -reduction, reduction)
+        demand = reachable(self._trailer, last, target + difference, elapsed)
+        return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist()))
 
 
-def _given(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:
-    """What the law is told: the newest good estimate, or that there is none."""
+def _for_law(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:
+    """Estimate for the law: the newest good one, or the newest one marked as lost."""
     if memory.steers and memory.good is not None:
         return memory.good
     return newest if newest is None else replace(newest, health=Health.LOST)

@@ -1,11 +1,11 @@
 """High-speed steering: optimal state feedback against off-tracking and lateral acceleration, scheduled over speed.
 
-The state comes from the combination's own sensors through a Kalman filter; the path between hitch and follow point from
-the estimate of the off-tracking, brought up to now by dead reckoning (``lateral_design`` has the model and the cost).
+A Kalman filter estimates the state from the combination's own sensors. The path between hitch and follow point comes
+from the off-tracking estimate, carried on to the present by dead reckoning (``lateral_design`` has model and cost).
 
-A trailer that is steered so cuts the corner of a quick change of lane: it moves aside less sharply, and does not swing
-beyond. At low speed, where articulations are large, the linear law has no meaning; it fades in over a band of speeds,
-below which a trailer is damped well enough by itself, and runs hardly wide of its path.
+In a quick lane change the trailer then cuts the corner: its lateral motion is smoother and does not overshoot. At low
+speed, with large articulations, the linear law is not valid. It fades in over a band of speeds; below it a trailer is
+well damped by itself, and the law leaves its axles straight.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 
-_MOST_PERIODS = 5  # that the filter makes up for in a step; after a longer pause it starts from what is read
+_MOST_PERIODS = 5  # that the filter catches up in a step; after a longer pause it restarts from the readings
 
 
 class LqrMemory(NamedTuple):
-    """What the law carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
-    seen: int  # tick of the newest estimate in the path
+    estimate_tick: int  # of the newest estimate in the path
     path: ReckonedPath
-    motion: tuple[float, ...]  # the filter's state
+    motion: tuple[float, ...]  # state of the filter
     demand: float  # last angle of the actuators [rad]
 
 
@@ -82,11 +82,11 @@ class Lqr(SteeringLaw[LqrMemory]):
 
     def init(self) -> LqrMemory:
         """Straight road behind, wheels straight."""
-        still = (0.0,) * len(self._gains[0].driven)
+        still = (0.0,) * len(self._gains[0].input)
         return LqrMemory(None, -1, straight_behind(self._trailer.follow_distance), still, 0.0)
 
     def authority(self, speed: float) -> float:
-        """Share of the law at this speed [m/s], 0 to 1."""
+        """Share of the law at a speed [m/s], 0 to 1."""
         low, high = self._band
         return max(0.0, min(1.0, (speed - low) / (high - low)))
 
@@ -97,15 +97,15 @@ class Lqr(SteeringLaw[LqrMemory]):
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         motion = self._filtered(memory, elapsed, signals)
         path = moved(memory.path, tick, hitch_motion(self._combination, signals, float(motion[0])), elapsed)
-        seen = memory.seen
-        if off_tracking is not None and off_tracking.health is not Health.LOST and off_tracking.tick > seen:
-            path, seen = corrected(path, off_tracking), off_tracking.tick
+        newest = memory.estimate_tick
+        if off_tracking is not None and off_tracking.health is not Health.LOST and off_tracking.tick > newest:
+            path, newest = corrected(path, off_tracking), off_tracking.tick
         demand = self._demand(memory.demand, self._wanted(signals.speed, motion, path), elapsed)
-        memory = LqrMemory(tick, seen, path, tuple(motion.tolist()), demand)
+        memory = LqrMemory(tick, newest, path, tuple(motion.tolist()), demand)
         return memory, SteerCommand(angles=self._ratios * demand)
 
     def _filtered(self, memory: LqrMemory, elapsed: float, signals: CombinationSignals) -> FloatArray:
-        """The motion now: lateral speed, yaw rates, articulations, trailer steer, driver's steer and its rate."""
+        """Motion now: lateral speed, yaw rates, articulations, trailer steer, driver's steer and its rate."""
         own = float(np.mean(signals.angles / self._ratios))
         read = np.concatenate([signals.yaw_rates, signals.articulation, [own, signals.steer]])
         periods = round(elapsed / PERIOD)
@@ -113,20 +113,20 @@ class Lqr(SteeringLaw[LqrMemory]):
             return np.concatenate([[0.0], read, [0.0]])
         gains, motion = at_speed(self._gains, signals.speed), np.array(memory.motion)
         for _ in range(periods):
-            motion = gains.propagation @ motion + gains.driven * memory.demand + gains.innovation @ read
+            motion = gains.propagation @ motion + gains.input * memory.demand + gains.innovation @ read
         return motion
 
     def _wanted(self, speed: float, motion: FloatArray, path: ReckonedPath) -> float:
-        """The angle that is optimal now [rad]."""
+        """Optimal angle [rad]."""
         share = self.authority(speed)
         if share == 0.0:
             return 0.0
         behind = path.in_trailer()
-        beside = np.interp(-self._nodes, -behind[:, 0], behind[:, 1])
-        state = np.concatenate([motion, beside])
+        offsets = np.interp(-self._nodes, -behind[:, 0], behind[:, 1])
+        state = np.concatenate([motion, offsets])
         return -share * float(at_speed(self._gains, speed).feedback @ state)
 
     def _demand(self, last: float, wanted: float, elapsed: float) -> float:
-        """The wanted angle as far as the actuators get [rad]."""
+        """The wanted angle within reach of the actuators [rad]."""
         reach, limit = self._trailer.max_steer_rate * elapsed, self._trailer.max_steer
         return max(-limit, min(limit, max(last - reach, min(last + reach, wanted))))

@@ -1,14 +1,17 @@
-"""Path-following trailer steering from the measured hitch path alone; nothing of the tractor is used.
+"""Path-following trailer steering from the measured hitch path alone, without data of the tractor.
 
-The estimate holds the way of the hitch from the follow point to the hitch, in the trailer's frame. Its offset and
-direction beside the follow point say where the follow point has to go, its newest end where the hitch goes; the
-trailer's kinematics then leave one angle for every axle. Three things make it good enough to be closed in a loop: the
-estimate, 0.1 to 0.2 s old, is carried on to the moment when the axles will have answered; the slip of the axles is
-estimated and given to them, its inertial part beforehand; an integral over the distance takes what is left.
+The estimate contains the path of the hitch from the follow point to the hitch, in the trailer's frame. The path's
+offset and direction at the follow point give the required direction of the follow point; its newest end gives the
+direction of the hitch. The trailer's kinematics then determine the angle of every axle. Three measures allow the loop
+to be closed:
 
-Until the buffer reaches back to the follow point there is no path to follow, but the slip is seen already: the axles
-take it away, so that the trailer does not begin beside its path. At speed the trailer's own dynamics, which a rolling
-trailer's kinematics know nothing of, are as slow as the estimate is old: the law hands over to straight wheels.
+- the estimate, 0.1 to 0.2 s old, is predicted to the time when the axles will have answered;
+- the slip of the axles is estimated and compensated, its inertial part by feedforward;
+- an integral over the distance removes the rest.
+
+Until the buffer reaches back to the follow point there is no path to follow, but the slip is already measured: the
+axles compensate it, so that the trailer starts on its path. At speed the trailer's dynamics, which are not part of
+rolling kinematics, are as slow as the age of the estimate: the law fades to straight wheels.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
 from estimators.estimates import Health, OffTracking
@@ -30,22 +33,22 @@ from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 from vehicle.polyline import arc_length
 
-_HALF_PERIOD = 10  # a demand acts for 20 ms; it is made for the middle of them [ticks]
-_CREEP = 0.2  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
-_MEASURABLE = 0.5  # slower than this the odometry's noise of some mm a frame is all that a slip shows [m/s]
-_HISTORY = 3000  # of the steer encoders: age of an estimate and a gap in them, with room for slow cameras [ticks]
-_OLDEST = 2000  # an estimate says nothing of where the trailer is after that, and the axles stay where they are [ticks]
-_REACH = 0.75  # half window of the fit to the path beside the follow point [m]
-_CROSSOVER = 3.5  # of the loop at most: age of the estimate, steering and tyres leave no phase beyond [rad/s]
-_SLIP_TIME = 0.2  # two estimates: slip that is taken from one alone makes the axles restless at speed [s]
-_MOST_BIAS = 0.1  # of the integral; no slip that the estimate of it leaves is larger [rad]
-# The loop with its 0.3 s of delay is well damped at 30 km/h and swings on at 40 km/h: the law is whole up to the one
-# and gone at the other [m/s].
-_WHOLE, _GONE = 7.0, 11.0
+_HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
+_CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
+_MEASURABLE = 0.5  # below this speed the odometry's noise of some mm per frame hides the slip [m/s]
+_HISTORY = 3000  # of the steer encoders: age of an estimate and a gap, with margin for slow cameras [ticks]
+_OLDEST = 2000  # age at which an estimate is useless and the axles keep their angles [ticks]
+_REACH = 0.75  # half window of the fit to the path at the follow point [m]
+_CROSSOVER = 3.5  # upper limit: age of the estimate, steering and tyres leave no phase above [rad/s]
+_SLIP_TIME = 0.2  # two estimates; slip measured from a single one is too noisy at speed [s]
+_MOST_BIAS = 0.1  # of the integral; the remaining slip is never larger [rad]
+# The loop with its delay of 0.3 s is well damped at 30 km/h and oscillates at 40 km/h: full authority up to about the
+# first speed, none from about the second on [m/s].
+_FULL_UP_TO, _NONE_FROM = 7.0, 11.0
 
 
 class Target(NamedTuple):
-    """The path beside the follow point, in the trailer's frame."""
+    """The path at the follow point, in the trailer's frame."""
 
     offset: float  # + when it lies left [m]
     direction: float  # + left [rad]
@@ -53,10 +56,10 @@ class Target(NamedTuple):
 
 
 class PathPreviewMemory(NamedTuple):
-    """What the controller carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
-    seen: OffTracking | None  # newest usable estimate
+    estimate: OffTracking | None  # newest usable one
     history: SteerHistory
     demand: tuple[float, ...]  # last command [rad]
     slip: float  # mean slip of the axles at that estimate [-]
@@ -65,7 +68,7 @@ class PathPreviewMemory(NamedTuple):
 
 
 class PathPreview(SteeringLaw[PathPreviewMemory]):
-    """The axle angles that bring the follow point onto the path of the hitch, and keep it there."""
+    """Axle angles that bring the follow point onto the path of the hitch and keep it there."""
 
     options: ClassVar[tuple[Option, ...]] = (
         Option("gain", 0.77, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
@@ -101,9 +104,11 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathPreviewMemory:
-        """Nothing seen yet, wheels straight."""
+        """Memory without any estimate, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return PathPreviewMemory(tick=None, seen=None, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0)
+        return PathPreviewMemory(
+            tick=None, estimate=None, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0
+        )
 
     def step(
         self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
@@ -112,82 +117,82 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         memory = memory._replace(tick=tick, history=recorded(memory.history, signals, _HISTORY))
         if off_tracking is not None and self._usable(off_tracking):
-            memory = self._noticed(memory, off_tracking)
+            memory = self._with_estimate(memory, off_tracking)
         memory, wanted = self._wanted(memory, tick, elapsed)
         demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _usable(self, seen: OffTracking) -> bool:
-        """Whether the estimate is good, or without health for no other reason than that its path is short yet."""
-        return seen.health is not Health.LOST or self._target(seen.path) is None
+    def _usable(self, estimate: OffTracking) -> bool:
+        """True if the estimate is good, or lost only because its path is still short."""
+        return estimate.health is not Health.LOST or self._target(estimate.path) is None
 
-    def _noticed(self, memory: PathPreviewMemory, seen: OffTracking) -> PathPreviewMemory:
-        """Memory with a usable estimate; a new one shows how much the axles slipped on the way to it."""
-        before = memory.seen
-        if before is not None and seen.tick <= before.tick:
+    def _with_estimate(self, memory: PathPreviewMemory, estimate: OffTracking) -> PathPreviewMemory:
+        """Memory with a usable estimate; a new one gives the slip of the axles since the one before."""
+        before = memory.estimate
+        if before is not None and estimate.tick <= before.tick:
             return memory
-        inertial, other = self._inertial_slip(seen, self._target(seen.path)), memory.other_slip
+        inertial, other = self._inertial_slip(estimate, self._target(estimate.path)), memory.other_slip
         if before is not None:
-            other += self._share(before, seen) * (self._measured_slip(memory, before, seen) - inertial - other)
-        return memory._replace(seen=seen, slip=inertial + other, other_slip=other)
+            other += self._share(before, estimate) * (self._measured_slip(memory, before, estimate) - inertial - other)
+        return memory._replace(estimate=estimate, slip=inertial + other, other_slip=other)
 
-    def _share(self, before: OffTracking, seen: OffTracking) -> float:
-        """Weight of a new measurement of slip against the old ones: of the way made since the estimate before."""
-        interval = (seen.tick - before.tick) * TICK
-        if seen.v_x < _MEASURABLE or interval > _OLDEST * TICK:
+    def _share(self, before: OffTracking, estimate: OffTracking) -> float:
+        """Weight of a new slip measurement against the old ones, by the distance since the last estimate."""
+        interval = (estimate.tick - before.tick) * TICK
+        if estimate.v_x < _MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
-        return 1.0 - math.exp(-interval / max(self._slip_distance / seen.v_x, _SLIP_TIME))
+        return 1.0 - math.exp(-interval / max(self._slip_distance / estimate.v_x, _SLIP_TIME))
 
-    def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, seen: OffTracking) -> float:
+    def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, estimate: OffTracking) -> float:
         """Mean slip of the axles [-] between two estimates."""
-        # The velocities are means over the last frame: the angles of its middle belong to them.
-        angles = angles_at(memory.history, np.array([0.5 * (before.tick + seen.tick)]))[0]
-        v_x = max(seen.v_x, _MEASURABLE)
-        return self._axles.mean_slip(v_x, seen.v_y, seen.yaw_rate, angles)
+        # The velocities are means over the last frame interval; the angles at its middle belong to them.
+        angles = angles_at(memory.history, np.array([0.5 * (before.tick + estimate.tick)]))[0]
+        v_x = max(estimate.v_x, _MEASURABLE)
+        return self._axles.mean_slip(v_x, estimate.v_y, estimate.yaw_rate, angles)
 
     def _wanted(self, memory: PathPreviewMemory, tick: int, elapsed: float) -> tuple[PathPreviewMemory, FloatArray]:
         """The angles wanted now [rad], not yet limited in rate."""
-        last, seen = np.array(memory.demand), memory.seen
-        if seen is None or tick - seen.tick > _OLDEST or seen.v_x < _CREEP:
+        last, estimate = np.array(memory.demand), memory.estimate
+        if estimate is None or tick - estimate.tick > _OLDEST or estimate.v_x < _CREEP:
             return memory, last
         until = tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD
-        ahead = self._predictor.ahead(seen, memory.slip, memory.history, last, until)
-        target = self._target(ahead.frame.inverse().apply(seen.path))
-        share = min(1.0, max(0.0, (_GONE - seen.v_x) / (_GONE - _WHOLE)))
+        ahead = self._predictor.ahead(estimate, memory.slip, memory.history, last, until)
+        target = self._target(ahead.frame.inverse().apply(estimate.path))
+        share = min(1.0, max(0.0, (_NONE_FROM - estimate.v_x) / (_NONE_FROM - _FULL_UP_TO)))
         if target is None:
             return memory, share * self._axles.slip_angles(memory.slip)
-        slip = memory.other_slip + self._inertial_slip(seen, target)
-        bias = self._integrated(memory, share * target.offset * seen.v_x * elapsed)
-        gain = min(self._gain, _CROSSOVER / seen.v_x)
+        slip = memory.other_slip + self._inertial_slip(estimate, target)
+        bias = self._integrated(memory, share * target.offset * estimate.v_x * elapsed)
+        gain = min(self._gain, _CROSSOVER / estimate.v_x)
         follow_direction = target.direction + math.atan(gain * target.offset + bias)
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
         return memory._replace(bias=bias), share * angles
 
     def _target(self, path: FloatArray) -> Target | None:
-        """Where a path (n, 2) passes the follow point; None if it does not reach back that far."""
+        """The point of a path (n, 2) at the follow point; None if it does not reach back that far."""
         s = arc_length(path)
         passed = crossing(path, s, -self._trailer.follow_distance)
         if passed is None:
             return None
-        beside = tangent(path, s, passed.s, _REACH)
-        return Target(passed.y, held(beside.direction), beside.curvature)
+        tangent_there = tangent(path, s, passed.s, _REACH)
+        return Target(passed.y, limited_direction(tangent_there.direction), tangent_there.curvature)
 
-    def _inertial_slip(self, seen: OffTracking, target: Target | None) -> float:
-        """Mean slip [-] that carries the trailer round, with its follow point at the target; 0 without one.
+    def _inertial_slip(self, estimate: OffTracking, target: Target | None) -> float:
+        """Mean slip [-] due to lateral acceleration, with the follow point at the target; 0 without one.
 
-        The moment of a trailer's inertia about the hitch is that of its mass at the centre of percussion; loaded
-        semitrailers have their axles about there. Lateral acceleration is linear along the axis, as the direction is.
+        The moment of a trailer's inertia about the hitch is that of its mass at the centre of percussion, close to the
+        axles of a loaded semitrailer. Lateral acceleration is linear along the axis, as the direction is.
         """
         if target is None:
             return 0.0
-        speed = math.hypot(seen.v_x, seen.v_y)
-        at_hitch = speed * (seen.hitch_direction_rate + seen.yaw_rate)
+        speed = math.hypot(estimate.v_x, estimate.v_y)
+        at_hitch = speed * (estimate.hitch_direction_rate + estimate.yaw_rate)
         at_follow_point = speed**2 * target.curvature
         share = self._axles.centre / self._trailer.follow_distance
         return -self._compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
 
     def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
-        """The integral part [rad] after ``area`` [m2] more beside the path; it waits while no axle can steer more."""
+        """The integral part [rad] after ``area`` [m2] more of offset times distance; it waits at full steer."""
         if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
             return memory.bias
         return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._integral * area))

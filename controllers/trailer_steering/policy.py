@@ -1,13 +1,13 @@
-"""A trained policy as a steering law: a small network of plain arrays, with no learning framework behind it.
+"""A trained policy as a steering law: a small network of plain arrays, without a learning framework.
 
-The network was trained in the environment ``TrailerSteering`` and is given here what it was given there: the newest
-estimate, held until the next, and the combination's own sensors. A file holds, as ``.npz``,
+The network was trained in the environment ``TrailerSteering`` and receives the same inputs as there: the newest
+estimate, constant until the next one, and the combination's own sensors. A ``.npz`` file contains
 
     W0, b0, W1, b1 ...   weights (n_out, n_in) and biases (n_out,), layer by layer, tanh between them
-    mean, scale          (n_features,) what is taken off every feature, and what the rest is divided by
+    mean, scale          (n_features,) subtracted from every feature, and divisor of the difference
     features             (n_features,) their names, in order
 
-The last layer's result within -1 .. 1 is the demanded angle over the actuators' limit.
+The output of the last layer, clipped to -1 .. 1, is the demanded angle over the actuators' limit.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from vehicle.option import Option
 from vehicle.polyline import arc_length
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
-AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: where along the path from the follow point to the hitch one looks
+AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: points on the path from the follow point to the hitch
 
 
 class Network(NamedTuple):
-    """A multilayer perceptron and the scaling of what goes in."""
+    """A multilayer perceptron and the scaling of its inputs."""
 
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
@@ -45,7 +45,7 @@ class Network(NamedTuple):
     features: tuple[str, ...]
 
     def __call__(self, features: FloatArray) -> FloatArray:
-        """The action, within -1 .. 1, on features (n_features,), or the actions on rows of them."""
+        """The action, within -1 .. 1, for features (n_features,), or the actions for rows of them."""
         values = (features - self.mean) / self.scale
         for weights, biases in zip(self.weights[:-1], self.biases[:-1], strict=True):
             values = np.tanh(values @ weights.T + biases)
@@ -53,12 +53,12 @@ class Network(NamedTuple):
 
 
 def shipped_networks() -> tuple[str, ...]:
-    """Names of the networks that come with the program; what each was trained by stands beside it as ``.json``."""
+    """Names of the networks of the package; a ``.json`` file of the same name has the training parameters."""
     return tuple(sorted(file.name.removesuffix(".npz") for file in _SHIPPED.iterdir() if file.name.endswith(".npz")))
 
 
 def network_file(name: str) -> Path:
-    """The file of a shipped network's name; of anything else, the file of that path."""
+    """The file of a shipped network, or else the file of that path."""
     return Path(str(_SHIPPED / f"{name}.npz")) if name in shipped_networks() else Path(name)
 
 
@@ -90,23 +90,23 @@ def load_network(path: Path) -> Network:
 
 
 def save_network(network: Network, path: Path) -> None:
-    """Writes a file that ``load_network`` reads."""
+    """Write a file for ``load_network``."""
     layers = {f"W{k}": weights for k, weights in enumerate(network.weights)}
     layers |= {f"b{k}": biases for k, biases in enumerate(network.biases)}
     np.savez(path, mean=network.mean, scale=network.scale, features=np.array(network.features), **layers)  # type: ignore[arg-type]  # its stubs take the layers for allow_pickle
 
 
 class PolicyMemory(NamedTuple):
-    """What the law carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
-    seen: tuple[float, ...] | None  # what the newest usable estimate said; None before the first
-    seen_tick: int  # its capture
+    estimate: tuple[float, ...] | None  # features of the newest usable one; None before the first
+    estimate_tick: int  # its capture
     demand: tuple[float, ...]  # last command [rad]
 
 
 class Policy(SteeringLaw[PolicyMemory]):
-    """The angles that a trained network demands."""
+    """Angles from a trained network."""
 
     options: ClassVar[tuple[Option, ...]] = (
         Option(
@@ -122,7 +122,7 @@ class Policy(SteeringLaw[PolicyMemory]):
         """``path`` of the network's file, or the name of a shipped one.
 
         Raises:
-            ValueError: one line, if the trailer has no steered axle, or the network is none for it.
+            ValueError: one line, if the trailer has no steered axle, or the network has other inputs or outputs.
         """
         check_steered("policy", trailer)
         self._trailer, self._network = trailer, load_network(network_file(path))
@@ -133,45 +133,45 @@ class Policy(SteeringLaw[PolicyMemory]):
             raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")
 
     def init(self) -> PolicyMemory:
-        """Nothing seen yet, wheels straight."""
+        """Memory without any estimate, wheels straight."""
         return PolicyMemory(None, None, 0, (0.0,) * len(self._trailer.steered_distances))
 
     def step(
         self, memory: PolicyMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PolicyMemory, SteerCommand]:
-        """New memory and command at ``tick``; nothing is commanded before the path is known."""
+        """New memory and command at ``tick``; wheels stay straight before the path is known."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         length = self._trailer.follow_distance
         usable = off_tracking is not None and off_tracking.health is not Health.LOST
         if off_tracking is not None and usable:
-            memory = memory._replace(seen=seen_features(off_tracking, length), seen_tick=off_tracking.tick)
+            memory = memory._replace(estimate=estimate_features(off_tracking, length), estimate_tick=off_tracking.tick)
         wanted = last = np.array(memory.demand)
-        if memory.seen is not None:
-            age = (tick - memory.seen_tick) * TICK
-            features = np.array([*memory.seen, age, float(usable), *felt_features(signals, length)])
+        if memory.estimate is not None:
+            age = (tick - memory.estimate_tick) * TICK
+            features = np.array([*memory.estimate, age, float(usable), *signal_features(signals, length)])
             wanted = self._trailer.max_steer * self._network(features)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return memory._replace(tick=tick, demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
 
-def seen_features(seen: OffTracking, follow_distance: float) -> tuple[float, ...]:
-    """What an estimate with health says, as the first of ``feature_names`` up to ``trailer_yaw_rate``."""
-    s = arc_length(seen.path)
-    passed = crossing(seen.path, s, -follow_distance)
+def estimate_features(estimate: OffTracking, follow_distance: float) -> tuple[float, ...]:
+    """Features of a good estimate: ``feature_names`` up to ``trailer_yaw_rate``."""
+    s = arc_length(estimate.path)
+    passed = crossing(estimate.path, s, -follow_distance)
     back = s[-1] if passed is None else passed.s
-    ahead = np.interp(back - follow_distance * np.array(AHEAD), s, seen.path[:, 1])
-    return (seen.value, seen.path_tangent, *ahead.tolist(), seen.v_x, seen.v_y, seen.yaw_rate)
+    ahead = np.interp(back - follow_distance * np.array(AHEAD), s, estimate.path[:, 1])
+    return (estimate.value, estimate.path_tangent, *ahead.tolist(), estimate.v_x, estimate.v_y, estimate.yaw_rate)
 
 
-def felt_features(signals: CombinationSignals, follow_distance: float) -> tuple[float, ...]:
-    """What the combination's own sensors say, as those from ``steer_trailer_1`` on."""
-    own = (*signals.angles.tolist(), signals.steer, signals.speed)
+def signal_features(signals: CombinationSignals, follow_distance: float) -> tuple[float, ...]:
+    """Features from the combination's own sensors: ``feature_names`` from ``steer_trailer_1`` on."""
+    steering = (*signals.angles.tolist(), signals.steer, signals.speed)
     turning = (*signals.articulation.tolist(), *signals.yaw_rates.tolist())
-    return (*own, *turning, follow_distance)
+    return (*steering, *turning, follow_distance)
 
 
 def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
-    """Names of what a network for such a trailer is given, in order."""
+    """Names of the features of a network for such a trailer, in order."""
     return (
         "off_tracking",
         "path_direction",
@@ -191,7 +191,7 @@ def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
 
 
 def _check(network: Network, path: Path) -> None:
-    """Refuses layers that do not fit together, and numbers that are none."""
+    """Refuse layers that do not fit together, and numbers that are not finite."""
     size = len(network.features)
     if network.mean.shape != (size,) or network.scale.shape != (size,) or not np.all(network.scale > 0.0):
         raise ValueError(f"policy {path}: mean and scale must be of {size} numbers, scale above 0")

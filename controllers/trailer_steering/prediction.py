@@ -1,4 +1,4 @@
-"""Where the trailer will be when its steering has answered: from a measurement that is already old."""
+"""Prediction of the trailer from an old estimate to the time when its steering has answered."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from controllers.actuator import settle
 from controllers.trailer import TrailerGeometry
-from controllers.trailer_steering.kinematics import AxleGroup, held
+from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, wrap
 
-_STEP = 0.02  # of the integration [s]; a trailer turns by 1 deg in it, which the midpoint rule gets to 1e-5
+_STEP = 0.02  # of the integration [s]; a turn of 1 deg per step, accurate to 1e-5 with the midpoint rule
 
 
 class SteerReading(NamedTuple):
@@ -29,7 +29,7 @@ SteerHistory = tuple[SteerReading, ...]  # oldest first
 
 
 def recorded(history: SteerHistory, signals: CombinationSignals, span: int) -> SteerHistory:
-    """The history with a new reading, kept ``span`` ticks back from it."""
+    """The history of the last ``span`` ticks with a new reading."""
     if history and signals.tick <= history[-1].tick:
         return history
     kept = tuple(reading for reading in history if reading.tick >= signals.tick - span)
@@ -44,43 +44,45 @@ def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:
 
 
 class Ahead(NamedTuple):
-    """The trailer at a later moment, seen from its frame S at an estimate's tick."""
+    """The trailer at a later time, in its frame S at an estimate's tick."""
 
-    frame: Pose2  # its own frame then
+    frame: Pose2  # S at the later time
     hitch_direction: float  # direction of the hitch's travel in that frame [rad]
 
 
 class Predictor:
-    """Carries a trailer from an estimate's tick to a later one.
+    """Predicts a trailer from an estimate's tick to a later one.
 
-    The hitch goes on along a circle at constant speed, which is all that can be known of the tractor; the trailer
-    turns as its own axles, whose angles were read or are on their way to the demand, let it.
+    The hitch moves on a circle at constant speed, as nothing else is known of the tractor. The trailer turns by its own
+    axles, with the angles read and then those on their way to the demand.
     """
 
     def __init__(self, trailer: TrailerGeometry, axles: AxleGroup) -> None:
         self._trailer, self._axles = trailer, axles
 
     def ahead(
-        self, seen: OffTracking, mean_slip: float, history: SteerHistory, demand: FloatArray, until: int
+        self, estimate: OffTracking, mean_slip: float, history: SteerHistory, demand: FloatArray, until: int
     ) -> Ahead:
-        """The trailer at the tick ``until``, its steering being on the way to ``demand`` (n_steered,) [rad]."""
-        speed = math.hypot(seen.v_x, seen.v_y)
-        course_rate = seen.hitch_direction_rate + seen.yaw_rate
-        steps = max(1, math.ceil((until - seen.tick) * TICK / _STEP))
-        dt = (until - seen.tick) * TICK / steps
-        middles: FloatArray = seen.tick + (np.arange(steps, dtype=np.float64) + 0.5) * (dt / TICK)
+        """The trailer at the tick ``until``, with its steering on the way to ``demand`` (n_steered,) [rad]."""
+        speed = math.hypot(estimate.v_x, estimate.v_y)
+        course_rate = estimate.hitch_direction_rate + estimate.yaw_rate
+        steps = max(1, math.ceil((until - estimate.tick) * TICK / _STEP))
+        dt = (until - estimate.tick) * TICK / steps
+        middles: FloatArray = estimate.tick + (np.arange(steps, dtype=np.float64) + 0.5) * (dt / TICK)
         moments = self._axles.steer_moment(self._angles(history, demand, middles)).tolist()
         x = y = psi = 0.0
         for k, moment in enumerate(moments):
-            course = seen.hitch_direction + course_rate * (k + 0.5) * dt
+            course = estimate.hitch_direction + course_rate * (k + 0.5) * dt
             half = 0.5 * dt * speed * self._axles.yaw_per_metre(wrap(course - psi), moment, mean_slip)
             psi += dt * speed * self._axles.yaw_per_metre(wrap(course - psi - half), moment, mean_slip)
             x += dt * speed * math.cos(course)
             y += dt * speed * math.sin(course)
-        return Ahead(Pose2(x, y, psi), held(wrap(seen.hitch_direction + course_rate * steps * dt - psi)))
+        return Ahead(
+            Pose2(x, y, psi), limited_direction(wrap(estimate.hitch_direction + course_rate * steps * dt - psi))
+        )
 
     def _angles(self, history: SteerHistory, demand: FloatArray, ticks: FloatArray) -> FloatArray:
-        """Steer angles (n, n_steered) [rad] at ticks past and to come."""
+        """Steer angles (n, n_steered) [rad] at past and future ticks."""
         newest = history[-1]
         angles = angles_at(history, ticks)
         t = self._trailer

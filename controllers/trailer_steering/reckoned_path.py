@@ -1,7 +1,7 @@
-"""The path of a trailer's hitch as the combination's own sensors have it: dead reckoning, in a frame O of its own.
+"""Path of a trailer's hitch by dead reckoning with the combination's own sensors, in a frame O.
 
-O is where the trailer's frame S was at the start. An estimate of the path, which is older than now, can take the place
-of what was reckoned up to its tick; what came after stays.
+O is the trailer's frame S at the start. An estimate of the path replaces the reckoned path up to its tick; the later
+part stays.
 """
 
 from __future__ import annotations
@@ -17,34 +17,34 @@ from estimators.estimates import OffTracking
 from vehicle.frames import FloatArray, Pose2, wrap
 
 _SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]
-_RECENT = 1500  # poses are kept so long: the oldest estimate that can still be placed [ticks]
-_KEPT = 2.0  # of the path, in follow distances; half a circle that just reaches the follow point has pi / 2
+_RECENT = 1500  # age of the oldest pose kept, and so of the oldest estimate that can be used [ticks]
+_KEPT = 2.0  # length of the path in follow distances; a half circle to the follow point has pi / 2
 
 
 class Moment(NamedTuple):
-    """Where S was."""
+    """Pose of S at a tick."""
 
     tick: int
     X_OS: Pose2
 
 
 class ReckonedPath(NamedTuple):
-    """Where the trailer is, and where its hitch was."""
+    """Pose of the trailer and path of its hitch."""
 
-    reach: float  # how much of the path is kept [m]
+    reach: float  # length of the path that is kept [m]
     X_OS: Pose2
     recent: tuple[Moment, ...]  # oldest first
-    ticks: FloatArray  # (n,) of the points, newest first; -inf of what lies before the first step
+    ticks: FloatArray  # (n,) of the points, newest first; -inf before the first step
     points: FloatArray  # (n, 2) of the hitch's path in O, newest first [m]
 
     def in_trailer(self) -> FloatArray:
-        """The path (n + 1, 2) in S as it is now, newest first, from the hitch itself on [m]."""
-        behind: FloatArray = self.X_OS.inverse().apply(self.points)
-        return np.concatenate([np.zeros((1, 2)), behind])
+        """The path (n + 1, 2) in the present S, newest first, beginning at the hitch itself [m]."""
+        points: FloatArray = self.X_OS.inverse().apply(self.points)
+        return np.concatenate([np.zeros((1, 2)), points])
 
 
 def straight_behind(follow_distance: float) -> ReckonedPath:
-    """Before anything is known, the path lies along the trailer's axis."""
+    """Initial path: straight along the trailer's axis."""
     reach = _KEPT * follow_distance
     x = -np.arange(_SPACING, reach, _SPACING)
     points = np.column_stack([x, np.zeros(len(x))])
@@ -67,20 +67,20 @@ def moved(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float) ->
     return path._replace(ticks=np.concatenate([[float(tick)], path.ticks])[:count], points=points[:count])
 
 
-def corrected(path: ReckonedPath, seen: OffTracking) -> ReckonedPath:
-    """The path with what an estimate says of it up to its tick; unchanged if that was before the poses kept."""
-    then = _pose_at(path.recent, seen.tick)
+def corrected(path: ReckonedPath, estimate: OffTracking) -> ReckonedPath:
+    """The path with its part up to an estimate's tick replaced; unchanged if the estimate is older than the poses."""
+    then = _pose_at(path.recent, estimate.tick)
     if then is None:
         return path
-    newer = path.ticks > seen.tick
-    older = then.apply(seen.path)
+    newer = path.ticks > estimate.tick
+    older = then.apply(estimate.path)
     count = len(older)
-    ticks = np.concatenate([path.ticks[newer], np.full(count, float(seen.tick))])
+    ticks = np.concatenate([path.ticks[newer], np.full(count, float(estimate.tick))])
     return path._replace(ticks=ticks, points=np.concatenate([path.points[newer], older]))
 
 
 def _pose_at(recent: tuple[Moment, ...], tick: int) -> Pose2 | None:
-    """S at a past tick, straight between the poses around it; None if it was before or after them all."""
+    """S at a past tick, interpolated between poses; None outside their range."""
     for before, after in pairwise(recent):
         if before.tick <= tick <= after.tick:
             share = (tick - before.tick) / (after.tick - before.tick)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from controllers.trailer_steering.policy import AHEAD, felt_features, seen_features
+from controllers.trailer_steering.policy import AHEAD, estimate_features, signal_features
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.mount import MountContext
@@ -124,7 +124,7 @@ class SensedTrailer:
         """A control step: sample what is due, receive the estimates that are due by now."""
         self._tick = truth.tick
         self._sample(truth)
-        self._felt = felt_features(self._signals.sample(truth), self._follow)
+        self._felt = signal_features(self._signals.sample(truth), self._follow)
 
     def estimated(self) -> FloatArray:
         """As ``trailer_features.features`` lists it, of the newest estimate with health."""
@@ -133,7 +133,7 @@ class SensedTrailer:
         if self._good is None:
             told, age = (0.0,) * _N_SEEN, NEVER
         else:
-            told, age = seen_features(self._good, self._follow), self._good.age(self._tick)
+            told, age = estimate_features(self._good, self._follow), self._good.age(self._tick)
         return np.array([*told, age, float(usable), *self._felt])
 
     def felt(self) -> FloatArray:

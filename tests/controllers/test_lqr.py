@@ -79,11 +79,11 @@ def test_the_path_behind_the_hitch_is_that_of_a_steady_turn() -> None:
     """dy/dt = 0 of the collocated path: y(x) = (v_y x + r x^2/2)/U, the parabola of a circle through the hitch."""
     speed, sideways, yaw_rate = 20.0, 0.3, 0.1
     p = plant(COMBINATION, TRAILER, speed)
-    motion = np.linalg.lstsq(np.stack([p.sideways, p.turning]), np.array([sideways, yaw_rate]), rcond=None)[0]
+    motion = np.linalg.lstsq(np.stack([p.lateral_speed, p.yaw_rate]), np.array([sideways, yaw_rate]), rcond=None)[0]
     matrix = closed_loop_of_path(speed)
     x = path_nodes(14.0)
     parabola = (sideways * x + 0.5 * yaw_rate * x**2) / speed
-    forced = -(p.sideways @ motion) - x * (p.turning @ motion)
+    forced = -(p.lateral_speed @ motion) - x * (p.yaw_rate @ motion)
     np.testing.assert_allclose(matrix @ parabola + forced, 0.0, atol=1e-10)  # exact for polynomials: rounding
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from controllers.trailer import Combination
 from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, Stepper, rolled_on
-from controllers.trailer_steering.mpc.trailer_model import Given, State, TrailerModel, rate, state_sizes
+from controllers.trailer_steering.mpc.trailer_model import Inputs, State, TrailerModel, rate, state_sizes
 from scenarios.assembly.adapters import trailer_geometry
 from vehicle.clock import TICK
 from vehicle.combination.description import load_vehicle
@@ -78,7 +78,7 @@ def test_in_a_steady_circle_the_axles_that_point_right_roll_without_slip() -> No
     )
     x = ca.SX(np.array([lead, yaw_rate, 0.0, 0.0, 0.0, *angles, *angles]))
     u = ca.SX(np.array([0.0, 0.0, 0.0, SPEED, yaw_rate, 0.0, 0.0, 0.8]))
-    rates = rate(every, State(*parts(x, state_sizes(every))), Given(u[:3], *ca.vertsplit(u[3:])))
+    rates = rate(every, State(*parts(x, state_sizes(every))), Inputs(u[:3], *ca.vertsplit(u[3:])))
     assert np.abs(np.array(ca.DM(ca.vertcat(*rates)))).max() < 1e-5  # of a push that is never quite zero
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from controllers.trailer import Combination
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
+from controllers.trailer_steering.mpc.measured_path import path_now, with_estimate
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, Reckoned, reckoned
 from controllers.trailer_steering.mpc.reference import denser, hitch_course, reference
-from controllers.trailer_steering.mpc.way import way_so_far, with_estimate
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
@@ -36,7 +36,7 @@ def test_on_a_circle_the_wanted_headings_are_chords() -> None:
     lag = math.asin(0.5 * FOLLOW / RADIUS)
     np.testing.assert_allclose(wanted.headings, ahead.directions - lag, atol=1e-4)  # 1 mm at the follow point
     # the path lies to the right of the chord in a left turn
-    np.testing.assert_allclose(wanted.beside, -(RADIUS - RADIUS * math.cos(lag)), atol=0.02)  # nearest point: 0.1 m
+    np.testing.assert_allclose(wanted.offsets, -(RADIUS - RADIUS * math.cos(lag)), atol=0.02)  # nearest point: 0.1 m
 
 
 def test_a_path_too_short_for_the_follow_point_asks_for_nothing() -> None:
@@ -87,25 +87,25 @@ def test_the_hitch_is_reckoned_along_its_circle() -> None:
     rate = SPEED / RADIUS
     lag = math.atan(LEVER * rate / SPEED)
     for tick in range(0, 1001, 20):
-        memory = observer.noticed(memory, signals(tick, lead=rate, own=rate, articulation=-lag))
+        memory = observer.with_signals(memory, signals(tick, lead=rate, own=rate, articulation=-lag))
     moved = reckoned(memory.records, 0)
     assert memory.now.hitch_direction == pytest.approx(0.0, abs=0.002)  # the mean lever of the fixed axles
     assert moved.frame.psi == pytest.approx(rate, abs=1e-9)
     way = memory.now.speed
     assert (moved.frame.x, moved.frame.y) == pytest.approx(tuple(circle(np.array([rate]))[0] * way / SPEED), abs=0.01)
-    assert len(moved.hitch_way) == 50
+    assert len(moved.hitch_path) == 50
 
 
 def test_a_slide_of_the_unit_ahead_shows_in_the_estimates_alone() -> None:
     """Gyros still, the hitch's direction grows by 0.2 rad/s: followed within the 0.2 s of one estimate and its age."""
     observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
     for tick in range(0, 2001, 20):
-        memory = observer.noticed(memory, signals(tick, lead=0.0, own=0.0))
+        memory = observer.with_signals(memory, signals(tick, lead=0.0, own=0.0))
         if tick % 100 == 0 and tick > 0:
             seen_tick = tick - 100
             memory = observer.corrected(memory, estimate(seen_tick, direction=2e-4 * (seen_tick - 50)), 0.1)
     assert memory.now.hitch_direction == pytest.approx(0.4, abs=0.04)
-    assert memory.doubt > 0.0
+    assert memory.uncertainty > 0.0
 
 
 def test_the_gyros_bias_is_learnt_from_the_estimates() -> None:
@@ -113,7 +113,7 @@ def test_the_gyros_bias_is_learnt_from_the_estimates() -> None:
     observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
     bias = math.radians(0.2)
     for tick in range(0, 20001, 20):
-        memory = observer.noticed(memory, signals(tick, lead=0.0, own=bias))
+        memory = observer.with_signals(memory, signals(tick, lead=0.0, own=bias))
         if tick % 100 == 0 and tick > 0:
             memory = observer.corrected(memory, estimate(tick - 100), 0.1)
     assert memory.bias == pytest.approx(bias, rel=0.05)
@@ -123,22 +123,27 @@ def test_the_first_estimate_after_a_gap_teaches_nothing_but_the_path() -> None:
     """Its yaw rate is of its last frame, not of the 3 s without any; what the axles ahead did meanwhile is in doubt."""
     observer, memory = Observer(Combination(VEHICLE, 1)), ObserverMemory()
     for tick in range(0, 4001, 20):
-        memory = observer.noticed(memory, signals(tick, lead=0.0, own=1e-4 * tick))
+        memory = observer.with_signals(memory, signals(tick, lead=0.0, own=1e-4 * tick))
         if tick % 100 == 0 and 0 < tick <= 1000:
             memory = observer.corrected(memory, estimate(tick - 100), 0.1)
-    assert memory.doubt > 0.04  # 0.02 rad/s for 2.5 s
+    assert memory.uncertainty > 0.04  # 0.02 rad/s for 2.5 s
     after = observer.corrected(memory, estimate(3900), 3.0)
-    assert (after.bias, after.slide, after.pace) == (memory.bias, memory.slide, memory.pace)
+    assert (after.bias, after.slide, after.speed_scale) == (memory.bias, memory.slide, memory.speed_scale)
     np.testing.assert_array_equal(after.records, memory.records)
 
 
 def driven(
-    memory: FrictionMemory, true_moment: float, model_moment: float, by_friction: float, way: float, doubt: float = 0.0
+    memory: FrictionMemory,
+    true_moment: float,
+    model_moment: float,
+    by_friction: float,
+    distance: float,
+    uncertainty: float = 0.0,
 ) -> FrictionMemory:
-    """The estimate after some way; the model's tyres have a moment, plus what its friction adds to that."""
-    for _ in range(round(way / 0.05)):
+    """The estimate after a distance; the model's tyres have a moment, plus the effect of its friction."""
+    for _ in range(round(distance / 0.05)):
         moment = model_moment + by_friction * (memory.log_friction - FrictionMemory().log_friction)
-        memory = updated(memory, moment - memory.disturbance - true_moment, by_friction, 0.05, doubt)
+        memory = updated(memory, moment - memory.disturbance - true_moment, by_friction, 0.05, uncertainty)
     return memory
 
 
@@ -160,10 +165,10 @@ def test_tyres_that_grip_tell_nothing_of_friction() -> None:
     assert memory.disturbance == pytest.approx(-0.05 * 0.794, abs=0.001)  # steps of 0.05 m for a continuous filter
 
 
-def test_in_doubt_about_the_way_of_the_tyres_friction_stays() -> None:
+def test_friction_stays_while_the_motion_of_the_tyres_is_uncertain() -> None:
     """The same slide where the hitch's direction may be wrong by 5 deg: a third of it at most is believed."""
     sure = driven(FrictionMemory(), 0.2, 0.45, 0.45, 1.0)
-    doubtful = driven(FrictionMemory(), 0.2, 0.45, 0.45, 1.0, doubt=0.4)
+    doubtful = driven(FrictionMemory(), 0.2, 0.45, 0.45, 1.0, uncertainty=0.4)
     first = FrictionMemory().log_friction
     assert first - doubtful.log_friction < 0.34 * (first - sure.log_friction)
 
@@ -171,19 +176,19 @@ def test_in_doubt_about_the_way_of_the_tyres_friction_stays() -> None:
 SHORT = np.array([[0.0, 0.0], [-0.28, 0.0], [-0.56, 0.0]])
 
 
-def test_a_straight_trailer_is_taken_to_have_begun_on_its_path() -> None:
-    """Before the path is as long as the trailer, the axis of the moment when it began is what it goes on with."""
+def test_a_straight_trailer_is_assumed_to_start_on_its_path() -> None:
+    """While the path is shorter than the trailer, the axis at its beginning continues it to the rear."""
     lost = estimate(200, path=SHORT, health=Health.LOST)
-    way = with_estimate(None, lost, FOLLOW)
-    assert way is not None
-    assert not way.whole
-    so_far = way_so_far(way, Reckoned(Pose2(0.28, 0.0, 0.0), np.array([[0.28, 0.0]])), FOLLOW)
+    begun = with_estimate(None, lost, FOLLOW)
+    assert begun is not None
+    assert not begun.complete
+    so_far = path_now(begun, Reckoned(Pose2(0.28, 0.0, 0.0), np.array([[0.28, 0.0]])), FOLLOW)
     assert so_far is not None
     assert so_far[:, 0].min() < -FOLLOW
     assert not so_far[:, 1].any()
     turned = with_estimate(None, estimate(200, path=SHORT, health=Health.LOST, direction=0.3), FOLLOW)
     assert turned is not None
-    assert way_so_far(turned, Reckoned(Pose2(0.0, 0.0, 0.0), np.empty((0, 2))), FOLLOW) is None
+    assert path_now(turned, Reckoned(Pose2(0.0, 0.0, 0.0), np.empty((0, 2))), FOLLOW) is None
 
 
 def test_a_whole_path_without_health_is_not_used() -> None:

@@ -1,1 +1,1 @@
-"""Model predictive trailer steering: the trailer's own slip-aware model, steered along the hitch's measured path."""
+"""Model predictive trailer steering: a trailer model with tyre slip, on the measured path of the hitch."""

@@ -1,9 +1,9 @@
-"""Model predictive trailer steering on the measured hitch path, with what friction the tyres are felt to have.
+"""Model predictive trailer steering on the measured hitch path, with estimated friction.
 
-At every step of the controller: the signals of the combination carry trailer and hitch from the last estimate, a tenth
-of a second old or more, to now. The tyres are followed on their way, and what the accelerometer says they do, against
-what they should, tells friction and disturbance. A plan over the next 1.2 s is improved, and its beginning commanded.
-While the path does not reach back to the follow point yet, the trailer is taken to have begun on it.
+At every step the observer carries trailer and hitch from the last estimate, 0.1 s old or more, to the present. A tyre
+model follows the measured motion; its difference from the accelerometer gives friction and disturbance. The plan for
+the next 1.2 s is improved, and its first rates are commanded. While the path does not reach back to the follow point,
+the follow point is assumed to have started on it.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
+from controllers.trailer_steering.mpc.measured_path import MeasuredPath, path_now, with_estimate
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
 from controllers.trailer_steering.mpc.planning import BLOCKS, STEPS, Limits, Outlook, Planner, Sizes
 from controllers.trailer_steering.mpc.reference import hitch_course, reference
 from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, rolled_on
 from controllers.trailer_steering.mpc.trailer_model import TrailerModel
-from controllers.trailer_steering.mpc.way import Way, way_so_far, with_estimate
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -30,30 +30,30 @@ from vehicle.combination.description import GRAVITY
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 
-_CREEP: Final = 0.5  # slower than this, or backwards, the law has no meaning and the axles stay where they are [m/s]
-_HOLD: Final = 2.0  # how long signals alone carry the last estimate on: their bias makes 3 cm of it [s]
-_FADE_RATE: Final = 0.05  # at which the axles go straight after that: a turn is let go of in seconds [rad/s]
-_SLACK: Final = 0.1  # beyond the lag of an actuator, for what more it may be late [s]
-_PULL_TIME: Final = 0.5  # over which side pull is averaged: longer than yaw swings on its tyres [s]
+_CREEP: Final = 0.5  # below this speed, and in reverse, the axles keep their angles [m/s]
+_HOLD: Final = 2.0  # on signals alone after the last estimate: an error of 3 cm by their bias [s]
+_FADE_RATE: Final = 0.05  # of straightening after that: a turn ends within seconds [rad/s]
+_SLACK: Final = 0.1  # further delay of an actuator than its lag [s]
+_PULL_TIME: Final = 0.5  # averaging of the side pull: longer than yaw oscillations on the tyres [s]
 
 
 class MpcMemory(NamedTuple):
-    """What the controller carries from one step to the next."""
+    """State of the law between two steps."""
 
     tick: int | None  # of the last step; None before the first
-    way: Way | None  # the hitch's by the newest usable estimate
-    seen_at: int  # when that arrived [ticks]
+    path: MeasuredPath | None  # of the newest usable estimate
+    estimate_at: int  # its arrival [ticks]
     observer: ObserverMemory
     friction: FrictionMemory
     deflection: FloatArray  # (n_axles,) of the tyres [-]
-    side_pull: float  # lateral acceleration of the hitch that its course does not explain [m/s2]
+    side_pull: float  # lateral acceleration of the hitch beyond that of its path [m/s2]
     slow_yaw_rate: float  # of the trailer, low-passed [rad/s]
     demand: FloatArray  # (n_actuators,) last command [rad]
     rates: FloatArray  # (n_blocks, n_actuators) last plan [rad/s]
 
 
 class Mpc(SteeringLaw[MpcMemory]):
-    """The axle angles that a model of the slipping trailer says keep the follow point on the path; one per thread."""
+    """Model predictive control of the axle angles; one object per thread."""
 
     options: ClassVar[tuple[Option, ...]] = (
         Option("tolerance", 0.004, "off-tracking that costs as much as steering at the rate 'effort'", "m", 0.001, 1.0),
@@ -82,7 +82,9 @@ class Mpc(SteeringLaw[MpcMemory]):
         self._given = {"tolerance": tolerance, "effort": effort, "tail_swing": tail_swing, "cut_in": cut_in}
         check_options(self.options, self._given)
         unit = combination.vehicle.units[combination.unit]
-        self._leaning = 1.0 + GRAVITY * unit.roll_gradient  # of the accelerometer, with its body
+        self._roll_factor = (
+            1.0 + GRAVITY * unit.roll_gradient
+        )  # factor of the accelerometer reading, by roll of the body
         self._max_steer = trailer.max_steer / max(1.0, *map(abs, trailer.steer_ratios))
         self._model = TrailerModel.of(trailer, combination)
         self._observer = Observer(combination)
@@ -93,12 +95,12 @@ class Mpc(SteeringLaw[MpcMemory]):
         return _rebuilt, (self._trailer, self._combination, self._given)  # compiled functions cannot be pickled
 
     def init(self) -> MpcMemory:
-        """Nothing seen yet, wheels straight, no tyre deflected."""
+        """Memory without any estimate, wheels straight, no tyre deflected."""
         m = self._model.n_actuators
         return MpcMemory(
             tick=None,
-            way=None,
-            seen_at=0,
+            path=None,
+            estimate_at=0,
             observer=ObserverMemory(),
             friction=FrictionMemory(),
             deflection=np.zeros(len(self._model.axles)),
@@ -113,22 +115,22 @@ class Mpc(SteeringLaw[MpcMemory]):
     ) -> tuple[MpcMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        memory = memory._replace(tick=tick, observer=self._observer.noticed(memory.observer, signals))
-        way = with_estimate(memory.way, off_tracking, self._trailer.follow_distance)
-        if way is not None and way is not memory.way:
-            corrected = self._observer.corrected(memory.observer, way.seen, way.interval)
-            memory = memory._replace(way=way, seen_at=tick, observer=corrected)
+        memory = memory._replace(tick=tick, observer=self._observer.with_signals(memory.observer, signals))
+        path = with_estimate(memory.path, off_tracking, self._trailer.follow_distance)
+        if path is not None and path is not memory.path:
+            corrected = self._observer.corrected(memory.observer, path.estimate, path.interval)
+            memory = memory._replace(path=path, estimate_at=tick, observer=corrected)
         steer = self._actuator_angles(signals.angles)
-        memory = self._felt(memory, steer, signals.lateral_acceleration, elapsed)
+        memory = self._with_tyres(memory, steer, signals.lateral_acceleration, elapsed)
         memory = self._steered(memory, steer, elapsed)
         return memory, SteerCommand(angles=self._axle_angles(memory.demand))
 
-    def _felt(self, memory: MpcMemory, steer: FloatArray, acceleration: float, elapsed: float) -> MpcMemory:
-        """Memory with what tyres and accelerometer did since the last step."""
+    def _with_tyres(self, memory: MpcMemory, steer: FloatArray, acceleration: float, elapsed: float) -> MpcMemory:
+        """Memory with tyres, friction and side pull since the last step."""
         now, model, friction = memory.observer.now, self._model, memory.friction
         if now.speed < _CREEP or elapsed == 0.0:
             return memory
-        force = acceleration / self._leaning
+        force = acceleration / self._roll_factor
         deflection, surplus, by_friction = memory.deflection, 0.0, 0.0
         for _ in range(max(1, round(elapsed / TYRE_STEP))):
             tyres = rolled_on(
@@ -144,24 +146,24 @@ class Mpc(SteeringLaw[MpcMemory]):
             surplus = tyres.moment - friction.disturbance - model.mass_moment * force / model.load_moment
         share = 1.0 - math.exp(-elapsed / _PULL_TIME)
         slow = memory.slow_yaw_rate + share * (now.yaw_rate - memory.slow_yaw_rate)
-        # The accelerometer is above the axles; the trailer's yaw acceleration, low-passed, carries it to the hitch.
+        # The accelerometer is above the axles; the low-passed yaw acceleration transforms it to the hitch.
         at_hitch = force + model.centre * (now.yaw_rate - slow) / _PULL_TIME
         pull = at_hitch - now.speed * now.lead_yaw_rate * math.cos(now.hitch_direction)
-        doubt = model.stiffness * memory.observer.doubt
+        uncertainty = model.stiffness * memory.observer.uncertainty
         return memory._replace(
             deflection=deflection,
-            friction=updated(friction, surplus, by_friction, now.speed * elapsed, doubt),
+            friction=updated(friction, surplus, by_friction, now.speed * elapsed, uncertainty),
             side_pull=memory.side_pull + share * (pull - memory.side_pull),
             slow_yaw_rate=slow,
         )
 
     def _steered(self, memory: MpcMemory, steer: FloatArray, elapsed: float) -> MpcMemory:
-        """Memory with a new demand: the beginning of a better plan or, with no path, a step to straight wheels."""
-        way, now = memory.way, memory.observer.now
-        if way is not None and (now.tick - memory.seen_at) * TICK <= _HOLD:
-            if min(way.seen.v_x, now.speed) < _CREEP:
+        """Memory with a new demand: the start of an improved plan or, without a path, towards straight wheels."""
+        path, now = memory.path, memory.observer.now
+        if path is not None and (now.tick - memory.estimate_at) * TICK <= _HOLD:
+            if min(path.estimate.v_x, now.speed) < _CREEP:
                 return memory._replace(rates=np.zeros_like(memory.rates))
-            outlook = self._outlook(memory, way, steer)
+            outlook = self._outlook(memory, path, steer)
             if outlook is not None:
                 rates = self._planner.planned(outlook, memory.rates)
                 return memory._replace(demand=self._advanced(outlook, rates[0], elapsed), rates=rates)
@@ -170,16 +172,17 @@ class Mpc(SteeringLaw[MpcMemory]):
         return memory._replace(demand=straighter, rates=np.zeros_like(memory.rates))
 
     def _advanced(self, outlook: Outlook, rate: FloatArray, elapsed: float) -> FloatArray:
-        """The demand [rad] at the beginning of a plan, within what actuators can do from where it begins."""
+        """The demand [rad] at the start of a plan, within reach of the actuators."""
         reach = self._trailer.max_steer_rate * elapsed
-        begun = outlook.state[-len(rate) :]
-        demand: FloatArray = np.clip(begun + np.clip(rate * elapsed, -reach, reach), -self._max_steer, self._max_steer)
+        start = outlook.state[-len(rate) :]
+        demand: FloatArray = np.clip(start + np.clip(rate * elapsed, -reach, reach), -self._max_steer, self._max_steer)
         return demand
 
-    def _outlook(self, memory: MpcMemory, way: Way, steer: FloatArray) -> Outlook | None:
-        """What lies ahead; None if the path is too short to say where the follow point should go."""
+    def _outlook(self, memory: MpcMemory, path: MeasuredPath, steer: FloatArray) -> Outlook | None:
+        """Inputs of the plan; None if the path is too short for a reference."""
         now = memory.observer.now
-        behind = way_so_far(way, reckoned(memory.observer.records, way.seen.tick), self._trailer.follow_distance)
+        moved = reckoned(memory.observer.records, path.estimate.tick)
+        behind = path_now(path, moved, self._trailer.follow_distance)
         if behind is None:
             return None
         course = hitch_course(now.hitch_direction, now.lead_yaw_rate, now.speed, STEP, STEPS)
@@ -187,9 +190,9 @@ class Mpc(SteeringLaw[MpcMemory]):
         if wanted is None:
             return None
         motion = [now.hitch_direction, now.yaw_rate]
-        # Someone else may have the axles: the plan starts where they are, but for what actuators lag behind.
-        behind_by = self._trailer.max_steer_rate * (self._trailer.actuator_lag + _SLACK)
-        demand = np.clip(memory.demand, steer - behind_by, steer + behind_by)
+        # The fallback may be steering: the plan starts at the actual angles, plus the lag of the actuators.
+        lag = self._trailer.max_steer_rate * (self._trailer.actuator_lag + _SLACK)
+        demand = np.clip(memory.demand, steer - lag, steer + lag)
         return Outlook(
             state=np.concatenate([motion, memory.deflection, steer, demand]),  # in the order of ``State``
             course=course,
@@ -200,12 +203,12 @@ class Mpc(SteeringLaw[MpcMemory]):
         )
 
     def _actuator_angles(self, angles: FloatArray) -> FloatArray:
-        """Angles (n_actuators,) [rad] of actuators whose axles are at ``angles`` (n_steered,)."""
+        """Angles (n_actuators,) [rad] of the actuators for axles at ``angles`` (n_steered,)."""
         own = angles / np.array(self._trailer.steer_ratios)
         return np.array([own[list(group)].mean() for group in self._trailer.groups])
 
     def _axle_angles(self, actuators: FloatArray) -> FloatArray:
-        """Angles (n_steered,) [rad] of axles whose actuators are at these (n_actuators,)."""
+        """Angles (n_steered,) [rad] of the axles for ``actuators`` (n_actuators,)."""
         angles = np.array(self._trailer.steer_ratios)
         for actuator, group in zip(actuators, self._trailer.groups, strict=True):
             angles[list(group)] *= actuator

@@ -1,12 +1,12 @@
-"""The optimal control problem: rates of the steer demands over the next 1.2 s that keep the follow point on the path.
+"""Optimal control problem: rates of the steer demands over the next 1.2 s that keep the follow point on the path.
 
-The cost is a sum of squares over the predicted trailer, each term over the size at which it counts as one:
+The cost is a sum of squares over the predicted trailer, each term divided by the size at which it counts as one:
 
-    off-tracking at every step, rates of the demands, how unlike the steered axles slip, and what goes beyond the soft
-    limits: swing of the rear end beside the path, the trailer's middle beside it (a kerb), slip of the steered axles
-    past the peak of their force, where more of it is no use.
+    off-tracking at every step, rates of the demands, differences between the slip of the steered axles, and violations
+    of the soft limits: swing of the rear end, distance of the trailer's middle from the path (for kerbs), slip of the
+    steered axles beyond the peak of their force.
 
-Angles and rates of the actuators are hard limits. One Gauss-Newton step from the plan before is made every time, on the
+Angles and rates of the actuators are hard limits. Every call makes one Gauss-Newton step from the previous plan, with
 exact derivatives of the simulated prediction: a small dense quadratic program in the rates alone.
 """
 
@@ -25,38 +25,38 @@ from controllers.trailer_steering.mpc.stepping import STEP, Step, Stepper
 from controllers.trailer_steering.mpc.trailer_model import TrailerModel
 from vehicle.frames import FloatArray
 
-BLOCKS: Final = (1, 1, 2, 2, 3, 3, 4, 8)  # steps over which the rates are held: the near ones matter most
+BLOCKS: Final = (1, 1, 2, 2, 3, 3, 4, 8)  # steps of constant rates: short at the beginning, which matters most
 STEPS: Final = sum(BLOCKS)
 _BLOCK_OF: Final = np.repeat(np.arange(len(BLOCKS)), BLOCKS)
-_QUICK: Final = 5.0  # [m/s] from which on a trailer yaws the more for an angle the faster it goes
-_UNEVEN: Final = 0.02  # slip of an axle beside the mean of the steered ones that counts as one [rad]
-_BREACH: Final = 0.3  # of a soft limit of place that counts as one, over the off-tracking that does: limits go first
-_PEAK: Final = 2.5  # friction over stiffness, at which truck tyres are near the peak of their side force [-]
+_FAST: Final = 5.0  # above it the yaw response to an angle grows with speed [m/s]
+_UNEVEN: Final = 0.02  # difference of an axle's slip from the mean of the steered ones that counts as one [rad]
+_BREACH: Final = 0.3  # violation of a position limit that counts as one, over that off-tracking: limits come first
+_PEAK: Final = 2.5  # slip over friction/stiffness at which truck tyres are near their peak side force [-]
 
 
 class Limits(NamedTuple):
-    """What the plan is made for; the first two are hard."""
+    """Limits of a plan; the first two are hard."""
 
     max_steer: float  # of an actuator [rad]
     max_rate: float  # [rad/s]
-    tail_swing: float  # of the rear end beside the path, soft [m]
-    cut_in: float  # of the trailer's middle beside the path, soft [m]
+    tail_swing: float  # distance of the rear end from the path, soft [m]
+    cut_in: float  # distance of the trailer's middle from the path, soft [m]
 
 
 class Sizes(NamedTuple):
-    """Where terms of the cost count as one."""
+    """Sizes at which terms of the cost count as one."""
 
     off_tracking: float  # [m]
     steer_rate: float  # [rad/s], at low speed
 
 
 class Outlook(NamedTuple):
-    """What the prediction starts from and is told."""
+    """Initial state and inputs of the prediction."""
 
     state: FloatArray  # (n_x,)
     course: HitchCourse
     reference: Reference
-    side_pull: float  # as in ``Given``, like the rest
+    side_pull: float  # as in ``Inputs``, like the rest
     disturbance: float
     friction: float
 
@@ -71,7 +71,7 @@ class _Term(NamedTuple):
         return _Term(self.value / size, self.by_rates / size)
 
     def beyond(self, limit: float) -> _Term:
-        """What goes beyond a limit to either side."""
+        """Excess over a limit on either side."""
         over = self.value - np.clip(self.value, -limit, limit)
         return _Term(over, np.where(over[:, None] != 0.0, self.by_rates, 0.0))
 
@@ -89,7 +89,7 @@ class Planner:
     def __init__(
         self, model: TrailerModel, trailer: TrailerGeometry, rear: float, sizes: Sizes, limits: Limits
     ) -> None:
-        """A planner for the trailer whose rear end is ``rear`` [m] behind the hitch."""
+        """A planner for a trailer with its rear end ``rear`` [m] behind the hitch."""
         self._model, self._follow, self._rear = model, trailer.follow_distance, rear
         self._sizes, self._limits = sizes, limits
         self._step = Stepper(model)
@@ -97,31 +97,31 @@ class Planner:
         self._demands_by_rates = np.kron(spans, np.eye(model.n_actuators))  # at the blocks' ends
 
     def planned(self, outlook: Outlook, guess: FloatArray) -> FloatArray:
-        """Rates (n_blocks, n_actuators) [rad/s] one Gauss-Newton step from a guess, within the hard limits."""
+        """Rates (n_blocks, n_actuators) [rad/s] after one Gauss-Newton step from a guess, within the hard limits."""
         terms = list(self._terms(outlook, guess))
         r, J = np.concatenate([term.value for term in terms]), np.concatenate([term.by_rates for term in terms])
         rates = guess.ravel()
         start = np.tile(outlook.state[-self._model.n_actuators :], len(BLOCKS))
         low, high = (side * self._limits.max_steer - start for side in (-1.0, 1.0))
         reach = np.full(rates.shape, self._limits.max_rate)
-        # in the rates themselves, not in their change: then a plan is always within its own limits
+        # in the rates themselves, not in their change, so that a plan is always within its own limits
         H = J.T @ J
         solved = _quadratic_program(rates.size)(
             h=H, g=J.T @ r - H @ rates, a=self._demands_by_rates, lbx=-reach, ubx=reach, lba=low, uba=high, x0=rates
         )
-        better = np.asarray(solved["x"], dtype=np.float64).ravel()
-        if not np.isfinite(better).all():
+        solution = np.asarray(solved["x"], dtype=np.float64).ravel()
+        if not np.isfinite(solution).all():
             return guess
-        return np.clip(better, -reach, reach).reshape(guess.shape)
+        return np.clip(solution, -reach, reach).reshape(guess.shape)
 
     def _terms(self, outlook: Outlook, rates: FloatArray) -> Iterator[_Term]:
-        """All residuals of the cost, in units of their sizes, times the root of the time [s] that they stand for."""
+        """All residuals of the cost over their sizes, times the root of the time step [s]."""
         predicted = self._predicted(outlook, rates)
         hitch, wanted, limits = predicted.hitch_direction, outlook.reference, self._limits
-        turned = _Term(outlook.course.directions - hitch.value - wanted.headings, -hitch.by_rates)  # off the heading
+        turned = _Term(outlook.course.directions - hitch.value - wanted.headings, -hitch.by_rates)  # heading error
         off_tracking = _Term(self._follow * turned.value, self._follow * turned.by_rates)
         rear = _Term(self._rear * turned.value, self._rear * turned.by_rates)
-        middle = _Term(wanted.beside + 0.5 * self._follow * turned.value, 0.5 * self._follow * turned.by_rates)
+        middle = _Term(wanted.offsets + 0.5 * self._follow * turned.value, 0.5 * self._follow * turned.by_rates)
         root = 1.0 / np.sqrt(STEP)
         yield off_tracking / (root * self._sizes.off_tracking)
         breach = root * _BREACH * self._sizes.off_tracking
@@ -132,17 +132,17 @@ class Planner:
             mean = _Term(slip.value - slip.value.mean(), slip.by_rates - slip.by_rates.mean(axis=0))
             yield mean / (root * _UNEVEN)
             yield slip.beyond(peak) / (root * _UNEVEN)
-        gentle = self._sizes.steer_rate / max(1.0, outlook.course.speed / _QUICK)
+        gentle = self._sizes.steer_rate / max(1.0, outlook.course.speed / _FAST)
         weight = np.repeat(np.sqrt(STEP * np.array(BLOCKS)), self._model.n_actuators) / gentle
         yield _Term(weight * rates.ravel(), np.diag(weight))
 
     def _predicted(self, outlook: Outlook, rates: FloatArray) -> _Prediction:
-        """The trailer steered at these rates, and how it depends on them."""
+        """The predicted trailer at these rates, with derivatives."""
         m, n_x = self._model.n_actuators, len(outlook.state)
         state, by_rates = outlook.state, np.zeros((n_x, rates.size))
         directions, sensitivities, slips = [], [], []
         for block in _BLOCK_OF.tolist():
-            step = self._step(state, _given(outlook, rates[block]))
+            step = self._step(state, _inputs(outlook, rates[block]))
             slips.append(_Term(step.slip, step.slip_by_state @ by_rates))
             by_rates = _carried(step, by_rates, slice(block * m, (block + 1) * m))
             state = step.state
@@ -151,14 +151,14 @@ class Planner:
         return _Prediction(_Term(np.array(directions), np.array(sensitivities)), slips)
 
 
-def _given(outlook: Outlook, rates: FloatArray) -> FloatArray:
+def _inputs(outlook: Outlook, rates: FloatArray) -> FloatArray:
     course = outlook.course
     others = [course.speed, course.rate, outlook.side_pull, outlook.disturbance, outlook.friction]
-    return np.concatenate([rates, others])  # in the order of ``Given``
+    return np.concatenate([rates, others])  # in the order of ``Inputs``
 
 
 def _carried(step: Step, by_rates: FloatArray, own: slice) -> FloatArray:
-    """Derivatives of the state by all rates after a step, over which those of ``own`` acted."""
+    """Derivatives of the state by all rates after a step with the rates ``own``."""
     after: FloatArray = step.by_state @ by_rates
     after[:, own] += step.by_rate
     return after
@@ -166,7 +166,7 @@ def _carried(step: Step, by_rates: FloatArray, own: slice) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _quadratic_program(n: int) -> Any:
-    """Solver of a dense quadratic program in n rates with as many bounds on the demands they add up to."""
+    """Solver of a dense quadratic program in n rates, with bounds on the rates and on the demands."""
     shape = {"h": ca.Sparsity.dense(n, n), "a": ca.Sparsity.dense(n, n)}
     quiet = {"print_iter": False, "print_header": False, "print_info": False, "error_on_fail": False}
     return ca.conic("rates", "qrqp", shape, quiet)

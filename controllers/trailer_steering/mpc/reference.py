@@ -1,9 +1,9 @@
-"""Where the trailer has to point: the heading that puts its follow point on the hitch's path, moment by moment.
+"""Reference heading of the trailer: the one that puts its follow point on the hitch's path, at every step.
 
-Led at the hitch, a rigid trailer has one freedom, its heading. With the hitch at h the follow point is on the path
-just when it is at the path's point P at the follow distance from h: so the heading wanted is that of h - P, and
-near it the off-tracking is the follow distance times the difference in heading. The path behind the hitch is measured,
-and only the hitch's own next second has to be foretold.
+A rigid trailer led at the hitch has one degree of freedom, its heading. With the hitch at h the follow point is on the
+path if it is at the path's point P at the follow distance from h: the required heading is that of h - P, and near it
+the off-tracking is the follow distance times the heading difference. The path behind the hitch is measured; only the
+hitch's next second has to be predicted.
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ from vehicle.frames import FloatArray
 
 
 class HitchCourse(NamedTuple):
-    """The hitch's way over n steps to come, in the trailer's frame S of now."""
+    """Predicted motion of the hitch over n steps, in the present trailer frame S."""
 
     speed: float  # [m/s]
     rate: float  # of the direction of travel [rad/s]
     directions: FloatArray  # (n,) of travel at the ends of the steps [rad]
-    points: FloatArray  # (n, 2) where it is then [m]
+    points: FloatArray  # (n, 2) positions at the ends of the steps [m]
 
 
 class Reference(NamedTuple):
-    """What the path asks for at n moments."""
+    """Reference at n steps."""
 
     headings: FloatArray  # (n,) with the follow point on the path, in S [rad]
-    beside: FloatArray  # (n,) how far the path then lies left of the middle of hitch and follow point [m]
+    offsets: FloatArray  # (n,) of the path from the middle of hitch and follow point, + left [m]
 
 
 def hitch_course(direction: float, rate: float, speed: float, step: float, n: int) -> HitchCourse:
-    """The way on along a circle from a direction of travel [rad] in n steps of ``step`` [s]."""
+    """Motion on a circle from a direction of travel [rad] in n steps of ``step`` [s]."""
     directions: FloatArray = direction + rate * step * np.arange(n + 1, dtype=np.float64)
     middles = 0.5 * (directions[1:] + directions[:-1])
     points = np.cumsum(speed * step * np.column_stack([np.cos(middles), np.sin(middles)]), axis=0)
@@ -40,7 +40,7 @@ def hitch_course(direction: float, rate: float, speed: float, step: float, n: in
 
 
 def denser(path: FloatArray) -> FloatArray:
-    """The path (n, 2) with the points half way between, on cubics: its chords would lie 1 mm inside of a tight turn."""
+    """The path (n, 2) with intermediate points on cubics; chords would lie 1 mm inside of a tight turn."""
     if len(path) < 4:
         return path
     inner = (9.0 * (path[1:-2] + path[2:-1]) - path[:-3] - path[3:]) / 16.0
@@ -51,14 +51,14 @@ def denser(path: FloatArray) -> FloatArray:
 
 
 def reference(ahead: FloatArray, behind: FloatArray, distance: float) -> Reference | None:
-    """What the path asks for with the hitch at ``ahead`` (n, 2), in the order of travel.
+    """Reference for the hitch at ``ahead`` (n, 2), in the order of travel; None if the path is too short.
 
     ``behind`` (m, 2) is the path so far, newest first, in the same frame, and ``distance`` that of the follow point
-    [m]. None if the path does not reach back so far.
+    [m].
     """
     n, line = len(ahead), np.concatenate([ahead[::-1], behind])
     apart = line[None, :, :] - ahead[:, None, :]
-    later = np.arange(len(line)) < (n - 1 - np.arange(n))[:, None]  # than the hitch is where it is
+    later = np.arange(len(line)) < (n - 1 - np.arange(n))[:, None]  # than the step
     away = np.where(later, 0.0, np.hypot(apart[..., 0], apart[..., 1]))
     beyond = np.argmax(away >= distance, axis=1)
     if not beyond.all():

@@ -1,9 +1,9 @@
-"""A trailer led at its hitch, on tyres that slip: what the predictive controller takes its own trailer to be.
+"""Model of the predictive controller: a trailer led at its hitch, on tyres that slip.
 
-A rigid body whose hitch runs a prescribed course. Its yaw balances, about the hitch, the inertia of its mass in the
-hitch's lateral acceleration against the side forces of its axles, each of them the deflection of an elastic carcass
-under the tyre's own law, as in the plant, at a friction that is a number of the model. Axles stand for their two
-wheels at half the static load each; load transfer, roll and what the trailer does to the tractor are not modelled.
+A rigid body with prescribed motion of the hitch. In the moment balance about the hitch are the yaw inertia, the inertia
+of the mass in the hitch's lateral acceleration, and the side forces of the axles. Each side force is the deflection of
+an elastic carcass under the tyre's own law, as in the plant, at a friction that is an input. An axle has two wheels
+with half its static load each. Load transfer, roll and the trailer's effect on the tractor are not modelled.
 
 About the hitch, with the centre of gravity c behind it and a the lateral acceleration of the hitch less gravity's part,
 
@@ -27,8 +27,8 @@ from vehicle.tyres import Planar, Tyre, contact, deflection_rate, rolling_speed
 
 V = TypeVar("V")
 
-_LEAST_LAG = 0.01  # of an actuator; quicker ones are as good as immediate at the model's steps [s]
-_LEAST_SPEED = 0.5  # a slip is not defined at rest; nothing is steered by below it [m/s]
+_LEAST_LAG = 0.01  # of an actuator; less is immediate at the model's steps [s]
+_LEAST_SPEED = 0.5  # slip is not defined at rest; the law does not steer below it [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +38,13 @@ class AxleModel:
     x: float  # behind the hitch [m]
     load: float  # [N]
     tyre: Tyre
-    actuator: int | None  # that turns it; None: fixed
+    actuator: int | None  # index; None: fixed
     ratio: float  # its angle over the actuator's [-]
 
 
 @dataclass(frozen=True, slots=True)
 class TrailerModel:
-    """The numbers of the trailer."""
+    """Parameters of the trailer."""
 
     axles: tuple[AxleModel, ...]  # front to rear
     mass_moment: float  # m c [kg m]
@@ -54,7 +54,7 @@ class TrailerModel:
 
     @classmethod
     def of(cls, trailer: TrailerGeometry, combination: Combination) -> TrailerModel:
-        """The model by the nominal data sheets."""
+        """The model of the nominal data sheets."""
         unit = combination.vehicle.units[combination.unit]
         loads = static_axle_loads(combination.vehicle)[combination.unit]
         return cls(
@@ -83,7 +83,7 @@ class TrailerModel:
 
     @property
     def load_moment(self) -> float:
-        """Sum of loads times distances behind the hitch: what moments are counted in [N m]."""
+        """Sum of loads times distances behind the hitch: the unit of moments [N m]."""
         return sum(axle.load * axle.x for axle in self.axles)
 
 
@@ -99,7 +99,7 @@ def _axles(unit: Unit, loads: Iterable[float], trailer: TrailerGeometry) -> Iter
 
 
 class Travel(NamedTuple):
-    """How the trailer goes over the ground."""
+    """Motion of the trailer over the ground."""
 
     speed: ca.SX  # of the hitch [m/s]
     hitch_direction: ca.SX  # of the hitch's travel, + left of the trailer's axis [rad]
@@ -107,10 +107,10 @@ class Travel(NamedTuple):
 
 
 class AxleForces(NamedTuple):
-    """What the tyres do."""
+    """Forces of the tyres."""
 
     deflection_rate: ca.SX  # (n_axles,) [1/s]
-    fading: ca.SX  # (n_axles,) how fast the deflections relax [1/s]
+    fading: ca.SX  # (n_axles,) relaxation rate of the deflections [1/s]
     moment: ca.SX  # of all side forces about the hitch, over the load moment, + turning right [-]
 
 
@@ -124,28 +124,28 @@ class State(NamedTuple, Generic[V]):
     demand: V  # (n_actuators,) [rad]
 
 
-class Given(NamedTuple, Generic[V]):
-    """What stays the same over a step, behind the rates of the demands; the field order is that in the vector."""
+class Inputs(NamedTuple, Generic[V]):
+    """Inputs, constant over a step; the field order is the order in the vector."""
 
     demand_rate: V  # (n_actuators,) [rad/s]
     speed: V  # of the hitch [m/s]
     course_rate: V  # of the hitch's travel over ground [rad/s]
-    side_pull: V  # lateral acceleration that gravity and what is not modelled add to the hitch's [m/s2]
+    side_pull: V  # additional lateral acceleration of the hitch, by gravity and what is not modelled [m/s2]
     disturbance: V  # yaw moment, over the load moment [-]
     friction: V  # [-]
 
 
 def state_sizes(model: TrailerModel) -> State[int]:
-    """Length of every part of the state."""
+    """Size of every part of the state."""
     return State(1, 1, len(model.axles), model.n_actuators, model.n_actuators)
 
 
-def given_sizes(model: TrailerModel) -> Given[int]:
-    """Length of every part of what is given."""
-    return Given(model.n_actuators, 1, 1, 1, 1, 1)
+def input_sizes(model: TrailerModel) -> Inputs[int]:
+    """Size of every part of the inputs."""
+    return Inputs(model.n_actuators, 1, 1, 1, 1, 1)
 
 
-def rate(model: TrailerModel, s: State[ca.SX], u: Given[ca.SX]) -> State[ca.SX]:
+def rate(model: TrailerModel, s: State[ca.SX], u: Inputs[ca.SX]) -> State[ca.SX]:
     """Time derivative of the state."""
     forces = axle_forces(model, Travel(u.speed, s.hitch_direction, s.yaw_rate), s.deflection, s.steer, u.friction)
     pull = u.speed * u.course_rate * ca.cos(s.hitch_direction) + u.side_pull
@@ -160,7 +160,7 @@ def rate(model: TrailerModel, s: State[ca.SX], u: Given[ca.SX]) -> State[ca.SX]:
 
 
 def axle_forces(model: TrailerModel, travel: Travel, deflection: ca.SX, steer: ca.SX, friction: ca.SX) -> AxleForces:
-    """Forces of the tyres, deflected so, on their way over the ground with the actuators at angles ``steer``."""
+    """Forces of the tyres at a deflection, with the actuators at angles ``steer`` [rad]."""
     rates, fadings, moment = [], [], ca.SX(0.0)
     for k, axle in enumerate(model.axles):
         delta = axle_angle(axle, steer)
@@ -184,19 +184,19 @@ def axle_angle(axle: AxleModel, steer: ca.SX) -> ca.SX:
 
 def slip_angle(axle: AxleModel, travel: Travel, steer: ca.SX) -> ca.SX:
     """Direction of an axle's travel less its angle [rad], + left."""
-    return ca.atan2(_sideways(axle, travel), _forwards(travel)) - axle_angle(axle, steer)
+    return ca.atan2(_lateral_speed(axle, travel), _forward_speed(travel)) - axle_angle(axle, steer)
 
 
 def _wheel_velocity(axle: AxleModel, travel: Travel, delta: ca.SX) -> Planar:
     """Velocity [m/s] along and across a wheel."""
     c, s = ca.cos(delta), ca.sin(delta)
-    v_x, v_y = _forwards(travel), _sideways(axle, travel)
+    v_x, v_y = _forward_speed(travel), _lateral_speed(axle, travel)
     return Planar(c * v_x + s * v_y, c * v_y - s * v_x)
 
 
-def _forwards(travel: Travel) -> ca.SX:
+def _forward_speed(travel: Travel) -> ca.SX:
     return ca.fmax(travel.speed, _LEAST_SPEED) * ca.cos(travel.hitch_direction)
 
 
-def _sideways(axle: AxleModel, travel: Travel) -> ca.SX:
+def _lateral_speed(axle: AxleModel, travel: Travel) -> ca.SX:
     return ca.fmax(travel.speed, _LEAST_SPEED) * ca.sin(travel.hitch_direction) - axle.x * travel.yaw_rate
