@@ -84,9 +84,10 @@ def steer(result: RunResult) -> Figure:
     """Actual and commanded steer angles of the trailer's axles, with the limit of the actuators."""
     time = result.log["time"]
     with plots.drawn("steer") as (drawing, ax):
-        for k, name in enumerate(result.steer_signals()):
+        names = zip(result.steer_signals(), result.steer_signals(demands=True), strict=True)
+        for k, (name, demand) in enumerate(names):
             colour = plots.SERIES[k % len(plots.SERIES)]
-            command, actual = np.degrees(result.signal(f"{name}_command")), np.degrees(result.log[name])
+            command, actual = np.degrees(result.signal(demand)), np.degrees(result.log[name])
             ax.plot(time, command, color=colour, linewidth=1.0, linestyle=_DASHED)
             ax.plot(time, actual, color=colour, label=f"trailer axle {k + 1}")
         ax.plot(time, np.degrees(result.signal("steer_tractor")), color=plots.GREY, linewidth=1.0, label="tractor")

@@ -82,13 +82,14 @@ class RunResult:
         """The signal over time, shape (n_rows,); NaN throughout if this run has none of that name."""
         return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
 
-    def steer_signals(self, trailer: str = "") -> tuple[str, ...]:
-        """Names of the signals of a trailer's steer angles, front to rear; of the last trailer if none is named.
+    def steer_signals(self, trailer: str = "", *, demands: bool = False) -> tuple[str, ...]:
+        """Names of the signals of a trailer's steer angles, or of their demands, front to rear.
 
-        Demands have ``_command`` after the axle's number.
+        Of the last trailer if none is named.
         """
         judged = next((one for one in self.trailers if one.name == trailer), self.trailers[-1])
-        return tuple(f"steer_trailer_{k}_{judged.name}" for k in range(1, judged.n_steered + 1))
+        ending = f"command_{judged.name}" if demands else judged.name
+        return tuple(f"steer_trailer_{k}_{ending}" for k in range(1, judged.n_steered + 1))
 
     def axle_steer(self, unit: UnitOutline) -> FloatArray:
         """Steer angle of each axle of a unit over time, shape (n_rows, n_axles) [rad], for drawings."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from scenarios.report.numbers import groups
+from scenarios.report.run_figures import steer
 from scenarios.report.run_page import report_html
 from scenarios.results.log import Log
 from scenarios.results.run_result import RunResult
@@ -80,6 +81,16 @@ def test_a_label_has_the_unit_of_its_number() -> None:
                 assert number.factor == factors.get(number.unit, 1.0), name
             if name.endswith("_m"):
                 assert number.unit in ("m", "mm", "°/m"), name
+
+
+def test_the_commanded_steer_angles_are_drawn(blind_run: RunResult) -> None:
+    """A curve for each of the three axles: without demands in the log the figure has far fewer points."""
+    rows = blind_run.log.rows.copy()
+    for name in blind_run.steer_signals(demands=True):
+        rows[:, blind_run.log.names.index(name)] = np.nan
+    undemanded = dataclasses.replace(blind_run, log=Log(blind_run.log.signals, rows))
+    drawn, missing = (steer(run).svg.count("\nL ") for run in (blind_run, undemanded))
+    assert drawn > missing + 150  # 50 points a curve, though matplotlib leaves out those on straight lines
 
 
 def test_the_scenario_is_quoted_not_interpreted(page: str) -> None:
