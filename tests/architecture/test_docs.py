@@ -16,6 +16,7 @@ import typer
 
 from scenarios.catalogue import TRAILER_STEERING, resolve
 from scenarios.cli import app
+from scenarios.listing import KINDS
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from scenarios.reproduce.catalogue import names_of
 from scenarios.studies.study import load_study
@@ -142,8 +143,12 @@ def check(name: str, parameters: dict[str, Any]) -> None:
         check_vehicle(parameters["name"])
     elif name == "assess":
         check_vehicle(parameters["vehicle"])
-    elif name in ("scenarios", "keys") and parameters.get("name"):
+    elif name == "parts" and parameters["kind"]:
+        assert parameters["kind"] in KINDS
+    elif name == "scenarios" and parameters["name"]:
         assert parameters["name"] in scenario_names()
+    elif name == "keys" and parameters["scenario"]:
+        check_scenario(parameters["scenario"], [])
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=ids(DOCUMENTS))
