@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 from controllers import preview_law as law
 from controllers.functions import FLOATS
 from controllers.path import Path
 from controllers.speed_profile import SpeedProfile
+from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
@@ -17,27 +17,6 @@ from vehicle.option import Option
 
 PERIOD: Final = law.PERIOD  # the driver's step [s]
 _COMFORTABLE: Final = 0.7  # planned braking and speeding up: half of the limit, which leaves room to control [m/s2]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TractorGeometry:
-    """The driver's data sheet of the tractor: size, guided point and steering actuator."""
-
-    wheelbase: float  # [m]
-    x_ref: float  # guided point in T [m]
-    y_ref: float  # [m], + left
-    max_steer: float  # road-wheel angle [rad]
-    max_steer_rate: float  # [rad/s]
-    actuator_lag: float  # first-order time constant [s]
-
-    def __post_init__(self) -> None:
-        for name in ("wheelbase", "x_ref", "max_steer", "max_steer_rate"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} = {getattr(self, name)} must be positive")
-        if self.max_steer >= math.pi / 2:
-            raise ValueError(f"max_steer = {self.max_steer} rad must be below pi/2")
-        if self.actuator_lag < 0.0:
-            raise ValueError(f"actuator_lag = {self.actuator_lag} s must not be negative")
 
 
 class DriverCommand(NamedTuple):

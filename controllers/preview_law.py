@@ -14,7 +14,7 @@ from controllers.actuator import settled
 from controllers.functions import Functions, Num, limited
 
 if TYPE_CHECKING:
-    from controllers.driver import TractorGeometry
+    from controllers.tractor import TractorGeometry
 
 PERIOD: Final = 0.02  # the driver's step [s]
 GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.estimates import CameraOffTracking, OffTracking, SlipAngle
 from estimators.odometry.protocol import Odometry
 from estimators.protocol import Estimator
-from estimators.slip.rover_odometry import RoverGeometry
+from estimators.rover_geometry import RoverGeometry
 from sensors.camera.rig import StereoCalibration
 from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import Vehicle

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+from typing import Annotated
+
 import typer
 
 from scenarios.commands import (
@@ -33,8 +36,18 @@ app = typer.Typer(
 )
 
 
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"offtrack {importlib.metadata.version('offtrack')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _offtrack() -> None:
+def _offtrack(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
     """Closed-loop co-simulation of vehicles that slip, steered by what their cameras see."""
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple
@@ -17,10 +16,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, SlipAngle
+from estimators.rover_geometry import RoverGeometry
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, wrap
-from vehicle.rover.command import WheelPlace
 
 _HEADING_TIME: Final = 2.0  # time constant of the correction of the heading by the compass [s]
 # Time constant of the drift angle that the driver compensates. Slopes change over some seconds, and a single slip angle
@@ -32,48 +31,12 @@ _NEAR: Final = 100  # largest time between a slip angle and its reading [ticks]
 _STANDING: Final = 0.005  # below it the wheels give no direction [m/s]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RoverGeometry:
-    """Data sheet of a rover for its odometry and driver.
-
-    Raises:
-        ValueError: if a length is not positive.
-    """
-
-    wheels: tuple[WheelPlace, ...]
-    wheel_radius: float  # [m]
-    effective_track: float  # for turning by wheel speed differences: the tread times a factor for scrubbing [m]
-    max_steer: tuple[float, ...]  # of each wheel; 0: it is not steered [rad]
-    max_wheel_speed: float  # [rad/s]
-
-    def __post_init__(self) -> None:
-        for name in ("wheel_radius", "effective_track", "max_wheel_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} = {getattr(self, name)} must be positive")
-        if len(self.max_steer) != len(self.wheels):
-            raise ValueError(f"max_steer = {self.max_steer} must have a value for each of {len(self.wheels)} wheels")
-
-    @property
-    def steered(self) -> bool:
-        """True if any wheel is steered; otherwise the rover turns by wheel speed differences of its sides."""
-        return max(self.max_steer) > 0.0
-
-    def places(self) -> FloatArray:
-        """Wheels (n, 2) in R [m], in their order."""
-        return wheel_places(self.wheels)
-
-
 class Rolling(NamedTuple):
     """Planar velocity of the body by the wheels."""
 
     v_x: float  # along the body's axes [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # [rad/s]
-
-
-def wheel_places(wheels: Sequence[WheelPlace]) -> FloatArray:
-    """Places (n, 2) of wheels in R [m]."""
-    return np.array([(wheel.x, wheel.y) for wheel in wheels])
 
 
 def wheel_motion(places: FloatArray, speeds: FloatArray, steer: FloatArray) -> Rolling:

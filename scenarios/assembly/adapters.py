@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from controllers.driver import TractorGeometry
+from controllers.tractor import TractorGeometry
 from controllers.trailer import Linkage, TrailerGeometry
 from scenarios.assembly.ground_friction import ground_friction
 from scenarios.courses import Course

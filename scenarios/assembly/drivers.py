@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from controllers.checked import CheckedDriver
-from controllers.driver import DriverLike, PreviewDriver, TractorGeometry
+from controllers.driver import DriverLike, PreviewDriver
 from controllers.driver_trace import TraceDriver
 from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
+from controllers.tractor import TractorGeometry
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.assembly.recorded_drive import read_trace
 from scenarios.catalogue import DRIVER, constructed, resolve

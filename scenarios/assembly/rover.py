@@ -13,7 +13,7 @@ from controllers.checked import CheckedRoverDriver
 from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
-from estimators.slip.rover_odometry import RoverGeometry
+from estimators.rover_geometry import RoverGeometry
 from scenarios.assembly.rover_sensors import (
     ReadOnce,
     RoverMountContext,

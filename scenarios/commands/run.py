@@ -49,9 +49,9 @@ def run(
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
     from scenarios.loop.run import run_any
+    from scenarios.report.writer import write_run
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.results.summary import summary
-    from scenarios.results.writer import write_run
 
     with one_line_errors():
         chosen = load_any_scenario(scenario, settings or [])

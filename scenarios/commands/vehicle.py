@@ -48,7 +48,7 @@ def vehicle(
 
 
 def _list_vehicles(*, as_json: bool) -> None:
-    from scenarios.vehicle_sheet.sheet import known_vehicles
+    from scenarios.vehicle_sheet.library import known_vehicles
 
     known = known_vehicles()
     if as_json:
@@ -64,7 +64,8 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
     from scenarios.results.run_directory import check_run_directory, next_run_directory
-    from scenarios.vehicle_sheet.sheet import open_sheet, write_sheet
+    from scenarios.vehicle_sheet.library import open_sheet
+    from scenarios.vehicle_sheet.sheet import write_sheet
 
     directory = out or next_run_directory(f"vehicle-{Path(name).stem}")
     check_run_directory(directory)

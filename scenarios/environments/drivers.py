@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers import preview_law as law
-from controllers.driver import PERIOD, TractorGeometry
+from controllers.driver import PERIOD
 from controllers.functions import ARRAYS
+from controllers.tractor import TractorGeometry
 from scenarios.environments.tracks import Tracks, Way, on_path
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import cv2
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-import scenarios.gym_env  # noqa: F401  # registers the environments
+from scenarios.environments.registry import single
 
 _SEED: Final = 101
 _Entry = Callable[[str], float]  # an entry of the observation by its name
@@ -62,8 +61,8 @@ def main(folder: Path) -> None:
 
 
 def _taken(shot: _Shot) -> NDArray[np.uint8]:
-    env = gymnasium.make(f"offtrack/{shot.name}", render_mode="rgb_array", disable_env_checker=True, **shot.options)
-    names = [feature.name for feature in env.unwrapped.core.features]  # type: ignore[attr-defined]  # gymnasium's type
+    env = single(shot.name, render_mode="rgb_array", **shot.options)
+    names = [feature.name for feature in env.core.features]  # type: ignore[attr-defined]  # every core of the registry lists them
     seen, _ = env.reset(seed=_SEED, options=shot.episode)
     for _ in range(shot.steps):
         now = dict(zip(names, seen.tolist(), strict=True))

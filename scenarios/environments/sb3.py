@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from scenarios import gym_env
+from scenarios.environments import registry
 from scenarios.environments.core import Observation
 from scenarios.environments.vector import CoreVectorEnv
 from scenarios.report.canvas import Picture
@@ -32,7 +32,7 @@ def sb3_vector(name: str, num_envs: int, *, reward_scale: float = 1.0, **options
     Raises:
         ValueError: one line, if an option is none or does not fit.
     """
-    made = gym_env.vector(name, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
+    made = registry.vector(name, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     return Sb3VecEnv(made, reward_scale=reward_scale)
 
 

@@ -11,8 +11,8 @@ from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.table import csv_text, estimate_log
 from scenarios.recordings.trajectory import kitti_text, tum_text
 from scenarios.results.log import write_log
+from scenarios.results.manifest import versions
 from scenarios.results.run_directory import appearing_at_once
-from scenarios.results.writer import versions
 
 
 def write_estimation(

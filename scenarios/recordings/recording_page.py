@@ -15,8 +15,8 @@ from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import number_cards, number_table
 from scenarios.report.page import Items, Page, Section, outcome_verdict, software_section
 from scenarios.results.log import Log
+from scenarios.results.manifest import versions
 from scenarios.results.run_result import CameraFrame
-from scenarios.results.writer import versions
 from vehicle.clock import TICK
 
 _LISTED = 50  # dropped frames named on the page; the summary names all

@@ -11,7 +11,7 @@ from scenarios.report.numbers import number_cards, number_table
 from scenarios.report.page import Figure, Items, Page, Section, outcome_verdict, software_section
 from scenarios.report.plots import BAND, ESTIMATED, TRUE, drawn, zero_line
 from scenarios.results.log import Log
-from scenarios.results.writer import versions
+from scenarios.results.manifest import versions
 
 _LAGGED: Final = "#12935f"
 _ON_CARDS: Final = ("slip.error_rms_deg", "slip.mean_deg", "slip.valid_fraction", "timing.estimator_ms_per_image")

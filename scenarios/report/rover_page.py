@@ -12,9 +12,9 @@ from scenarios.report.numbers import number_table
 from scenarios.report.page import Photo, Photos, Section
 from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.report.trace_view import traced
+from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.rover import RoverResult
-from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
 _ON_CARDS: Final = ("slip.cross_track_rms_m", "slip.error_rms_deg", "slip.true_mean_deg", "timing.realtime_factor")

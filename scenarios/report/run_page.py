@@ -12,10 +12,10 @@ from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import groups, number_table
 from scenarios.report.page import Column, Row, Section, Table
 from scenarios.report.run_sections import provenance_sections, run_html, timing_section
+from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.run_result import CameraFrame, RunResult
 from scenarios.results.summary import trailer_summaries
-from scenarios.results.writer import manifest
 from vehicle.clock import TICK
 
 _ON_CARDS: Final = (

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from scenarios.report.plots import STYLE
 from scenarios.results.log import Log, write_log
+from scenarios.results.manifest import versions
 from scenarios.results.run_directory import appearing_at_once
-from scenarios.results.writer import versions
 
 _DPI: Final = 150
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from scenarios.report.page import Cell, Column, Page, Row, Section, Table, outcome_verdict, software_section
-from scenarios.results.writer import versions
+from scenarios.results.manifest import versions
 from scenarios.standards.assessment import Assessment
 from scenarios.standards.levels import Judgement
 from scenarios.standards.manoeuvre import Manoeuvre

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scenarios.report import page
 from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
-from scenarios.results.writer import versions
+from scenarios.results.manifest import versions
 from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Outcome
 from scenarios.studies.study import Study

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from scenarios.report.page import Cell, Column, Figure, Page, Row, Section, Table, software_section
 from scenarios.report.plots import ESTIMATED, GREY, INK, TRUE, drawn
-from scenarios.results.writer import versions
+from scenarios.results.manifest import versions
 from scenarios.studies.tuning import Trial, Tuning, pareto
 
 

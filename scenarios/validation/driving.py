@@ -8,8 +8,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from controllers.driver import PERIOD, PreviewDriver, TractorGeometry
+from controllers.driver import PERIOD, PreviewDriver
 from controllers.path import Path
+from controllers.tractor import TractorGeometry
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle

@@ -11,7 +11,7 @@ import numpy as np
 
 from sensors.camera.lens_map import Floats, LensMap, resampled
 from sensors.messages import GreyImage
-from sensors.world.textures import fractal_noise
+from sensors.textures import fractal_noise
 from vehicle.frames import FloatArray
 
 _DIRT: Final = 0.85  # share of the light that thick dirt absorbs or scatters [-]

@@ -28,11 +28,11 @@ from sensors.render.context import (
     upload_texture,
 )
 from sensors.render.instancing import Culler, InstancedPart, draw, draw_run, in_view, primitive
+from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.condition import Condition
 from sensors.world.ground import RoadMap
 from sensors.world.scenery import Instances
-from sensors.world.textures import to_bytes
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
 from vehicle.frames import FloatArray, inverse, transform

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from sensors.sand.grid import TEXEL, Floats, Window
-from sensors.world.textures import fractal_noise
+from sensors.textures import fractal_noise
 
 COARSE: Final = 8  # texels a side of a coarse cell
 _COARSE_SIZE: Final = 768  # cells; repeats after 6.1 m

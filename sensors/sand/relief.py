@@ -14,7 +14,7 @@ from sensors.sand.imprint import Crumbs
 from sensors.sand.kinds import SandKind
 from sensors.sand.noise_maps import COARSE, CoarseMap, FineMap
 from sensors.sand.stones import Pebbles
-from sensors.world.textures import sigmoid, to_bytes
+from sensors.textures import sigmoid, to_bytes
 from vehicle.rover.terrain import Terrain
 
 RIPPLE_LENGTH: Final = 0.085  # crest to crest of wind ripples in medium sand [m]

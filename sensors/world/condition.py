@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sensors.textures import NoiseArray
 from sensors.world.ground import RoadMap
-from sensors.world.textures import NoiseArray
 from vehicle.frames import FloatArray
 from vehicle.surface import Potholes, Surface
 

@@ -10,8 +10,8 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
+from sensors.textures import NoiseArray, fractal_noise
 from sensors.world.shapes import FaceArray, Mesh
-from sensors.world.textures import NoiseArray, fractal_noise
 from vehicle.frames import FloatArray
 from vehicle.polyline import dense
 from vehicle.surface import Surface

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from sensors.textures import NoiseArray, TextureArray, fractal_noise, to_bytes
 from sensors.world.shapes import Mesh, box, joined, pole, polygon
-from sensors.world.textures import NoiseArray, TextureArray, fractal_noise, to_bytes
 from sensors.world.things import Colour, Part, Thing
 from vehicle.frames import FloatArray
 

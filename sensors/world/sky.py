@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from sensors.textures import NoiseArray, TextureArray, coloured, fractal_noise, sigmoid, to_bytes
 from sensors.world.sunlight import Sunlight
-from sensors.world.textures import NoiseArray, TextureArray, coloured, fractal_noise, sigmoid, to_bytes
 
 LOWEST = -0.10  # elevation of the panorama's lower edge [rad]
 HIGHEST = 0.80  # elevation of its upper edge; the sky above continues the upper row [rad]

@@ -16,9 +16,9 @@ from typing import Final, Literal, Protocol, get_args
 import numpy as np
 
 from sensors.messages import StereoFrame
+from sensors.textures import TextureArray
 from sensors.world.road_vehicles import CAR_AXLES, LORRY_AXLES, car, lorry, vehicle_textures
 from sensors.world.scenery import Instances
-from sensors.world.textures import TextureArray
 from sensors.world.things import Thing
 from sensors.world.world import World
 from vehicle.clock import TICK

@@ -9,14 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.world import sky, textures
+from sensors import textures
+from sensors.textures import TextureArray
+from sensors.world import sky
 from sensors.world.airfield import grain_fields, patched
 from sensors.world.condition import Condition, condition_of
 from sensors.world.ground import Centreline, Landscape, RoadMap, ground_mesh, road_map
 from sensors.world.scenery import Instances, Site, kerbs, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sunlight import Sunlight, daylight
-from sensors.world.textures import TextureArray
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from controllers.actuator import settle
-from controllers.driver import PreviewDriver, TractorGeometry
+from controllers.driver import PreviewDriver
+from controllers.tractor import TractorGeometry
 from controllers.trailer import TrailerGeometry, TrailerSteering
 from estimators.estimates import OffTracking
 from estimators.off_tracking.reference import ReferenceOffTracking

@@ -12,8 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.driver import DriverMemory, PreviewDriver, TractorGeometry
+from controllers.driver import DriverMemory, PreviewDriver
 from controllers.path import Path, Segment, arc, line
+from controllers.tractor import TractorGeometry
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.courses import figure_of_eight, roundabout, straight
 from sensors.messages import EgoState

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from controllers.driver import DriverCommand, PreviewDriver, TractorGeometry
+from controllers.driver import DriverCommand, PreviewDriver
 from controllers.path import Path, arc, line
 from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
+from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.frames import FloatArray, Pose2
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, SlipAngle
-from estimators.slip.rover_odometry import RoverGeometry, RoverOdometry, RoverPose
+from estimators.rover_geometry import RoverGeometry
+from estimators.slip.rover_odometry import RoverOdometry, RoverPose
 from sensors.messages import LaserFix, RoverReadings
 from vehicle.rover.command import corner_wheels
 from vehicle.rover.description import load_rover

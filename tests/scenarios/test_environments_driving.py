@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import scenarios.gym_env  # noqa: F401  # it registers the environments
-from controllers.driver import PreviewDriver, TractorGeometry
+from controllers.driver import PreviewDriver
 from controllers.path import Path, line
 from controllers.reversing.chain import RollingChain
 from controllers.reversing.law import ReversingLaw
 from controllers.reversing.reference import ReverseReference
+from controllers.tractor import TractorGeometry
 from scenarios.environments.domain import N_DRAWN, Circumstances, Domain
 from scenarios.environments.movers import Slipping
 from sensors.messages import EgoState

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scenarios.report.writer import write_run
 from scenarios.results.log import Log, read_log
 from scenarios.results.run_directory import appearing_at_once, check_run_directory, next_run_directory
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 from scenarios.results.timing import Timing
-from scenarios.results.writer import write_run
 
 NAMES = {
     "off_tracking": [

@@ -19,8 +19,8 @@ from typer.testing import CliRunner, Result
 from scenarios.commands.vehicle import vehicle
 from scenarios.vehicle_sheet import rover_views
 from scenarios.vehicle_sheet.combination_views import CombinationDrawing, plan_view, side_view
+from scenarios.vehicle_sheet.library import open_sheet
 from scenarios.vehicle_sheet.paper import Scale, save_sheet
-from scenarios.vehicle_sheet.sheet import open_sheet
 from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.rover.data_sheet import rover_sheet

@@ -15,7 +15,8 @@ import numpy as np
 
 from estimators.context import RoverContext
 from estimators.estimates import SlipAngle, lost_slip
-from estimators.slip.rover_odometry import wheel_motion, wheel_places
+from estimators.rover_geometry import wheel_places
+from estimators.slip.rover_odometry import wheel_motion
 from estimators.slip.trace_tracker import histories, path_line
 from estimators.slip.trace_tracker.acquisition import best_straight
 from estimators.slip.trace_tracker.channels import channels

@@ -6,16 +6,13 @@ A run directory holds ``scenario.toml`` (runs again identically), ``manifest.jso
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
-import platform
 from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
-
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import write_log
+from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.rover import RoverResult
 from scenarios.results.run_directory import appearing_at_once
@@ -61,22 +58,5 @@ def _write_report(
         write_rover_video(result, folder / "video", progress=progress)
 
 
-def manifest(result: RunResult | RoverResult) -> dict[str, object]:
-    """Versions and hashes that identify the run."""
-    return {
-        "scenario": result.scenario,
-        "seed": result.seed,
-        "versions": versions(),
-        "signals_sha256": result.log.sha256(),
-        **result.manifest,
-    }
-
-
 def _write_json(path: Path, content: Mapping[str, object]) -> None:
     path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def versions() -> dict[str, str]:
-    """Versions of what a run's numbers depend on."""
-    installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
-    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}

@@ -1,0 +1,28 @@
+"""Manifest of a run: versions, seed and hashes that identify it."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+
+import cv2
+
+from scenarios.results.rover import RoverResult
+from scenarios.results.run_result import RunResult
+
+
+def manifest(result: RunResult | RoverResult) -> dict[str, object]:
+    """Versions and hashes that identify the run."""
+    return {
+        "scenario": result.scenario,
+        "seed": result.seed,
+        "versions": versions(),
+        "signals_sha256": result.log.sha256(),
+        **result.manifest,
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a run's numbers depend on."""
+    installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
+    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}
