@@ -1,9 +1,9 @@
-"""Many drivers at once: the law of ``controllers.driver.PreviewDriver`` as one compiled function (a test compares)."""
+"""Preview drivers of many tractors: `controllers.preview_law` as one compiled function (a test compares)."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,20 +20,20 @@ from vehicle.frames import FloatArray
 V = TypeVar("V")  # an array (n,), or SX
 
 
-class Drive(NamedTuple, Generic[V]):
-    """What a driver carries from step to step, and what he demands."""
+class DriverState(NamedTuple, Generic[V]):
+    """State and demands of a driver."""
 
     station: V  # of the guided point [m]
     demand: V  # last steer demand [rad]
-    steer: V  # where his steering should be by now [rad]
+    steer: V  # predicted steer angle now [rad]
     front_slip: V  # [rad]
     integral: V  # of the speed's error [m/s2]
-    beside: V  # distance of the guided point from the path, + left [m]
+    offset: V  # lateral distance of the guided point from the path, + left [m]
     acceleration: V  # last demand [m/s2]
 
 
-class _Given(NamedTuple, Generic[V]):
-    """What he sees and feels; poses and velocities as in ``BatchMotion``."""
+class _Inputs(NamedTuple, Generic[V]):
+    """Inputs of a driver; poses and velocities as in ``BatchMotion``."""
 
     x: V
     y: V
@@ -45,89 +45,91 @@ class _Given(NamedTuple, Generic[V]):
     gain: V  # [rad/m]
     x_ref: V  # guided point in T [m]
     y_ref: V
-    ahead: V  # the station to look for the guided point around [m]
+    near: V  # expected station of the guided point [m]
 
 
 class Drivers:
-    """Drivers of equal tractors, each on a course of his own at a speed of his own."""
+    """Drivers of equal tractors, each with its own course and speed."""
 
     def __init__(self, tractor: TractorGeometry, tracks: Tracks, n: int, engine: Engine) -> None:
-        """All at the start of the first course until they ``begin``."""
+        """All at the start of the first course until ``begin``."""
         self._tracks, self._n = tracks, n
         self._step = kernel_for_rows(_function(tractor), n, engine)
         self._course = np.zeros(n, dtype=np.intp)
-        self._u = np.zeros((n, len(_Given._fields) + len(Way._fields)))
-        self._given = _Given(*(self._u[:, k] for k in range(len(_Given._fields))))
-        self._memory = np.zeros((n, len(Drive._fields)))
-        for column in (self._given.speed, self._given.gain, self._given.x_ref):
+        self._u = np.zeros((n, len(_Inputs._fields) + len(Way._fields)))
+        self._inputs = _Inputs(*(self._u[:, k] for k in range(len(_Inputs._fields))))
+        self._memory = np.zeros((n, len(DriverState._fields)))
+        for column in (self._inputs.speed, self._inputs.gain, self._inputs.x_ref):
             column[:] = 1.0
 
     @property
     def course(self) -> NDArray[np.intp]:
-        """Numbers of the courses, (n,)."""
+        """Indices of the courses, (n,)."""
         return self._course
 
     @property
-    def drive(self) -> Drive[FloatArray]:
-        """What the drivers carry."""
-        return Drive(*self._memory.T)
+    def state(self) -> DriverState[FloatArray]:
+        """State and demands of all drivers, (n,) each."""
+        return DriverState(*self._memory.T)
 
     def begin(self, lanes: NDArray[np.intp], course: NDArray[np.intp], speed: FloatArray) -> None:
-        """These drivers start afresh on these courses at these set speeds [m/s]."""
-        given = self._given
-        self._course[lanes], given.speed[lanes] = course, speed
-        given.gain[lanes] = law.gain_at(ARRAYS, law.GAIN, speed)
-        given.x_ref[lanes], given.y_ref[lanes] = self._tracks.references[course].T
+        """Start these drivers on courses at set speeds [m/s]."""
+        inputs = self._inputs
+        self._course[lanes], inputs.speed[lanes] = course, speed
+        inputs.gain[lanes] = law.gain_at(ARRAYS, law.GAIN, speed)
+        inputs.x_ref[lanes], inputs.y_ref[lanes] = self._tracks.references[course].T
         self._memory[lanes] = 0.0
 
     def step(self, poses: FloatArray, velocities: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Steer [rad] and acceleration [m/s2] demanded of tractors (n, 3) that move so, x y psi and v_x v_y yaw rate.
+        """Demanded steer [rad] and acceleration [m/s2] of tractors.
 
-        Every call is a control period after the one before.
+        Poses (n, 3) are x, y, psi; velocities (n, 3) are v_x, v_y and yaw rate. Calls are one control period apart.
         """
         self._u[:, :3], self._u[:, 3:6] = poses, velocities
-        # He looks for the point where it will be when the steering has answered, about as far on as it goes meanwhile.
-        ahead = self._given.ahead
-        np.multiply(velocities[:, 0], PERIOD, out=ahead)
-        ahead += self._memory[:, 0]
-        self._u[:, len(_Given._fields) :] = self._tracks.ways(self._course, ahead)
+        # The guided point is expected one period of travel further on.
+        near = self._inputs.near
+        np.multiply(velocities[:, 0], PERIOD, out=near)
+        near += self._memory[:, 0]
+        self._u[:, len(_Inputs._fields) :] = self._tracks.ways(self._course, near)
         self._memory = self._step(self._memory, self._u)
         return self._memory[:, _DEMAND], self._memory[:, _ACCELERATION]
 
 
-_DEMAND: Final = Drive._fields.index("demand")
-_ACCELERATION: Final = Drive._fields.index("acceleration")
+_DEMAND: Final = DriverState._fields.index("demand")
+_ACCELERATION: Final = DriverState._fields.index("acceleration")
 
 
-def _function(t: TractorGeometry) -> Any:
-    """Function (drive, given and way, nothing) -> drive."""
-    memory, inputs = ca.SX.sym("m", len(Drive._fields)), ca.SX.sym("u", len(_Given._fields) + len(Way._fields))
-    values = ca.vertsplit(inputs)
-    old: Drive[ca.SX] = Drive(*ca.vertsplit(memory))
-    given: _Given[ca.SX] = _Given(*values[: len(_Given._fields)])
-    now = _stepped(t, old, given, Way(*values[len(_Given._fields) :]))
-    return ca.Function("drive", [memory, inputs, ca.SX(0, 1)], [ca.cse(ca.vertcat(*now))])
+def _function(t: TractorGeometry) -> ca.Function:
+    """Function (state, inputs and path piece, nothing) -> state."""
+    n, m = len(DriverState._fields), len(_Inputs._fields)
+    memory, u = ca.SX.sym("m", n), ca.SX.sym("u", m + len(Way._fields))
+    values = ca.vertsplit(u)
+    old: DriverState[ca.SX] = DriverState(*ca.vertsplit(memory))
+    now = _stepped(t, old, _Inputs(*values[:m]), Way(*values[m:]))
+    return ca.Function("drive", [memory, u, ca.SX(0, 1)], [ca.cse(ca.vertcat(*now))])
 
 
-def _stepped(t: TractorGeometry, old: Drive[ca.SX], on: _Given[ca.SX], way: Way[ca.SX]) -> Drive[ca.SX]:
-    """A driver one period later."""
+def _stepped(t: TractorGeometry, old: DriverState[ca.SX], on: _Inputs[ca.SX], way: Way[ca.SX]) -> DriverState[ca.SX]:
+    """State one period later."""
     steer = law.steer_after(ca, t, old.steer, old.demand, PERIOD)
     front_slip = law.filtered_front_slip(ca, t, old.front_slip, steer, on.v_x, on.v_y, on.yaw_rate, PERIOD)
     station, demand, offset = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, way)
     integral, acceleration = law.speed_control(ca, old.integral, on.speed - on.v_x, PERIOD)
-    return Drive(station, demand, steer, front_slip, integral, offset, acceleration)
+    return DriverState(station, demand, steer, front_slip, integral, offset, acceleration)
 
 
-def _steering(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX], way: Way[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Station [m], steer demand [rad] and distance beside the path [m] of the guided point."""
+def _steering(
+    t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX], way: Way[ca.SX]
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Station [m] of the guided point, steer demand [rad] and lateral offset from the path [m]."""
     x, y, psi = _predicted(t, now, on)
     c, s = ca.cos(psi), ca.sin(psi)
     x, y = x + c * on.x_ref - s * on.y_ref, y + s * on.x_ref + c * on.y_ref
-    guess = on_path(way, on.ahead)
+    guess = on_path(way, on.near)
     c, s = ca.cos(guess.psi), ca.sin(guess.psi)
     across = c * (y - guess.y) - s * (x - guess.x)
     along = c * (x - guess.x) + s * (y - guess.y)
-    station = on.ahead + along / ca.fmax(1.0 - guess.curvature * across, 0.5)
+    station = on.near + along / ca.fmax(1.0 - guess.curvature * across, 0.5)
     path = on_path(way, station)
     to_path = ca.cos(path.psi) * (path.y - y) - ca.sin(path.psi) * (path.x - x)
     turn = path.psi - psi
@@ -145,8 +147,8 @@ def _steering(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX], way: Way
     return station, demand, -to_path
 
 
-def _predicted(t: TractorGeometry, now: Drive[ca.SX], on: _Given[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Pose of the tractor when the steering will have answered this demand."""
+def _predicted(t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Pose of the tractor when the steering has answered this demand."""
     horizon = law.horizon(t)
     yaw_rate = law.mean_yaw_rate(ca, t, now.steer, now.demand, on.v_x, on.yaw_rate)
     middle = on.psi + 0.5 * horizon * yaw_rate

@@ -243,7 +243,7 @@ class TrailerSteering:
             steer_rate=(self._axles(now) - self._axles(before)) / PERIOD,
             articulation=now.poses[:, :-1, 2] - now.poses[:, 1:, 2],
             load_transfer=now.load_transfer,
-            beside_road=self._drivers.drive.beside,
+            beside_road=self._drivers.state.offset,
             speed=now.velocities[:, 0, 0],
             finite=self._fleet.finite,
         )
@@ -256,7 +256,7 @@ class TrailerSteering:
             if ended.any():
                 outcome[ended] = words
                 terminated |= ended
-        completed = self._drivers.drive.station >= self._lengths
+        completed = self._drivers.state.station >= self._lengths
         truncated = completed | (self._elapsed > self._allowed)
         if truncated.any():
             truncated &= ~terminated

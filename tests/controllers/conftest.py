@@ -26,7 +26,7 @@ WHEELBASE, HITCH_X = 3.8, 0.6  # the tractor of the published roundabout figures
 
 
 class Run(NamedTuple):
-    """What happened, at every step of the controllers."""
+    """Log of a drive, at every step of the controllers."""
 
     station: FloatArray  # of the guided point [m]
     off_tracking: FloatArray  # true, every 0.1 s, else nan; nan until the hitch path reaches the follow point [m]

@@ -104,7 +104,7 @@ bad = pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS.keys())
 
 
 def test_good_estimates_leave_the_law_alone() -> None:
-    """What the guard adds to a law without faults is nothing but the actuators' limits."""
+    """Without faults the guard adds nothing but the actuators' limits."""
     ticks, commands, memory = drive(lambda seen: seen, 3000)
     assert memory.law[:3] == (0,) * 3
     assert (commands[ticks >= 800] == WANTED).all()  # 0.2 rad at 20 deg/s take 0.57 s from the first estimate on

@@ -25,7 +25,7 @@ SPEED = 10.0 / 3.6
 
 
 def given(**known: float) -> FloatArray:
-    """What a prediction is told; what is not said is zero, the speed 10 km/h and the road dry."""
+    """Inputs of a prediction: zero but for those given, at 10 km/h on a dry road."""
     told = {"rate": 0.0, "speed": SPEED, "course_rate": 0.0, "pull": 0.0, "disturbance": 0.0, "friction": 0.8} | known
     rates = [told.pop("rate")] * MODEL.n_actuators
     return np.array([*rates, *told.values()])

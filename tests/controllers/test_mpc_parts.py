@@ -155,7 +155,7 @@ def test_sliding_tyres_tell_the_friction_within_a_few_metres() -> None:
 
 
 def test_tyres_that_grip_tell_nothing_of_friction() -> None:
-    """What the accelerometer shows beyond them is a disturbance, and most of it is carried on.
+    """The rest of the accelerometer's reading is a disturbance, and most of it is kept.
 
     The stationary Kalman filter of a disturbance of 0.03 that is forgotten over L = 20 m, with noise r = 0.04^2 m, has
     the gain k = sqrt(1/L^2 + 2 0.03^2 / (L r)) - 1/L = 0.192 per metre and thus keeps k / (k + 1/L) = 0.794 of it.

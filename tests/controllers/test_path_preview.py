@@ -107,7 +107,7 @@ def test_slip_is_estimated_and_steered_against(drive: Any) -> None:
 
 
 def test_foreseeing_the_inertial_slip_pays(drive: Any) -> None:
-    """Where the tyres are as assumed, the slip that comes with the turn is there when the turn is, not 1.5 m later.
+    """With tyres as assumed, the slip of a turn is compensated at its beginning, not 1.5 m later.
 
     A tenth less error into the turn and round it; foreseen and measured twice over, it would be several times more.
     """

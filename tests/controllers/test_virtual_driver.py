@@ -89,7 +89,7 @@ def test_left_and_right_are_steered_alike(drive: Any) -> None:
 
 
 def test_a_lost_estimate_changes_nothing() -> None:
-    """What then happens is not the law's business: it goes by the last usable one."""
+    """The law continues with the last usable one."""
     law = VirtualDriver(TRAILER)
     memory, _ = law.step(law.init(), 0, on_circle(20.0), signals(0))
     lost = replace(on_circle(-20.0, 20), health=Health.LOST, std=math.inf)
