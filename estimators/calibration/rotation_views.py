@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from estimators.calibration.right_rotation import RightRotation, homography, moved
 from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.local_planes import local_planes, rays_through, warps
-from estimators.odometry.point_tracking import LEVELS, LEVELS_NEAR, track
+from estimators.odometry.point_tracking import LEVELS, LEVELS_NEAR, disparity_guess, track
 from estimators.odometry.warped_matching import (
     MARGIN,
     Float32Array,
@@ -36,7 +36,6 @@ _FINEST = 0.03  # least error of a patch: sampling and interpolation, measured o
 _SAME_ROW = 1.5  # largest difference of the rows, beyond the uncertainty of the rotation [px]
 _FARTHEST = -1.0  # least disparity: those of distant points scatter about 0 [px]
 _AHEAD = 0.1  # least disparity for a point's plane, so that it lies ahead of the camera [px]
-_SCENERY_DEPTH = 30.0  # initial guess of the depth of points above the ground [m]
 _NEAREST = 1.0  # [m]
 _GATE = 12.0  # largest distance of a match from its prediction [px]
 
@@ -127,7 +126,7 @@ def _pairs(
     """Corners in the left and the raw right image that track there and back."""
     corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
     H = homography(calibration, rotation)
-    guess = moved(_inverse(H), corners - _disparity_guess(calibration, corners)).astype(np.float32)
+    guess = moved(_inverse(H), corners - disparity_guess(calibration, corners)).astype(np.float32)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)
     apart = corners - moved(H, right)
@@ -142,14 +141,6 @@ def _patch_matches(patches: Float32Array, image: GreyImage, guess: Points) -> Pa
     if len(guess) == 0:
         return PatchMatches(guess, np.empty(0, np.float32), np.empty((0, 2), np.float32))
     return match_patches(templates(patches), image.astype(np.float32), guess)
-
-
-def _disparity_guess(calibration: StereoCalibration, corners: Points) -> FloatArray:
-    """Predicted shift (n, 2) [px] from left to right of corners, on level ground or on nearer scenery."""
-    towards_ground = -rays_through(calibration, corners) @ calibration.X_SC[2, :3]  # per unit of depth
-    inverse_depth = np.maximum(towards_ground / calibration.X_SC[2, 3], 1.0 / _SCENERY_DEPTH)
-    shift = calibration.focal_length * calibration.baseline * inverse_depth
-    return np.column_stack([shift, np.zeros(len(shift))])
 
 
 def _inside(calibration: StereoCalibration, z: FloatArray) -> NDArray[np.bool_]:

@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.corners import Points
+from estimators.odometry.local_planes import rays_through
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
+from vehicle.frames import FloatArray
 
 LEVELS = 3  # pyramid levels above the image, for guesses wrong by up to some 40 px
 LEVELS_NEAR = 1  # the same, for guesses wrong by noise alone
@@ -51,7 +53,7 @@ def exposed_like(image: GreyImage, other: GreyImage) -> GreyImage:
 
 def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:
     """Corners of the left image that are also found in the right one, with their positions in both."""
-    guess = corners - _disparity_guess(calibration, corners)
+    guess = corners - disparity_guess(calibration, corners).astype(np.float32)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     kept = found & same_row(corners, right)
     return corners[kept], right[kept]
@@ -64,12 +66,9 @@ def same_row(left: Points, right: Points) -> NDArray[np.bool_]:
     return one_row
 
 
-def _disparity_guess(calibration: StereoCalibration, corners: Points) -> Points:
+def disparity_guess(calibration: StereoCalibration, corners: Points) -> FloatArray:
     """Predicted shift (n, 2) [px] from left to right of corners, on level ground or on nearer scenery."""
-    rays = np.column_stack(
-        [(corners - [calibration.cx, calibration.cy]) / calibration.focal_length, np.ones(len(corners))]
-    )
-    towards_ground = -rays @ calibration.X_SC[2, :3]  # per unit of depth
+    towards_ground = -rays_through(calibration, corners) @ calibration.X_SC[2, :3]  # per unit of depth
     inverse_depth = np.maximum(towards_ground / calibration.X_SC[2, 3], 1.0 / _SCENERY_DEPTH)
     shift = calibration.focal_length * calibration.baseline * inverse_depth
-    return np.column_stack([shift, np.zeros(len(shift))]).astype(np.float32)
+    return np.column_stack([shift, np.zeros(len(shift))])

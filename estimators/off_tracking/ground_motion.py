@@ -32,10 +32,10 @@ class GroundMotion(NamedTuple):
     disagreement: float  # between the mean residuals of the cameras; 0 with one camera [m]
 
 
-def ground_motion(seen: Sequence[tuple[Pairs, FloatArray]]) -> GroundMotion:
+def ground_motion(views: Sequence[tuple[Pairs, FloatArray]]) -> GroundMotion:
     """Least-squares motion for the pairs of each camera, given with the centre (2,) of its view in S [m]."""
-    together = pooled(*(pairs for pairs, _ in seen))
-    middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in seen])
+    together = pooled(*(pairs for pairs, _ in views))
+    middles = np.concatenate([np.broadcast_to(middle, pairs.first.shape) for pairs, middle in views])
     p, q = together.first, together.second
     X = planar_motion(together).X
     R, t, k = X[:2, :2], X[:2, 3], np.zeros(2)
@@ -50,7 +50,7 @@ def ground_motion(seen: Sequence[tuple[Pairs, FloatArray]]) -> GroundMotion:
         prior = np.concatenate([np.zeros(3), k]) * (_NOISE / _TILT) ** 2
         step = np.linalg.solve(normal, A.T @ residual.ravel() - prior)
         R, t, k = so3_exp(np.array([0.0, 0.0, step[0]]))[:2, :2] @ R, t + step[1:3], k + step[3:]
-    means = [residual[start:end].mean(axis=0) for start, end in _stretches(seen)]
+    means = [residual[start:end].mean(axis=0) for start, end in _stretches(views)]
     disagreement = float(np.linalg.norm(means[0] - means[-1]))
     X = X.copy()
     X[:2, :2], X[:2, 3] = R, t
@@ -61,9 +61,9 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[:, :, None] * b[:, None, :])
 
 
-def _stretches(seen: Sequence[tuple[Pairs, FloatArray]]) -> list[tuple[int, int]]:
+def _stretches(views: Sequence[tuple[Pairs, FloatArray]]) -> list[tuple[int, int]]:
     """First row of each camera's pairs and the row after its last."""
-    ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in seen)]).tolist()
+    ends = np.cumsum([0, *(len(pairs.first) for pairs, _ in views)]).tolist()
     return list(pairwise(ends))
 
 
