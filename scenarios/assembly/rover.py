@@ -142,7 +142,7 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
         sensor=with_faults(
             opened.sensor,
             [options.fault() for options in scenario.faults],
-            camera=None,
+            camera=mount.rig.camera,
             unit=0,
             rng=lambda k: mount.stream(f"fault {k}"),
         ),

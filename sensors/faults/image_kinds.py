@@ -71,7 +71,9 @@ class Blackout(ImageFault):
 class Dirt(ImageFault):
     """A splash of dirt covers a share of each lens."""
 
-    options = (Option("share", 0.3, "share of the lens that is covered", low=0.0, high=1.0),)
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("share", 0.3, "share of the lens that is covered", low=0.0, high=1.0),
+    )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         camera, (share,) = camera_of(context), amount
@@ -86,7 +88,9 @@ class Dirt(ImageFault):
 class Glare(ImageFault):
     """Light is scattered around a spot in the upper half of the images."""
 
-    options = (Option("strength", 1.0, "brightness relative to the sun", low=0.0, high=5.0),)
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("strength", 1.0, "brightness relative to the sun", low=0.0, high=5.0),
+    )
 
     def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
         (strength,) = amount

@@ -70,7 +70,7 @@ class Desync(StereoFault):
 class Decalibration(StereoFault, ImageFault):
     """The right camera is turned against its calibration."""
 
-    options = tuple(
+    options: ClassVar[tuple[Option, ...]] = tuple(
         Option(name, default, f"{name} of the right camera", unit="deg", low=-5.0, high=5.0)
         for name, default in (("roll", -0.15), ("yaw", 0.1), ("pitch", 0.0))
     )

@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 
 from scenarios.assembly.board_calibration import BoardCalibration
+from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
-from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
 from scenarios.recordings.stereo_writer import RecordingWriter
 from sensors.camera.lens import RawStereoRig, load_raw_rig
 from sensors.camera.raw_camera import RawStereoCamera
 from sensors.camera.stereo_camera import StereoCamera
+from sensors.messages import RoverView
 
 SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
 BARREL = "rig.distortion=[-0.15, 0.02, 0, 0, 0]"
@@ -130,6 +133,26 @@ def test_a_run_with_lost_late_and_bent_images_is_recorded_as_it_was_seen(tmp_pat
     way = np.linalg.norm(poses[:, :, 3], axis=1)
     np.testing.assert_allclose(way, 5.0 * (np.array(times) - times[0]), atol=0.02)  # [m] 5 m/s; 0.1 s would be 0.5 m
     assert load_raw_rig(folder / "rig.toml").left.distortion == (-0.15, 0.02, 0.0, 0.0, 0.0)
+
+
+def test_faults_of_images_reach_a_rovers_estimator() -> None:
+    """From 0.4 s on its ground images are black, and the readings beside them still arrive."""
+    settings = ("course.length=1", "faults=blackout@0.4")
+    rover = load_any_scenario("rover-slope", settings)
+    assert isinstance(rover, RoverScenario)
+    parts = assemble_rover(rover, seed=1)
+    state = parts.plant.initial_state(parts.path.start, rover.speed)
+    views = [parts.sensing.sensor.sample(parts.plant.observe(state, tick)) for tick in (0, 1000)]
+    assert all(isinstance(view, RoverView) for view in views)
+    assert [bool(view.image.any()) for view in views if isinstance(view, RoverView)] == [True, False]
+
+
+def test_faults_of_stereo_pairs_are_refused_for_rovers() -> None:
+    """A rover has a single camera."""
+    rover = load_any_scenario("rover-slope", ("course.length=1", "faults=desync"))
+    assert isinstance(rover, RoverScenario)
+    with pytest.raises(ValueError, match=r"faults: desync needs a stereo camera; .* sends RoverView"):
+        assemble_rover(rover, seed=1)
 
 
 def test_faults_of_images_need_images() -> None:
