@@ -14,7 +14,7 @@ from scenarios.options.traffic import TrafficOptions
 from sensors.camera.rig import StereoCalibration
 from sensors.render import StereoRenderer
 from sensors.world.ground import ground_height
-from sensors.world.traffic import InTraffic, Sampled, Traffic, populated
+from sensors.world.traffic import InTraffic, StereoSampler, Traffic, populated
 from sensors.world.world import World, build_world
 from vehicle.combination.description import Unit
 from vehicle.surface import Surface
@@ -38,7 +38,7 @@ class Views:
             self._world = self._built() if self._traffic is None else populated(self._built(), self._traffic)
         return self._world
 
-    def amid(self, camera: Sampled, renderer: StereoRenderer) -> Sampled:
+    def amid(self, camera: StereoSampler, renderer: StereoRenderer) -> StereoSampler:
         """A camera that sees the traffic where it is, if there is any."""
         return camera if self._traffic is None else InTraffic(camera, renderer, self._traffic)
 

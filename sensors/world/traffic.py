@@ -219,14 +219,14 @@ def populated(world: World, traffic: Traffic) -> World:
     return replace(world, moving=traffic.hidden, textures=world.textures | traffic.textures)
 
 
-class Sampled(Protocol):
+class StereoSampler(Protocol):
     """A stereo camera."""
 
     def sample(self, truth: Truth) -> StereoFrame:
         """Stereo pair at the truth's tick."""
 
 
-class Movable(Protocol):
+class MovableScene(Protocol):
     """A renderer that can move the world's moving things."""
 
     def place(self, moved: tuple[Instances, ...]) -> None:
@@ -236,7 +236,7 @@ class Movable(Protocol):
 class InTraffic:
     """A stereo camera; the traffic is moved before every capture."""
 
-    def __init__(self, camera: Sampled, renderer: Movable, traffic: Traffic) -> None:
+    def __init__(self, camera: StereoSampler, renderer: MovableScene, traffic: Traffic) -> None:
         self._camera, self._renderer, self._traffic = camera, renderer, traffic
 
     def sample(self, truth: Truth) -> StereoFrame:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,13 @@ from range_scanner import NOISE, RANGE, RangeScan, RangeScanner, row_camera
 from scan_matching import ScanMatching, aligned
 
 from estimators.estimates import Health, OffTracking
+from scenarios.assembly.trailer import assemble
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+from scenarios.results.run_result import error_of_estimate
+from sensors.faults.fault import Fault
+from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.image_kinds import Dirt
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances
 from sensors.world.shapes import box
@@ -22,6 +30,8 @@ from vehicle.surface import Surface
 
 REAR, FOLLOW = -13.6, 11.0  # rear end and follow point of the trailer, from the hitch [m]
 RADIUS = 25.0  # of the bend [m]
+FOLDER = Path(__file__).parent / "range_scanner"
+SETTINGS = ("sensor=range_scanner:RangeScanner", "off_tracking=scan_matching:ScanMatching")
 PERIOD, STEP = 100, 0.5  # between scans [ticks], [m]: 5 m/s
 
 
@@ -193,3 +203,48 @@ def test_a_corridor_does_not_tell_the_way_along_it() -> None:
         for k in range(2)
     ]
     assert aligned(scans[0], scans[1], Pose2(0.3, 0.0, 0.0)) is None
+
+
+def test_closed_loop_runs_by_settings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Quarter of a roundabout, steered by the scans: import paths name both parts, nothing in the packages knows them.
+
+    The hitch path is chained from some 28 motions of 1 to 4 cm (1 sigma) with partly correlated errors: a decimetre.
+    """
+    monkeypatch.chdir(FOLDER)
+    result = run(load_scenario("roundabout", (*SETTINGS, "course.turn_deg=90")), 1)
+    assert result.outcome == "completed"
+    error, std = error_of_estimate(result), result.signal("off_tracking_std")
+    valid = np.isfinite(error)
+    assert valid.sum() > 200  # of some 250 scans; the first 14 m and a few with little scenery are lost
+    assert np.sqrt(np.mean(error[valid] ** 2)) < 0.15  # [m]
+    assert np.mean(std[valid]) < 0.3  # [m]
+    assert np.abs(error[valid] / std[valid]).max() < 3.0
+
+
+def test_faults_of_transmission_apply_to_the_scanner(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its message is a dataclass with a tick: after 2 s no scan arrives any more."""
+    monkeypatch.chdir(FOLDER)
+    result = run(load_scenario("constant-slip", (*SETTINGS, "course.length=30", "faults=dropout:1@2+60")), 1)
+    times = result.log["time"][np.isfinite(result.signal("health_semitrailer"))]
+    assert times.max() == pytest.approx(1.9, abs=0.05)  # [s]
+
+
+def test_faults_of_images_do_not_apply_to_the_scanner() -> None:
+    """It has a window that can get dirty, but its message holds no image."""
+
+    class Nothing:
+        def render_depth_from(self, X_WC1: FloatArray, X_WC2: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return np.full((1, 2048), np.inf), np.full((1, 2048), np.inf)
+
+    scanner = RangeScanner(Nothing(), unit=0, x=REAR, rng=np.random.default_rng(0))
+    fault = Fault(name="dirt", kind=Dirt)
+    with pytest.raises(ValueError, match="faults: dirt needs a camera; the sensor of this run sends RangeScan"):
+        with_faults(scanner, [fault], camera=None, unit=0, rng=np.random.default_rng)
+
+
+def test_the_estimator_refuses_another_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line names the sensor it needs."""
+    monkeypatch.chdir(FOLDER)
+    settings = ("sensor=reference_pose", "off_tracking=scan_matching:ScanMatching")
+    with pytest.raises(ValueError, match="needs sensor = range_scanner:RangeScanner"):
+        assemble(load_scenario("roundabout", settings), 1)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sensors.context import TrailerSensorContext
 
 NOISE: Final = 0.02  # standard deviation of a range; assumed, as of a scanner for outdoor vehicles [m]
-RANGE: Final = 80.0  # greatest [m]
+RANGE: Final = 40.0  # greatest; farther away the beams of a rolling trailer reach the ground [m]
 _HEIGHT: Final = 1.2  # above the ground: over kerbs, below the tops of hedges [m]
 _STEP: Final = math.radians(0.25)  # between beams, nearly
 _COLUMNS: Final = 2048  # of a camera's row [px]
