@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol, TypeVar
 
 from vehicle.parameter_file import nearest
@@ -106,3 +106,14 @@ def constructed(key: str, name: str, part: Part[ContextT, PartT], context: Conte
     if not callable(getattr(part, "of", None)):
         raise ValueError(f"{key} = {name}: the class needs a class method of(context)")
     return part.of(context)
+
+
+def check_declared(key: str, name: str, part: object, attributes: Sequence[str]) -> None:
+    """Refuse a class that lacks attributes which its kind of parts declares.
+
+    Raises:
+        ValueError: one line naming the class and the attribute.
+    """
+    for attribute in attributes:
+        if not hasattr(part, attribute):
+            raise ValueError(f"{key} = {name}: the class must declare '{attribute}' (see docs/own-parts.md)")

@@ -21,7 +21,7 @@ from scenarios.assembly.rover_sensors import (
     TraceView,
     opened_rover_sensor,
 )
-from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, constructed, resolve
+from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, check_declared, constructed, resolve
 from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions, TraceRigOptions
 from scenarios.randomness import stream
 from sensors.faults.faulty_sensor import with_faults
@@ -131,6 +131,7 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     """
     scenario = mount.scenario
     part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
+    check_declared("slip_estimator", scenario.slip_estimator, part, ("sensor", "options"))
     opened = opened_rover_sensor(part.sensor if scenario.sensor is None else scenario.sensor, mount)
     context = RoverContext(
         rover=rover_geometry(mount.rover),

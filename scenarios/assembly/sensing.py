@@ -10,7 +10,7 @@ from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerC
 from estimators.odometry.protocol import Odometry
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, constructed, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, check_declared, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.faulty_sensor import with_faults
@@ -64,6 +64,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     """
     scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
+    check_declared("off_tracking", scenario.off_tracking, part, ("sensor", "options"))
     options = _estimator_options(scenario)
     check_options(part.options, options, "estimator")
     opened = opened_sensor(scenario.sensor if scenario.sensor is not None else part.sensor, context)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from scenarios.results.timing import Timing
 
@@ -13,6 +15,14 @@ Summary = dict[str, str | int | Numbers | dict[str, Numbers]]
 def number(value: float) -> float | None:
     """The value to the last micrometre, or None where there is no number."""
     return round(float(value), 6) if math.isfinite(value) else None
+
+
+def number_at(summary: Mapping[str, Any], path: str) -> float | None:
+    """The number ``group.name`` of a summary; None if it has none."""
+    value: Any = summary
+    for part in path.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return None if value is None else float(value)
 
 
 def timing_numbers(timing: Timing) -> Numbers:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from scenarios.options.scenario import load_any_scenario
+from scenarios.results.numbers import number_at
 
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
@@ -51,10 +52,7 @@ class Outcome:
 
     def number(self, path: str) -> float | None:
         """The number ``group.name`` of the summary, None if the run has none."""
-        value: Any = self.numbers
-        for part in path.split("."):
-            value = value.get(part) if isinstance(value, Mapping) else None
-        return None if value is None else float(value)
+        return number_at(self.numbers, path)
 
     @property
     def completed(self) -> bool:

@@ -16,6 +16,7 @@ from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
+from scenarios.results.numbers import number_at
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 from sensors.messages import CombinationSignals, EgoState
@@ -119,12 +120,13 @@ def test_constant_slip_has_its_closed_form_off_tracking() -> None:
 def test_path_following_takes_away_the_cut_in() -> None:
     """Unsteered, the long trailer's rear cuts in by metres; following the hitch's path, by centimetres."""
     third = "course.turn_deg=120"
-    followed = summary(short(third))["off_tracking"]
-    unsteered = summary(short(third, "trailer_steering=none"))["off_tracking"]
-    assert isinstance(followed, dict)
-    assert isinstance(unsteered, dict)
-    assert unsteered["true_max_m"] > 1.0
-    assert followed["true_max_m"] < 0.12
+    followed, unsteered = (
+        number_at(summary(short(third, *law)), "off_tracking.true_max_m") for law in ((), ("trailer_steering=none",))
+    )
+    assert unsteered is not None
+    assert unsteered > 1.0
+    assert followed is not None
+    assert followed < 0.12
 
 
 @pytest.mark.parametrize(

@@ -89,8 +89,12 @@ def test_a_run_that_ended_at_once_still_has_a_summary_and_a_directory(blind_run:
 def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> None:
     """Everything that is promised, and nothing of the writing left behind."""
     short = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, camera_run.log.rows[:900]))
-    told: list[tuple[int, int]] = []
-    directory = write_run(short, tmp_path / "runs" / "a", progress=lambda done, of: told.append((done, of)))
+    told: list[tuple[float, float]] = []
+
+    def report(done: float, total: float, note: str = "", /) -> None:
+        told.append((done, total))
+
+    directory = write_run(short, tmp_path / "runs" / "a", progress=report)
     assert [path.name for path in tmp_path.joinpath("runs").iterdir()] == ["a"]
     names = {path.name for path in directory.iterdir()}
     assert names >= {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html"}
@@ -179,16 +183,14 @@ def test_timing_adds_up() -> None:
 
 
 def test_steer_signals_and_axles_belong_together(blind_run: RunResult) -> None:
-    """Three steered axles of three; with one signal it is the rearmost axle."""
-    assert blind_run.steer_signals() == ("steer_trailer_1", "steer_trailer_2", "steer_trailer_3")
+    """Three steered axles of three; an axle without a signal is drawn straight."""
+    assert blind_run.steer_signals() == tuple(f"steer_trailer_{k}_trailer" for k in (1, 2, 3))
+    assert blind_run.steer_signals("trailer") == blind_run.steer_signals()
     np.testing.assert_array_equal(blind_run.axle_steer(blind_run.trailer)[:, 2], blind_run.log["steer_trailer_3"])
     np.testing.assert_array_equal(blind_run.axle_steer(blind_run.units[0])[:, 0], blind_run.log["steer_tractor"])
-    keep = [
-        k for k, name in enumerate(blind_run.log.names) if not name.startswith(("steer_trailer_2", "steer_trailer_3"))
-    ]
-    log = Log(tuple(blind_run.log.signals[k] for k in keep), blind_run.log.rows[:, keep])
-    one = dataclasses.replace(blind_run, log=log)
-    np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], log["steer_trailer_1"])
+    rearmost = dataclasses.replace(blind_run.trailer, steer_signals=(None, None, "steer_trailer_3_trailer"))
+    one = dataclasses.replace(blind_run, units=(blind_run.units[0], rearmost))
+    np.testing.assert_array_equal(one.axle_steer(one.trailer)[:, 2], one.log["steer_trailer_3"])
     assert not one.axle_steer(one.trailer)[:, :2].any()
 
 

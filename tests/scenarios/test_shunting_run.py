@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -26,7 +27,7 @@ def ridden(name: str, settings: list[str]) -> TrailerSession:
     return session
 
 
-def poses(rows: list[Row], unit: int) -> FloatArray:
+def poses(rows: Sequence[Row], unit: int) -> FloatArray:
     return np.array([row.truth.poses[unit] for row in rows])
 
 

@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from scenarios.cli import app
-from scenarios.loop.rover_run import run_rover
+from scenarios.loop.run import run_rover
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from scenarios.recordings.rover_reader import open_rover_recording

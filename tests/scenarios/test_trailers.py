@@ -45,10 +45,12 @@ def test_the_summary_is_of_the_worst_trailer(double: RunResult) -> None:
 
 
 def test_every_trailers_signals_are_in_the_log_and_its_steering_in_the_drawings(double: RunResult) -> None:
-    """The last one's have the names they have in a combination with one trailer; others end with the trailer's."""
+    """Every signal ends with its trailer's name; the last trailer's have the short names, too."""
     lead, last = double.steer_signals("lead trailer"), double.steer_signals()
-    assert last == ("steer_trailer_1", "steer_trailer_2", "steer_trailer_3")
-    assert lead == tuple(f"{name}_lead trailer" for name in last)
+    assert last == tuple(f"steer_trailer_{k}_semitrailer" for k in (1, 2, 3))
+    assert lead == tuple(f"steer_trailer_{k}_lead trailer" for k in (1, 2, 3))
+    for short in ("steer_trailer_1", "steer_trailer_1_command", "off_tracking_true", "off_tracking_estimate", "health"):
+        np.testing.assert_array_equal(double.log[short], double.log[f"{short}_semitrailer"])
     assert np.abs(double.log[lead[2]]).max() > np.radians(10.0)
     assert np.abs(double.axle_steer(double.units[1])[:, 2]).max() == np.abs(double.log[lead[2]]).max()
     assert "lead trailer" in report_html(double, summary(double))

@@ -31,9 +31,13 @@ def test_the_video_plays_in_real_time(camera_run: RunResult, tmp_path: Path) -> 
     """10 pictures a second of simulated time, in a format that every player shows."""
     import av
 
-    told: list[tuple[int, int]] = []
+    told: list[tuple[float, float]] = []
+
+    def report(done: float, total: float, note: str = "", /) -> None:
+        told.append((done, total))
+
     run = first_seconds(camera_run, 2.0)
-    path = video.write_video(run, tmp_path / "video", progress=lambda done, of: told.append((done, of)))
+    path = video.write_video(run, tmp_path / "video", progress=report)
     assert path == tmp_path / "video.mp4"
     with av.open(path) as container:
         stream = container.streams.video[0]
