@@ -1,4 +1,4 @@
-"""What the commands share: how they end when something is wrong, and how long work shows its progress."""
+"""Shared parts of the commands: one-line errors, exit codes and progress bars."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and 
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """What can be expected to go wrong ends in one line on standard error and exit code 2, an interrupt in 130."""
+    """End expected errors in one line on standard error and exit code 2, an interrupt in exit code 130."""
     from sensors.render import RendererUnavailableError
 
     try:
@@ -33,7 +33,18 @@ def one_line_errors() -> Iterator[None]:
         raise typer.Exit(INTERRUPTED) from interrupt
 
 
-def progress_display(*, shown: bool) -> ProgressDisplay:
+class LazyDisplay(ProgressDisplay):
+    """A progress display that appears with its first progress: one that shows nothing would leave an empty line."""
+
+    def __enter__(self) -> LazyDisplay:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.live.is_started:
+            self.stop()
+
+
+def progress_display(*, shown: bool) -> LazyDisplay:
     """A rich progress display on standard error; its tasks carry a field ``detail``."""
     columns = (
         TextColumn("{task.description}"),
@@ -43,7 +54,7 @@ def progress_display(*, shown: bool) -> ProgressDisplay:
         TimeRemainingColumn(),
         TextColumn("{task.fields[detail]}"),
     )
-    return ProgressDisplay(*columns, console=Console(stderr=True), disable=not shown)
+    return LazyDisplay(*columns, console=Console(stderr=True), disable=not shown)
 
 
 def progress_bar(display: ProgressDisplay, title: str) -> Progress:
@@ -52,6 +63,7 @@ def progress_bar(display: ProgressDisplay, title: str) -> Progress:
 
     def report(done: float, total: float, note: str = "", /) -> None:
         if not tasks:
+            display.start()
             tasks.append(display.add_task(title, total=total, detail=""))
         display.update(tasks[0], completed=done, total=total, detail=note)
 

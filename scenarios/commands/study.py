@@ -11,7 +11,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_display
+from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.studies.study import Study
@@ -125,13 +125,7 @@ def _made(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet
             case.identity()  # refuses what is not valid before anything is written
         cells = opened_study(study, directory)
         with progress_display(shown=not (quiet or as_json)) as bar:
-            task = bar.add_task(title, total=len(cases), detail="")
-            outcomes = run_cases(
-                cases,
-                cells,
-                jobs=jobs or default_jobs(),
-                told=lambda done, _, case: bar.update(task, completed=done, detail=case),
-            )
+            outcomes = run_cases(cases, cells, jobs=jobs or default_jobs(), progress=progress_bar(bar, title))
         rows = rows_of(outcomes)
         write_study(title, study, outcomes, rows, directory)
     if as_json:

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_display
+from scenarios.commands.console import one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.studies.tuning import Trial, Tuning
@@ -102,25 +102,24 @@ def tune(
         directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
         if not (directory / JOURNAL).is_file():
             check_study_directory(directory)
-        told = _description(tuning)
-        _check_same(directory / "tuning.toml", told)
+        description = _description(tuning)
+        _check_same(directory / "tuning.toml", description)
         directory.mkdir(parents=True, exist_ok=True)
-        replaced(directory / "tuning.toml", told)
+        replaced(directory / "tuning.toml", description)
         workers = jobs or default_jobs()
         with progress_display(shown=not (quiet or as_json)) as bar:
-            task = bar.add_task(f"tune {controller}", total=trials, detail="")
-            found = optimise(
-                tuning, directory, trials=trials, jobs=workers, seed=seed, told=lambda n: bar.update(task, completed=n)
-            )
-            bar.update(task, completed=trials)
+            progress = progress_bar(bar, f"tune {controller}")
+            found = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            progress(trials, trials)
             best, judged = chosen(found), {}
             sets = {"defaults": {}, "tuned": best.parameters}
-            judging = bar.add_task("judge", total=len(sets), detail="")
-            for name, parameters in sets.items():
+            judging = progress_bar(bar, "judge")
+            for done, (name, parameters) in enumerate(sets.items()):
+                judging(done, len(sets))
                 cases = with_parameters(tuning.judged_on, parameters).cases()
                 outcomes = run_cases(cases, directory / "cells", jobs=workers)
                 judged[name] = objective_means(tuning.objectives, outcomes)
-                bar.advance(judging)
+            judging(len(sets), len(sets))
         _write(tuning, finished(tuning, directory), best, directory)
         replaced(directory / "report.html", tuning_page(tuning, found, best, judged))
     if as_json:
@@ -195,13 +194,13 @@ def _commented(text: str) -> str:
     return "".join(f"# {line}\n" for line in text.splitlines())
 
 
-def _check_same(path: Path, told: str) -> None:
+def _check_same(path: Path, description: str) -> None:
     """Trials of another question must not be mixed with these.
 
     Raises:
         ValueError: one line.
     """
-    if path.is_file() and path.read_text(encoding="utf-8") != told:
+    if path.is_file() and path.read_text(encoding="utf-8") != description:
         raise ValueError(f"{path} is of another tuning: choose another --out, or ask for the same")
 
 

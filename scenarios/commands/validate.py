@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_display
+from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.validation.check import Check, Section
@@ -60,11 +60,10 @@ def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
 
     sections = []
     with progress_display(shown=shown) as progress:
-        bar = progress.add_task("validation", total=len(TASKS), detail="")
-        for task in TASKS:
-            progress.update(bar, detail=task.title)
+        report = progress_bar(progress, "validation")
+        for done, task in enumerate(TASKS):
+            report(done, len(TASKS), task.title)
             sections.append(task.work(quick))
-            progress.advance(bar)
     return sections
 
 

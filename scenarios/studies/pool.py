@@ -1,6 +1,6 @@
-"""The runs of a study in several processes; each run that is finished is kept at once, and not made again.
+"""Worker processes for the runs of a study; every finished run is kept at once and never repeated.
 
-A process of its own for every worker, never a fork: a child of a process that has had an OpenGL context hangs.
+Workers are never forked: a child of a process with an OpenGL context hangs.
 """
 
 from __future__ import annotations
@@ -16,26 +16,25 @@ from typing import Any, TypeVar
 
 from loky import ProcessPoolExecutor
 
+from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Case, Outcome
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
-Told = Callable[[int, int, str], None]  # runs done, of how many, the last one's title
 
 
-def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, told: Told | None = None) -> list[Outcome]:
+def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progress = no_progress) -> list[Outcome]:
     """The outcomes in the order of the cases; an interrupt leaves those that are finished in the folder ``cells``.
 
     Raises:
         ValueError: one line, for the first case whose scenario is not valid, before any run.
-        KeyboardInterrupt: once the runs at work have been told to stop.
+        KeyboardInterrupt: once the running processes have been stopped.
     """
     identities = [case.identity() for case in cases]
     cells.mkdir(parents=True, exist_ok=True)
     missing = {identity: case for identity, case in zip(identities, cases, strict=True) if not _kept(cells, identity)}
     done, failed = len(cases) - len(missing), dict[str, str]()
-    if told and done:
-        told(done, len(cases), "kept from before")
+    progress(done, len(cases), "kept from before" if done else "")
     with workers(min(jobs, len(missing))) as pool:
         waiting = {pool.submit(run_case, case, cells, identity): identity for identity, case in missing.items()}
         while waiting:
@@ -44,8 +43,7 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, told: Told | Non
                 if problem := _problem(future):
                     failed[identity] = problem
                 done += 1
-                if told:
-                    told(done, len(cases), missing[identity].title)
+                progress(done, len(cases), missing[identity].title)
     return [_outcome(case, cells, identity, failed) for identity, case in zip(identities, cases, strict=True)]
 
 

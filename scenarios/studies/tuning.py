@@ -7,11 +7,12 @@ a trial is made of are a tuning set; what was found is judged on others.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.study import Study
 from scenarios.studies.subject import subject_of
@@ -64,9 +65,9 @@ class Trial:
 
 
 def optimise(
-    tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, told: Callable[[int], None] | None = None
+    tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
-    """The finished trials, at least ``trials`` of them with those of the journal; ``told`` is given their number."""
+    """Run trials until the journal holds at least ``trials`` finished ones; all finished trials."""
     import time
 
     from scenarios.studies.pool import workers
@@ -75,8 +76,7 @@ def optimise(
     with workers(jobs) as pool:
         futures = [pool.submit(work, tuning, directory, trials, seed + k) for k in range(jobs)]
         while not all(future.done() for future in futures):
-            if told:
-                told(len(finished(tuning, directory)))
+            progress(len(finished(tuning, directory)), trials)
             time.sleep(_POLL)
         for future in futures:
             future.result()
