@@ -53,7 +53,9 @@ class CtAt(SteeringLaw[CtAtMemory]):
 
     options: ClassVar[tuple[Option, ...]] = (
         Option("heading_gain", 1.5, "turn of the follow point per heading error", "-", 0.0, 5.0),
-        Option("preview", None, "time ahead of the heading", "s", 0.0, 1.0, default_text="the actuators' lag"),
+        Option(
+            "preview", None, "preview time of the required heading", "s", 0.0, 1.0, default_text="the actuators' lag"
+        ),
     )
 
     def __init__(

@@ -43,8 +43,8 @@ class Lqr(SteeringLaw[LqrMemory]):
     """One angle for all steered axles of the trailer, by state feedback."""
 
     options: ClassVar[tuple[Option, ...]] = (
-        Option("off_tracking_weight", 0.04, "off-tracking against the steer angle", "rad2/m2", 0.0, 10.0),
-        Option("acceleration_weight", 0.03, "trailer's lateral acceleration against it", "rad2 s4/m2", 0.0, 10.0),
+        Option("off_tracking_weight", 0.04, "weight of the off-tracking", "rad2/m2", 0.0, 10.0),
+        Option("acceleration_weight", 0.03, "weight of the trailer's lateral acceleration", "rad2 s4/m2", 0.0, 10.0),
         Option("from_speed_kmh", 45.0, "speed below which the axles are straight", "km/h", 20.0, 120.0),
         Option("full_speed_kmh", 70.0, "speed from which on the law has full authority", "km/h", 20.0, 130.0),
     )

@@ -72,10 +72,10 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
 
     options: ClassVar[tuple[Option, ...]] = (
         Option("gain", 0.77, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
-        Option("integral", 0.06, "the same per offset and metre", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
+        Option("integral", 0.06, "turn per offset and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
         # 1/(4.6 g): cornering stiffness of a truck tyre over its load
-        Option("compliance", 0.022, "slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
-        Option("slip_distance", 0.6, "low-pass on the rest of the slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
+        Option("compliance", 0.022, "axle slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
+        Option("slip_distance", 0.6, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
     )
 
     def __init__(
