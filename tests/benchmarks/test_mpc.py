@@ -1,7 +1,7 @@
 """Computing time of a step of the predictive controller: the whole law, an estimate every fifth step, on one core.
 
-Each benchmark carries ``median_ms`` and ``p99_ms`` of the processor's time for a step, for others may use the machine
-too, and fails beyond the bars of a controller that runs every 20 ms. Run with ``make benchmarks``.
+Each benchmark reports ``median_ms`` and ``p99_ms`` of the processor time of a step, as other programs may use the
+machine too, and fails beyond the bars of a controller that runs every 20 ms. Run with ``make benchmarks``.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from scenarios.assembly.adapters import trailer_geometry
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 from vehicle.engine.compiler import compiler
+from vehicle.frames import FloatArray
 
 VEHICLE = load_vehicle("uk_longer_semitrailer")
 RADIUS, SPEED = 12.0, 2.8
@@ -48,7 +49,7 @@ def circling(tick: int) -> OffTracking:
     )
 
 
-def spent(law: Mpc) -> np.ndarray:
+def spent(law: Mpc) -> FloatArray:
     """Processor time of every step [s]."""
     memory, angles, seconds = law.init(), np.zeros(2), []
     for k in range(STEPS):
@@ -78,7 +79,7 @@ def test_step_in_real_time(benchmark: BenchmarkFixture, engine: str, monkeypatch
     for built in (stepping._prediction, stepping._tyres):
         built.cache_clear()
     law = Mpc(trailer_geometry(VEHICLE, 1), combination=Combination(VEHICLE, 1))
-    seconds = benchmark.pedantic(spent, (law,), rounds=1)
+    seconds = benchmark.pedantic(spent, (law,), rounds=1)  # type: ignore[no-untyped-call]
     median, slowest = 1e3 * np.quantile(seconds, [0.5, 0.99])
     benchmark.extra_info.update(median_ms=median, p99_ms=slowest)
     assert median <= 25.0
