@@ -1,4 +1,4 @@
-"""Environments of gymnasium's: importing this registers them.
+"""Gymnasium environments; importing this module registers them.
 
     import gymnasium
     import scenarios.gym_env
@@ -6,7 +6,7 @@
     env = gymnasium.make("offtrack/TrailerSteering-v0")
     many = gymnasium.make_vec("offtrack/TrailerSteering-v0", num_envs=1024)
 
-``gymnasium.make("scenarios.gym_env:offtrack/TrailerSteering-v0")`` imports it by itself.
+``gymnasium.make("scenarios.gym_env:offtrack/TrailerSteering-v0")`` imports it implicitly.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import fields
 
 import gymnasium
 
-from scenarios.environments.registry import CORES
-from scenarios.environments.registry import single as single  # entry points
-from scenarios.environments.registry import vector as vector
+from scenarios.environments.registry import CORES, single, vector
+
+__all__ = ["CORES", "single", "vector"]
 
 for _name, (_, _options) in CORES.items():
     _observed = {field.name: field.default for field in fields(_options) if field.name == "observation"}
@@ -25,5 +25,5 @@ for _name, (_, _options) in CORES.items():
         f"offtrack/{_name}",
         entry_point="scenarios.gym_env:single",
         vector_entry_point="scenarios.gym_env:vector",
-        kwargs={"name": _name, **_observed},  # what is observed is told by every spec
+        kwargs={"name": _name, **_observed},  # every spec records its observation
     )

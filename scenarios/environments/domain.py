@@ -1,4 +1,4 @@
-"""What differs from episode to episode, as data: ranges to draw from, and what has been drawn."""
+"""Domain of episodes: ranges of their circumstances, and values drawn from them."""
 
 from __future__ import annotations
 
@@ -11,37 +11,37 @@ import numpy as np
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import nearest
 
-Range = tuple[float, float]  # values from the first to the second, all equally likely
+Range = tuple[float, float]  # lower and upper bound of a uniform distribution
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Domain:
-    """What an episode's circumstances are drawn from.
+    """Ranges of an episode's circumstances.
 
     Raises:
-        ValueError: if a range is empty or leaves its limits.
+        ValueError: if a range is empty or exceeds its limits.
     """
 
-    friction: Range = (0.2, 0.9)  # of tyre and ground: ice with grit to dry asphalt [-]
-    cross_fall: Range = (-0.025, 0.05)  # falls away from a roundabout's middle, or to the right [-]
-    speed: Range = (1.4, 5.6)  # set speed: 5 to 20 km/h; lower where friction does not carry it round [m/s]
-    load: Range = (0.4, 1.0)  # mass of the trailer, over that in its file [-]
-    length: Range = (0.85, 1.05)  # of the trailer, over that in its file [-]
-    actuator_lag: Range = (0.7, 1.5)  # of the trailer's steering, over that in its file [-]
-    sensor_error: Range = (0.5, 1.5)  # of surrogate and encoders, over the usual one [-]
+    friction: Range = (0.2, 0.9)  # of tyre and ground: gritted ice to dry asphalt [-]
+    cross_fall: Range = (-0.025, 0.05)  # + falls away from a roundabout's centre, or to the right [-]
+    speed: Range = (1.4, 5.6)  # set speed: 5 to 20 km/h; lower if a turn needs more friction [m/s]
+    load: Range = (0.4, 1.0)  # mass of the trailer, relative to its file [-]
+    length: Range = (0.85, 1.05)  # of the trailer, relative to its file [-]
+    actuator_lag: Range = (0.7, 1.5)  # of the trailer's steering, relative to its file [-]
+    sensor_error: Range = (0.5, 1.5)  # of surrogate and encoders, relative to the nominal error [-]
 
     def __post_init__(self) -> None:
         drawn_within(self, _LIMITS)
 
     def drawn(self, uniform: FloatArray) -> Circumstances:
-        """Circumstances of k episodes from numbers (k, 7) within 0 .. 1, one column for each field."""
+        """Circumstances of k episodes from uniform numbers (k, 7) within 0 .. 1, one column per field."""
         ranges = np.array([getattr(self, field.name) for field in fields(self)])
         values = ranges[:, 0] + uniform * (ranges[:, 1] - ranges[:, 0])
         return Circumstances(*values.T)
 
 
 class Circumstances(NamedTuple):
-    """Those of k episodes, (k,) each; as in ``Domain``."""
+    """Circumstances of k episodes, (k,) each; fields as in ``Domain``."""
 
     friction: FloatArray
     cross_fall: FloatArray
@@ -68,7 +68,7 @@ D = TypeVar("D")
 
 
 def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None:
-    """Refuses ranges that leave their limits.
+    """Refuse ranges that exceed their limits.
 
     Raises:
         ValueError: if one does.
@@ -80,15 +80,15 @@ def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None
 
 
 def narrowed(domain: D, options: Mapping[str, Any], others: tuple[str, ...] = ()) -> D:
-    """The domain with some of it given, each as a number or as a range of two; ``others`` are known besides.
+    """The domain with some ranges replaced by a number or two bounds; ``others`` are further valid options.
 
     Raises:
-        ValueError: if there is no such thing, or a value leaves its limits.
+        ValueError: if an option is unknown, or a value exceeds its limits.
     """
     known = [field.name for field in fields(domain)]  # type: ignore[arg-type]  # every domain is a dataclass
     for name in options:
         if name not in known:
-            raise ValueError(f"option '{name}' is none of an episode's{nearest(name, (*known, *others))}")
+            raise ValueError(f"unknown reset option '{name}'{nearest(name, (*known, *others))}")
     ranges = {name: _range(name, value) for name, value in options.items()}
     changed: D = replace(domain, **ranges)  # type: ignore[type-var]  # likewise
     return changed
@@ -99,4 +99,4 @@ def _range(name: str, value: Any) -> Range:
         return float(value), float(value)
     if isinstance(value, Sequence) and len(value) == 2:
         return float(value[0]), float(value[1])
-    raise ValueError(f"option {name} = {value!r} must be a number, or two: from, to")
+    raise ValueError(f"option {name} = {value!r} must be a number or two bounds")

@@ -13,7 +13,7 @@ from controllers import preview_law as law
 from controllers.driver import PERIOD
 from controllers.functions import ARRAYS
 from controllers.tractor import TractorGeometry
-from scenarios.environments.tracks import Tracks, Way, on_path
+from scenarios.environments.tracks import PathPiece, Tracks, point_at
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 
@@ -56,7 +56,7 @@ class Drivers:
         self._tracks, self._n = tracks, n
         self._step = kernel_for_rows(_function(tractor), n, engine)
         self._course = np.zeros(n, dtype=np.intp)
-        self._u = np.zeros((n, len(_Inputs._fields) + len(Way._fields)))
+        self._u = np.zeros((n, len(_Inputs._fields) + len(PathPiece._fields)))
         self._inputs = _Inputs(*(self._u[:, k] for k in range(len(_Inputs._fields))))
         self._memory = np.zeros((n, len(DriverState._fields)))
         for column in (self._inputs.speed, self._inputs.gain, self._inputs.x_ref):
@@ -90,7 +90,7 @@ class Drivers:
         near = self._inputs.near
         np.multiply(velocities[:, 0], PERIOD, out=near)
         near += self._memory[:, 0]
-        self._u[:, len(_Inputs._fields) :] = self._tracks.ways(self._course, near)
+        self._u[:, len(_Inputs._fields) :] = self._tracks.pieces(self._course, near)
         self._memory = self._step(self._memory, self._u)
         return self._memory[:, _DEMAND], self._memory[:, _ACCELERATION]
 
@@ -102,35 +102,37 @@ _ACCELERATION: Final = DriverState._fields.index("acceleration")
 def _function(t: TractorGeometry) -> ca.Function:
     """Function (state, inputs and path piece, nothing) -> state."""
     n, m = len(DriverState._fields), len(_Inputs._fields)
-    memory, u = ca.SX.sym("m", n), ca.SX.sym("u", m + len(Way._fields))
+    memory, u = ca.SX.sym("m", n), ca.SX.sym("u", m + len(PathPiece._fields))
     values = ca.vertsplit(u)
     old: DriverState[ca.SX] = DriverState(*ca.vertsplit(memory))
-    now = _stepped(t, old, _Inputs(*values[:m]), Way(*values[m:]))
+    now = _stepped(t, old, _Inputs(*values[:m]), PathPiece(*values[m:]))
     return ca.Function("drive", [memory, u, ca.SX(0, 1)], [ca.cse(ca.vertcat(*now))])
 
 
-def _stepped(t: TractorGeometry, old: DriverState[ca.SX], on: _Inputs[ca.SX], way: Way[ca.SX]) -> DriverState[ca.SX]:
+def _stepped(
+    t: TractorGeometry, old: DriverState[ca.SX], on: _Inputs[ca.SX], piece: PathPiece[ca.SX]
+) -> DriverState[ca.SX]:
     """State one period later."""
     steer = law.steer_after(ca, t, old.steer, old.demand, PERIOD)
     front_slip = law.filtered_front_slip(ca, t, old.front_slip, steer, on.v_x, on.v_y, on.yaw_rate, PERIOD)
-    station, demand, offset = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, way)
+    station, demand, offset = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, piece)
     integral, acceleration = law.speed_control(ca, old.integral, on.speed - on.v_x, PERIOD)
     return DriverState(station, demand, steer, front_slip, integral, offset, acceleration)
 
 
 def _steering(
-    t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX], way: Way[ca.SX]
+    t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX], piece: PathPiece[ca.SX]
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Station [m] of the guided point, steer demand [rad] and lateral offset from the path [m]."""
     x, y, psi = _predicted(t, now, on)
     c, s = ca.cos(psi), ca.sin(psi)
     x, y = x + c * on.x_ref - s * on.y_ref, y + s * on.x_ref + c * on.y_ref
-    guess = on_path(way, on.near)
+    guess = point_at(piece, on.near)
     c, s = ca.cos(guess.psi), ca.sin(guess.psi)
     across = c * (y - guess.y) - s * (x - guess.x)
     along = c * (x - guess.x) + s * (y - guess.y)
     station = on.near + along / ca.fmax(1.0 - guess.curvature * across, 0.5)
-    path = on_path(way, station)
+    path = point_at(piece, station)
     to_path = ca.cos(path.psi) * (path.y - y) - ca.sin(path.psi) * (path.x - x)
     turn = path.psi - psi
     demand = law.steer_demand(

@@ -1,4 +1,4 @@
-"""How an episode can end badly, as functions of a moment."""
+"""Mishaps that end an episode, as functions of a moment."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _ROAD = 4.5  # half the width of a course's road [m]
 
 
 def jackknifed(moment: Moment) -> NDArray[np.bool_]:
-    """An articulation of a right angle."""
+    """True at an articulation of 90 deg or more."""
     folded: NDArray[np.bool_] = np.any(np.abs(moment.articulation) >= FOLDED, axis=1)
     return folded
 
 
 def rolled_over(moment: Moment) -> NDArray[np.bool_]:
-    """All load of a unit on one side's wheels; a scenario waits half a second longer for the same."""
+    """True if all load of a unit is on one side's wheels; a scenario waits half a second longer."""
     lifted: NDArray[np.bool_] = np.any(np.abs(moment.load_transfer) >= LIFTED, axis=1)
     return lifted
 
 
 def left_the_road(moment: Moment) -> NDArray[np.bool_]:
-    """The tractor's guided point farther from its course than half the road."""
-    beside: NDArray[np.bool_] = np.abs(moment.beside_road) > _ROAD
-    return beside
+    """True if the tractor's guided point is off its course by more than half the road."""
+    off_road: NDArray[np.bool_] = np.abs(moment.road_offset) > _ROAD
+    return off_road
 
 
 def diverged(moment: Moment) -> NDArray[np.bool_]:
-    """The physics broke."""
+    """True if the physics diverged."""
     return ~moment.finite
 
 

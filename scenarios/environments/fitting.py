@@ -1,4 +1,4 @@
-"""Fits the surrogate of an off-tracking estimator to the errors of runs in which the real one was looked at."""
+"""Fit of the surrogate off-tracking estimator to the errors of runs with the real one."""
 
 from __future__ import annotations
 
@@ -16,50 +16,50 @@ from scenarios.results.log import LOST
 from scenarios.results.metrics import estimate_error
 from vehicle.frames import FloatArray
 
-_REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators that look through cameras
-_LEAST_FRAMES = 50  # of a run: fewer say nothing of what drifts
-_LAGS = 20  # frames over which a drift's correlation is looked at: two seconds
-_VELOCITY_NOISE, _YAW_RATE_NOISE = 0.01, 0.002  # see the sources below [m/s], [rad/s]
-_SHORTEST = 0.1  # [s]: a frame
+_REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators with cameras
+_MIN_FRAMES = 50  # of a run: fewer do not show drift
+_LAGS = 20  # of the autocovariance, in frames: two seconds
+_VELOCITY_NOISE, _YAW_RATE_NOISE = 0.01, 0.002  # see ``surrogate_toml`` [m/s], [rad/s]
+_FRAME = 0.1  # [s]
 
 
 class RunErrors(NamedTuple):
-    """What one run has to say."""
+    """Errors of one run."""
 
-    error: FloatArray  # of every frame with health from the first of them on, NaN where it was lost [m]
+    error: FloatArray  # of each frame from the first with health, NaN without health [m]
     interval: float  # between frames [s]
 
 
 def run_errors(directory: Path) -> RunErrors:
-    """The errors of the run in this directory.
+    """Errors of the run in this directory.
 
     Raises:
-        ValueError: one line, if it is no run with an estimator that looks through cameras, or a short one.
+        ValueError: one line, if it is not a run with cameras and an estimator, or too short.
     """
     import pyarrow.parquet
 
     scenario = directory / "scenario.toml"
     if not scenario.is_file():
-        raise ValueError(f"{directory}: no scenario.toml: not a run's directory")
+        raise ValueError(f"{directory}: no scenario.toml: not a run directory")
     estimator = tomllib.loads(scenario.read_text(encoding="utf-8")).get("off_tracking")
     if estimator not in _REAL:
-        raise ValueError(f"{directory}: off_tracking = {estimator} is none of {', '.join(_REAL)}")
+        raise ValueError(f"{directory}: off_tracking = {estimator} must be one of {', '.join(_REAL)}")
     names = ["time", "off_tracking_estimate", "off_tracking_true", "health"]
     table = pyarrow.parquet.read_table(directory / "signals.parquet", columns=names)
     time, estimate, truth, health = (table[name].to_numpy().astype(np.float64) for name in names)
     frames = np.flatnonzero(np.isfinite(health) & np.isfinite(truth))
     error = estimate_error(estimate, truth, health)[frames]
-    there = np.flatnonzero(health[frames] < LOST)
-    if len(there) < _LEAST_FRAMES:
-        raise ValueError(f"{directory}: has {len(there)} estimates, must have {_LEAST_FRAMES} at least")
-    return RunErrors(error[there[0] :], float(np.median(np.diff(time[frames]))))
+    healthy = np.flatnonzero(health[frames] < LOST)
+    if len(healthy) < _MIN_FRAMES:
+        raise ValueError(f"{directory}: has {len(healthy)} estimates, must have at least {_MIN_FRAMES}")
+    return RunErrors(error[healthy[0] :], float(np.median(np.diff(time[frames]))))
 
 
 def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
     """Parameters of the surrogate whose errors have the moments of the runs' errors.
 
-    Of every run its mean is the bias; the rest correlates from frame to frame as drift does, and what does not
-    correlate at all is the noise of single frames.
+    The mean of a run is its bias. The part of the rest that correlates from frame to frame is drift, the remainder is
+    noise of single frames.
 
     Raises:
         ValueError: if there is no run.
@@ -81,7 +81,7 @@ def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
         drift=math.sqrt(drift),
         drift_time=drift_time,
         noise=math.sqrt(max(float(correlation[0]) - drift, 0.0)),
-        loss_rate=(losses + 0.5) / time,  # half a loss more than seen: runs without one do not mean never
+        loss_rate=(losses + 0.5) / time,  # half a loss added: no loss in these runs does not mean zero rate
         loss_duration=max(lost / losses, 1.0) * interval if losses else interval,
         velocity_noise=_VELOCITY_NOISE,
         yaw_rate_noise=_YAW_RATE_NOISE,
@@ -89,7 +89,7 @@ def fitted(runs: Sequence[RunErrors]) -> SurrogateParameters:
 
 
 def surrogate_toml(parameters: SurrogateParameters, runs: int, frames: int) -> str:
-    """A file of the parameters with their source."""
+    """TOML file of the parameters with their source."""
     fit = f"fitted to {frames} frames of {runs} runs with cameras, by offtrack fit-surrogate"
     assumed = "assumed: some millimetres and hundredths of a degree of odometry over a frame of 0.1 s"
     table = {
@@ -100,24 +100,24 @@ def surrogate_toml(parameters: SurrogateParameters, runs: int, frames: int) -> s
 
 
 def _autocovariance(errors: Sequence[FloatArray]) -> FloatArray:
-    """Mean product of errors so many frames apart, 0 first, over all runs."""
-    found = np.empty(_LAGS)
+    """Mean product of errors at each lag in frames, from lag 0, over all runs."""
+    covariance = np.empty(_LAGS)
     for lag in range(_LAGS):
         products = [error[lag:] * error[: len(error) - lag] for error in errors]
-        found[lag] = np.nanmean(np.concatenate(products))
-    return found
+        covariance[lag] = np.nanmean(np.concatenate(products))
+    return covariance
 
 
 def _exponential(covariance: FloatArray, interval: float) -> tuple[float, float]:
-    """Variance and time constant [s] of an exponential through covariances that begin one frame apart.
+    """Variance and time constant [s] of an exponential through covariances from lag 1 on.
 
-    Least squares on the logarithms of those that are above a tenth of the first: the tail is noise.
+    Least squares on the logarithms of those above a tenth of the first; the tail is noise.
     """
     if covariance[0] <= 0.0:
-        return 0.0, _SHORTEST
+        return 0.0, _FRAME
     below = np.flatnonzero(covariance < 0.1 * covariance[0])
     used = covariance[: max(2, below[0] if len(below) else len(covariance))]
     used = np.maximum(used, 1e-3 * covariance[0])
     lags = interval * np.arange(1, len(used) + 1)
     slope, level = np.polyfit(lags, np.log(used), 1)
-    return math.exp(level), max(-1.0 / min(slope, -1e-2), _SHORTEST)
+    return math.exp(level), max(-1.0 / min(slope, -1e-2), _FRAME)

@@ -18,7 +18,7 @@ _Entry = Callable[[str], float]  # an entry of the observation by its name
 
 
 class _Shot(NamedTuple):
-    """An environment, and what happens in it until its picture is taken."""
+    """An environment, and the actions until its picture is taken."""
 
     file: str
     name: str
@@ -35,27 +35,32 @@ _SHOTS: Final = (
         {"observation": "estimate"},
         {"course": "roundabout", "friction": 0.7, "speed": 5.0, "length": 1.0},
         600,
-        lambda seen: (-0.3 * seen("articulation_1"), -0.5 * seen("articulation_1")),
+        lambda observed: (-0.3 * observed("articulation_1"), -0.5 * observed("articulation_1")),
     ),
-    _Shot("tractor_trailer_driving.png", "TractorTrailerDriving-v0", {}, {}, 200, lambda seen: (0.1, -0.5)),
+    _Shot("tractor_trailer_driving.png", "TractorTrailerDriving-v0", {}, {}, 200, lambda observed: (0.1, -0.5)),
     _Shot(
         "rover_steering.png",
         "RoverSteering-v0",
         {"observation": "estimate"},
         {"soil": "toyoura_sand", "cross_fall": 0.09, "curvature": 0.15, "speed": 0.12},
         200,
-        lambda seen: (0.5 + 0.3 * _veering(seen), 0.5 - 0.3 * _veering(seen)),
+        lambda observed: (0.5 + 0.3 * _veering(observed), 0.5 - 0.3 * _veering(observed)),
     ),
 )
 
 
-def _veering(seen: _Entry) -> float:
-    """How far a rover travels to the left of where it should go [rad]."""
-    return seen("heading_error") + seen("slip_angle") + 2.0 * seen("cross_track") - 0.5 * seen("curvature_ahead")
+def _veering(observed: _Entry) -> float:
+    """Course error of a rover, + left [rad]."""
+    return (
+        observed("heading_error")
+        + observed("slip_angle")
+        + 2.0 * observed("cross_track")
+        - 0.5 * observed("curvature_ahead")
+    )
 
 
 def main(folder: Path) -> None:
-    """Writes a PNG for each into the folder."""
+    """Write a PNG of each environment into the folder."""
     for shot in _SHOTS:
         cv2.imwrite(str(folder / shot.file), _taken(shot)[..., ::-1])
 
@@ -63,11 +68,11 @@ def main(folder: Path) -> None:
 def _taken(shot: _Shot) -> NDArray[np.uint8]:
     env = single(shot.name, render_mode="rgb_array", **shot.options)
     names = [feature.name for feature in env.core.features]  # type: ignore[attr-defined]  # every core of the registry lists them
-    seen, _ = env.reset(seed=_SEED, options=shot.episode)
+    observed, _ = env.reset(seed=_SEED, options=shot.episode)
     for _ in range(shot.steps):
-        now = dict(zip(names, seen.tolist(), strict=True))
-        action = np.clip(shot.action(now.__getitem__), -1.0, 1.0)
-        seen, *_ = env.step(action.astype(np.float32))
+        values = dict(zip(names, observed.tolist(), strict=True))
+        action = np.clip(shot.action(values.__getitem__), -1.0, 1.0)
+        observed, *_ = env.step(action.astype(np.float32))
     picture = np.asarray(env.render(), dtype=np.uint8)
     env.close()
     return picture

@@ -1,7 +1,7 @@
-"""The past paths of many hitches, and how far each lies beside its follow point.
+"""Past paths of many hitches, and their lateral offsets from the follow points.
 
-Points of a path are equally far apart along it. Each trailer remembers between which two of them its follow point is,
-and looks from there: where a path crosses itself, it stays on the branch that it came on.
+Points of a path are equally spaced along it. Each trailer remembers the two points around its follow point and searches
+from there. Where a path crosses itself, it stays on its branch.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from vehicle.frames import FloatArray
 _SPACING = 0.1  # [m]; the parabola through such points on a circle of 10 m is a micrometre off
 _LONGEST = 3.0  # path kept, in follow distances: half a circle that just reaches the follow point has pi / 2
 _FOUR = np.arange(-1, 3)[:, None]  # points around the follow point, from the one behind it
-_SQUARE = 1e-6  # a path that runs square to the trailer has no single point beside the follow point [m]
-_MOST_MOVES = 8  # points that a follow point passes in a control step: 40 m/s
+_MIN_ALONG = 1e-6  # a path perpendicular to the trailer has no unique point at the follow point [m]
+_MAX_MOVES = 8  # points that a follow point can pass in a control step: 40 m/s
 
 
-class Beside(NamedTuple):
-    """The paths beside n follow points, in the trailers' frames."""
+class PathOffset(NamedTuple):
+    """Lateral offsets of n hitch paths from the follow points, in the trailers' frames."""
 
-    offset: FloatArray  # (n,) off-tracking: + where the path lies left of the follow point [m]
-    direction: FloatArray  # (n,) of the path as it was travelled, + left of the trailer's axis [rad]
+    offset: FloatArray  # (n,) off-tracking, + if the path lies left of the follow point [m]
+    direction: FloatArray  # (n,) of travel on the path, + left of the trailer's axis [rad]
     ahead: FloatArray  # (n, 3) lateral position of the path ``AHEAD`` of the follow point, along its arc [m]
 
 
 class Mark(NamedTuple):
-    """One moment of n paths, to look back at them from."""
+    """A moment of n paths; ``HitchPaths.behind`` returns the path as it was then."""
 
     poses: FloatArray  # (n, 3) of the trailers, x y [m], psi [rad]
     n_points: NDArray[np.intp]  # (n,) until then
@@ -48,39 +48,39 @@ class HitchPaths:
         self._flat = self._points.reshape(-1)
         self._row = np.arange(n) * self._size
         self._count = np.zeros(n, dtype=np.intp)  # of points so far; the newest is the last
-        self._at = np.zeros(n, dtype=np.intp)  # the last point behind the follow point
-        self._last = np.zeros(n, dtype=np.complex128)  # where the hitch was last
-        self._way = np.zeros(n)  # since the newest point [m]
+        self._index = np.zeros(n, dtype=np.intp)  # the last point behind the follow point
+        self._last = np.zeros(n, dtype=np.complex128)  # latest position of the hitch
+        self._distance = np.zeros(n)  # since the newest point [m]
         self._follow = np.ones(n)
         self._ahead = np.zeros((n, len(AHEAD)), dtype=np.intp)
         self._poses = np.zeros((n, 3))
 
     def begin(self, lanes: NDArray[np.intp], poses: FloatArray, follow_distance: FloatArray) -> None:
-        """These trailers, x y psi (k, 3), have come straight to where they are, all the way."""
+        """Begin with straight paths behind these trailers, poses x y psi (k, 3)."""
         here, heading = poses[:, 0] + 1j * poses[:, 1], np.exp(1j * poses[:, 2])
         back = _SPACING * np.arange(self._size - 1, -1, -1)
         self._points[lanes] = here[:, None] - heading[:, None] * back
         self._count[lanes] = self._size
-        self._at[lanes] = self._size - 1 - np.ceil(follow_distance / _SPACING).astype(np.intp)
-        self._last[lanes], self._way[lanes] = here, 0.0
+        self._index[lanes] = self._size - 1 - np.ceil(follow_distance / _SPACING).astype(np.intp)
+        self._last[lanes], self._distance[lanes] = here, 0.0
         self._follow[lanes] = follow_distance
         self._ahead[lanes] = np.rint(follow_distance[:, None] * AHEAD / _SPACING)
 
-    def step(self, poses: FloatArray) -> Beside:
-        """The paths with all trailers now at x y psi (n, 3)."""
+    def step(self, poses: FloatArray) -> PathOffset:
+        """Extend all paths to the trailers' poses x y psi (n, 3); return their offsets."""
         here = poses[:, 0] + 1j * poses[:, 1]
         self._poses = poses
         self._extend(here)
         turned = np.exp(-1j * poses[:, 2])
         around = self._around_follow_point(here, turned)
-        return self._beside(around, here, turned)
+        return self._offset(around, here, turned)
 
     def mark(self) -> Mark:
-        """This moment."""
+        """Mark of this moment."""
         return Mark(self._poses.copy(), self._count.copy())
 
     def behind(self, lane: int, mark: Mark, reach: float) -> FloatArray:
-        """The path of one hitch as it was at a moment not long ago, (k, 2), newest first, in the trailer's frame [m].
+        """Path of one hitch as it was at a recent moment, (k, 2), newest first, in the trailer's frame [m].
 
         It begins at the hitch and ends ``reach`` [m] behind it along the trailer's axis, or where the points end.
         """
@@ -93,40 +93,40 @@ class HitchPaths:
 
     def _extend(self, here: NDArray[np.complex128]) -> None:
         step = here - self._last
-        way = np.abs(step)
-        before = self._way.copy()
-        self._way = before + way
+        distance = np.abs(step)
+        before = self._distance.copy()
+        self._distance = before + distance
         while True:
-            full = np.flatnonzero(self._way >= _SPACING)
+            full = np.flatnonzero(self._distance >= _SPACING)
             if not len(full):
                 break
-            part = (_SPACING - before[full]) / way[full]
+            part = (_SPACING - before[full]) / distance[full]
             self._flat[self._row[full] + (self._count[full] & (self._size - 1))] = self._last[full] + part * step[full]
             self._count[full] += 1
-            self._way[full] -= _SPACING
+            self._distance[full] -= _SPACING
             before[full] -= _SPACING
         self._last = here
 
     def _around_follow_point(
         self, here: NDArray[np.complex128], turned: NDArray[np.complex128]
     ) -> NDArray[np.complex128]:
-        """Four points in the trailers' frames, (4, n); the follow point is beside the piece between the middle two."""
+        """Four points in the trailers' frames, (4, n); the follow point lies between the middle two."""
         newest, oldest = self._count - 3, self._count - (self._size - 1)
-        for _ in range(_MOST_MOVES):
-            four = (self._flat[self._row + ((self._at + _FOUR) & (self._size - 1))] - here) * turned
+        for _ in range(_MAX_MOVES):
+            four = (self._flat[self._row + ((self._index + _FOUR) & (self._size - 1))] - here) * turned
             move = (four[2].real <= -self._follow).astype(np.intp) - (four[1].real > -self._follow)
-            moved = np.minimum(np.maximum(self._at + move, oldest), newest)
-            if (moved == self._at).all():
+            moved = np.minimum(np.maximum(self._index + move, oldest), newest)
+            if (moved == self._index).all():
                 break
-            self._at = moved
+            self._index = moved
         return four
 
-    def _beside(
+    def _offset(
         self, four: NDArray[np.complex128], here: NDArray[np.complex128], turned: NDArray[np.complex128]
-    ) -> Beside:
+    ) -> PathOffset:
         a, b = four[1], four[2]
         along = b.real - a.real
-        along = np.where(np.abs(along) < _SQUARE, _SQUARE, along)
+        along = np.where(np.abs(along) < _MIN_ALONG, _MIN_ALONG, along)
         t = (-self._follow - a.real) / along
         t = np.minimum(np.maximum(t, 0.0), 1.0)
         # The parabola between a and b falls short of their chord by t (1 - t) of the bend, along and across.
@@ -134,6 +134,6 @@ class HitchPaths:
         t = t + t * (1.0 - t) * bend.real / along
         offset = a.imag + t * (b.imag - a.imag) - t * (1.0 - t) * bend.imag
         onward = b - a - (1.0 - 2.0 * t) * bend
-        further = self._row[:, None] + ((self._at[:, None] + self._ahead) & (self._size - 1))
+        further = self._row[:, None] + ((self._index[:, None] + self._ahead) & (self._size - 1))
         ahead = ((self._flat[further] - here[:, None]) * turned[:, None]).imag
-        return Beside(offset, np.arctan2(onward.imag, onward.real), ahead)
+        return PathOffset(offset, np.arctan2(onward.imag, onward.real), ahead)

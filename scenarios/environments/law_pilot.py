@@ -1,7 +1,7 @@
-"""Steering laws of the scenarios in the environment ``TrailerSteering``, one for every episode, from what it observes.
+"""Steering laws of the scenarios in the environment ``TrailerSteering``, one per episode, fed by its observation.
 
-A law is told what the observation says, and the path of the hitch at the time of the estimate: the true one with the
-estimate's error on it, which grows from hitch to follow point as the surrogate's does.
+A law gets the observed estimate and signals, and the hitch path at the time of the estimate: the true path plus the
+estimate's error, which grows linearly from hitch to follow point as in the surrogate.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
 
-_KEPT: Final = 60  # control steps back that an estimate may be from: its age and a loss of health or two
-_FIT: Final = 1.0  # of path at the hitch that its direction is told from [m]
+_KEPT: Final = 60  # control steps: age of the oldest usable estimate
+_FIT: Final = 1.0  # of path behind the hitch, to fit its direction [m]
 _BEYOND: Final = 1.5  # of path behind the follow point, for the fits around it [m]
 
 
 class _Lane(NamedTuple):
-    """One episode's law."""
+    """Law of one episode."""
 
     law: TrailerSteering[Any]
     memory: Any
@@ -43,13 +43,13 @@ class _Lane(NamedTuple):
 
 
 class LawPilot:
-    """Steers all episodes of a core by laws of one name."""
+    """Pilot that steers all episodes of a core by laws of one name."""
 
     def __init__(self, core: TrailerSteeringCore, vehicle: Vehicle, law: str, errors: SurrogateParameters) -> None:
-        """``errors`` say how certain the estimates are.
+        """``errors`` give the standard deviation of the estimates.
 
         Raises:
-            ValueError: one line, if there is no such law, or it can not steer this vehicle.
+            ValueError: one line, if the law is unknown, or cannot steer this vehicle.
         """
         self._core, self._vehicle, self._law = core, vehicle, law
         self._std = float(np.sqrt(errors.bias**2 + errors.drift**2 + errors.noise**2))
@@ -65,19 +65,19 @@ class LawPilot:
         self._tick = 0
         self._lanes: list[_Lane] = []
 
-    def begin(self, seen: NDArray[np.float32]) -> None:
-        """New episodes in all lanes, of which this is seen first, (n, n_features)."""
+    def begin(self, observation: NDArray[np.float32]) -> None:
+        """Begin episodes in all lanes, with their first observation (n, n_features)."""
         self._tick = 0
         self._marks.clear()
-        self._lanes = [self._opened(float(row[self._column["follow_distance"]])) for row in seen]
+        self._lanes = [self._opened(float(row[self._column["follow_distance"]])) for row in observation]
 
-    def act(self, seen: NDArray[np.float32], going: NDArray[np.bool_]) -> NDArray[np.float32]:
-        """The actions (n, n_steered) on what is seen, every control step once; 0 for episodes that are over."""
+    def act(self, observation: NDArray[np.float32], going: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Actions (n, n_steered) for an observation, once per control step; 0 for episodes that are over."""
         self._marks.append((self._tick, self._core.hitch_paths.mark()))
-        actions = np.zeros((len(seen), len(self._axles)), dtype=np.float32)
+        actions = np.zeros((len(observation), len(self._axles)), dtype=np.float32)
         for k in np.flatnonzero(going).tolist():
-            row = seen[k].astype(np.float64)
-            lane = self._told(k, row)
+            row = observation[k].astype(np.float64)
+            lane = self._updated(k, row)
             memory, command = lane.law.step(lane.memory, self._tick, lane.estimate, self._signals(row))
             self._lanes[k] = lane._replace(memory=memory)
             actions[k] = command.angles / self._geometry.max_steer
@@ -90,8 +90,8 @@ class LawPilot:
         law = trailer_law(self._law, geometry, combination, {})
         return _Lane(law, law.init(), follow_distance, None)
 
-    def _told(self, k: int, row: FloatArray) -> _Lane:
-        """The lane with the estimate that the row tells of, where that is another than before."""
+    def _updated(self, k: int, row: FloatArray) -> _Lane:
+        """The lane with the estimate of an observation's row, if that is a new one."""
         lane = self._lanes[k]
         usable = row[self._column["usable"]] > 0.5
         tick = self._tick - round(float(row[self._column["age"]]) / TICK)
@@ -139,12 +139,12 @@ class LawPilot:
             steer=float(row[at["steer_tractor"]]),
             articulation=row[self._articulation],
             yaw_rates=row[self._yaw_rates],
-            lateral_acceleration=speed * turning,  # of a steady turn: the observation has no accelerometer
+            lateral_acceleration=speed * turning,  # steady turn: the observation has no accelerometer
         )
 
 
 def _lengthened(nominal: TrailerGeometry, follow_distance: float) -> TrailerGeometry:
-    """The geometry of a trailer whose axles have moved with its end."""
+    """Geometry of a trailer whose axles have moved with its end."""
     longer = follow_distance - nominal.follow_distance
     distances = tuple(distance + longer for distance in nominal.axle_distances)
     return replace(nominal, follow_distance=follow_distance, axle_distances=distances)

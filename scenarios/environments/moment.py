@@ -1,4 +1,4 @@
-"""What rewards and ends of an episode look at: one moment of n combinations."""
+"""Moment of n combinations: the input of rewards and endings."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vehicle.frames import FloatArray
 
 
 class Moment(NamedTuple):
-    """What is really so, whatever the observation says."""
+    """Ground truth at one step, independent of the observation."""
 
-    off_tracking: FloatArray  # (n,) of the last trailer, + where its path lies left of the follow point [m]
-    turn: FloatArray  # (n,) curvature of the way that the hitch takes, + left [1/m]
+    off_tracking: FloatArray  # (n,) of the last trailer, + if the path lies left of the follow point [m]
+    curvature: FloatArray  # (n,) of the hitch path, + left [1/m]
     steer_rate: FloatArray  # (n, n_steered) of the trailer's axles, mean over the step [rad/s]
     articulation: FloatArray  # (n, N - 1) [rad]
     load_transfer: FloatArray  # (n, N) +-1: all load on one side's wheels
-    beside_road: FloatArray  # (n,) distance of the tractor from its course [m]
+    road_offset: FloatArray  # (n,) of the tractor from its course, + left [m]
     speed: FloatArray  # (n,) of the tractor [m/s]
-    finite: NDArray[np.bool_]  # (n,) whether the physics holds
+    finite: NDArray[np.bool_]  # (n,) False once the physics diverged

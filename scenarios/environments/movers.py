@@ -1,4 +1,4 @@
-"""What moves combinations that a policy drives: the plant with slipping tyres, and a shifter for its two gears."""
+"""Combinations that a policy drives: the plant with slipping tyres, forwards and backwards."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ from vehicle.engine.kernels import Engine
 from vehicle.frames import FloatArray
 
 _STEP = to_ticks(PERIOD, "control period")
-_SHIFTING: Final = 0.1  # slower a gear may be changed; a stopped combination rocks back about as fast [m/s]
+_MAX_SHIFT_SPEED: Final = 0.1  # gear changes below; a stopped combination rocks back at about this speed [m/s]
 
 
-class Moved(NamedTuple):
-    """Where n combinations are."""
+class Motion(NamedTuple):
+    """Motion of n combinations."""
 
     poses: FloatArray  # (n, N, 3) x [m], y [m], psi [rad]
-    speed: FloatArray  # (n,) of the tractor, backwards below 0 [m/s]
+    speed: FloatArray  # (n,) of the tractor, - backwards [m/s]
     steer: FloatArray  # (n,) of its foremost steered axle [rad]
     load_transfer: FloatArray  # (n, N) [-]
 
 
-class Slipping:
-    """n combinations on slipping tyres, forwards and backwards, whose trailer axles point straight."""
+class SlippingTyreFleet:
+    """n combinations on slipping tyres, forwards and backwards, with unsteered trailer axles."""
 
     def __init__(self, vehicle: Vehicle, n: int, engine: Engine) -> None:
-        """All like ``vehicle``."""
+        """All equal to ``vehicle``."""
         self._fleet, self._variation = PlantBatch(vehicle, n, engine), Variation(vehicle)
         self._straight = np.zeros((n, sum(len(unit.steered_axles) for unit in vehicle.units[1:])))
         self._speed = np.zeros(n)
 
-    def place(self, lanes: Lanes, drawn: Circumstances) -> Moved:
-        """Puts these at W's origin, standing."""
+    def place(self, lanes: Lanes, drawn: Circumstances) -> Motion:
+        """Place these at W's origin, at standstill."""
         nowhere = np.full((len(lanes), 2), np.nan)
         ground = BatchGround(drawn.friction, drawn.cross_fall, nowhere)
-        return self._moved(self._fleet.place(lanes, self._variation.numbers(drawn), ground, np.zeros(len(lanes))))
+        return self._motion(self._fleet.place(lanes, self._variation.numbers(drawn), ground, np.zeros(len(lanes))))
 
-    def step(self, steer: FloatArray, acceleration: FloatArray) -> Moved:
-        """A control period under held demands, (n,) [rad] and (n,) [m/s2]; an acceleration below 0 points backwards.
+    def step(self, steer: FloatArray, acceleration: FloatArray) -> Motion:
+        """Advance by a control period under constant demands, (n,) [rad] and (n,) [m/s2], + forwards.
 
-        Against the motion it is the brakes that are asked, and close to standstill the gear is changed.
+        An acceleration against the motion brakes; near standstill the gear changes.
         """
-        way = np.where(np.abs(self._speed) > _SHIFTING, self._speed, acceleration)
-        gear = np.where(way < 0.0, -1.0, 1.0)
-        return self._moved(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
+        direction = np.where(np.abs(self._speed) > _MAX_SHIFT_SPEED, self._speed, acceleration)
+        gear = np.where(direction < 0.0, -1.0, 1.0)
+        return self._motion(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
 
-    def _moved(self, seen: BatchMotion) -> Moved:
-        self._speed = seen.velocities[:, 0, 0]
-        return Moved(seen.poses, self._speed, seen.steer[:, 0], seen.load_transfer)
+    def _motion(self, motion: BatchMotion) -> Motion:
+        self._speed = motion.velocities[:, 0, 0]
+        return Motion(motion.poses, self._speed, motion.steer[:, 0], motion.load_transfer)

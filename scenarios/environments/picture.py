@@ -1,4 +1,4 @@
-"""An episode from above, north up, as a picture of 600 by 600 pixels around the tractor."""
+"""Top view of an episode, north up: 600 by 600 pixels around the tractor."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from vehicle.frames import FloatArray
 _SIZE = 600  # [px]
 _SCALE = 12.0  # [px/m]: 50 m, three combinations long
 _ROAD, _BODY = (236, 239, 241), (250, 251, 252)
-_BAY, _MARGIN = 6.0, 0.3  # length of a bay's lines, and its room to either side [m]
-_BACK = 6.0  # the middle of the picture behind the tractor's rear axle [m]
+_BAY, _MARGIN = 6.0, 0.3  # length of a bay's lines, and its margin to either side [m]
+_BACK = 6.0  # from the tractor's rear axle back to the picture's centre [m]
 
 
-class Onlooker:
-    """Draws units on their courses."""
+class TopView:
+    """Top views of units on their courses."""
 
     def __init__(self, units: tuple[UnitOutline, ...], courses: Sequence[Course]) -> None:
-        """Of these outlines; every lane on the first course until it begins."""
+        """For these outlines; every lane is on the first course until it begins."""
         self._units, self._courses = units, courses
         self._course: dict[int, int] = {}
 
     def begin(self, lanes: NDArray[np.intp], course: NDArray[np.intp]) -> None:
-        """New courses for these lanes."""
+        """Set the courses of these lanes."""
         self._course.update(zip(lanes.tolist(), course.tolist(), strict=True))
 
     def picture(
@@ -42,7 +42,7 @@ class Onlooker:
         *,
         goal: FloatArray | None = None,
     ) -> Picture:
-        """Units at these poses (N, 3), their axles at these angles [rad]; a ``goal`` x, y, psi for the last one."""
+        """Draw units at poses (N, 3) with their axles' angles [rad], and the last unit's ``goal`` x, y, psi."""
         course = self._courses[self._course.get(lane, 0)]
         picture = blank(_SIZE, _SIZE)
         x, y, psi = poses[0]
@@ -62,14 +62,14 @@ class Onlooker:
         return picture
 
     def _goal(self, picture: Picture, goal: FloatArray, centre: FloatArray) -> None:
-        """A bay that the last unit fits in, its end at the goal."""
+        """Draw a bay around the last unit, its end at the goal."""
         last = self._units[-1]
         bay = np.array([[_BAY, 1.0], [0.0, 1.0], [0.0, -1.0], [_BAY, -1.0]]) * [1.0, 0.5 * last.width + _MARGIN]
         curve(picture, _pixels(placed(bay, goal[None])[0], centre), TRUE, 3)
 
 
 def side_by_side(plan: Picture, view: Picture | None) -> Picture:
-    """The plan, and what a camera sees, if there is something."""
+    """The top view next to the camera view, if there is one."""
     return plan if view is None else np.concatenate([plan, view], axis=1)
 
 
@@ -79,8 +79,6 @@ def _pixels(points: FloatArray, centre: FloatArray) -> FloatArray:
 
 
 def axle_angles(vehicle: Vehicle, steered: FloatArray) -> tuple[FloatArray, ...]:
-    """Angles of every unit's axles [rad], of those of all steered axles, front to rear."""
-    angles, found = iter(steered.tolist()), []
-    for unit in vehicle.units:
-        found.append(np.array([next(angles) if axle.steered else 0.0 for axle in unit.axles]))
-    return tuple(found)
+    """Angles of each unit's axles [rad] from those of the steered axles, front to rear."""
+    angles = iter(steered.tolist())
+    return tuple(np.array([next(angles) if axle.steered else 0.0 for axle in unit.axles]) for unit in vehicle.units)

@@ -1,4 +1,4 @@
-"""A core whose actions hold for several control steps: decisions that are farther apart are easier to learn from."""
+"""Action repeat: a core whose actions hold for several control steps, which eases learning."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from scenarios.report.canvas import Picture
 
 
 class Repeated:
-    """A core of n episodes in which every action counts for so many control steps of another one.
+    """A core of n episodes whose actions each hold for several control steps of another core.
 
-    Rewards of these steps are added up to the end of an episode; what has ended within them drives on to the last of
-    them, without reward and with its outcome kept.
+    Rewards are summed up to the end of an episode. An episode that ends before the last of these steps continues
+    without reward and keeps its outcome.
     """
 
     def __init__(self, core: Core, times: int) -> None:
-        """Actions of ``core`` hold for ``times`` of its control steps.
+        """Repeat each action of ``core`` for ``times`` control steps.
 
         Raises:
             ValueError: if ``times`` is less than 1.
@@ -32,40 +32,40 @@ class Repeated:
 
     @property
     def control_rate(self) -> float:
-        """How often a second of simulated time an action is taken [Hz]."""
+        """Actions per second of simulated time [Hz]."""
         return self._core.control_rate / self._times
 
     def __getattr__(self, name: str) -> Any:
-        if name == "_core":  # not there yet: a copy is being made
+        if name == "_core":  # while a copy is being made
             raise AttributeError(name)
-        return getattr(self._core, name)  # features and whatever else the core tells of itself
+        return getattr(self._core, name)  # features and other attributes of the core
 
     def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
-        """As of the core."""
+        """Begin episodes of the core."""
         self._core.begin(lanes, generators, options)
 
     def step(self, actions: NDArray[np.float32]) -> Result:
-        """``times`` control steps of all with the same actions."""
+        """Advance all episodes by ``times`` control steps with the same actions."""
         total = self._core.step(actions)
         for _ in range(self._times - 1):
-            told = self._core.step(actions)
+            result = self._core.step(actions)
             going = ~(total.terminated | total.truncated)
             total = Result(
-                total.reward + told.reward * going,
-                total.terminated | (told.terminated & going),
-                total.truncated | (told.truncated & going),
-                np.where(going, told.outcome, total.outcome),
+                total.reward + result.reward * going,
+                total.terminated | (result.terminated & going),
+                total.truncated | (result.truncated & going),
+                np.where(going, result.outcome, total.outcome),
             )
         return total
 
     def observe(self) -> Observation:
-        """As of the core."""
+        """Observation of the core."""
         return self._core.observe()
 
     def info(self) -> Info:
-        """As of the core."""
+        """Metrics of the core."""
         return self._core.info()
 
     def picture(self, lane: int) -> Picture:
-        """As of the core."""
+        """Picture of the core."""
         return self._core.picture(lane)

@@ -1,6 +1,6 @@
-"""Parts of a reward, as functions of a moment: each costs nothing where all is well, and is negative elsewhere.
+"""Parts of a reward, as functions of a moment: 0 at best, negative otherwise.
 
-Put together by ``weighted``: a mapping from part to weight, which a user's own functions may be in.
+``weighted`` sums them: a mapping from part to weight, which may hold your own functions.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from vehicle.frames import FloatArray
 
 Reward = Callable[[Moment], FloatArray]  # (n,)
 
-_WORST = 3.0  # farther beside its path than this a trailer costs no more: off the road is off the road [m]
-_KERB = 0.5  # room beside the path of the hitch: a lane of 3.5 m and a trailer of 2.55 m [m]
+_MAX_ERROR = 3.0  # larger distances from the path cost no more: the trailer is off the road [m]
+_KERB = 0.5  # free space to either side: a lane of 3.5 m and a trailer of 2.55 m [m]
 
 
 def follow_error(moment: Moment) -> FloatArray:
     """Minus the square of the follow point's distance from the path [m2], up to 3 m."""
-    distance = np.minimum(np.abs(moment.off_tracking), _WORST)
+    distance = np.minimum(np.abs(moment.off_tracking), _MAX_ERROR)
     return -distance * distance
 
 
 def off_path(moment: Moment) -> FloatArray:
-    """Minus the follow point's distance from the path [m], up to 3 m: the last centimetres cost as the first do."""
-    return -np.minimum(np.abs(moment.off_tracking), _WORST)
+    """Minus the follow point's distance from the path [m], up to 3 m: the cost is linear."""
+    return -np.minimum(np.abs(moment.off_tracking), _MAX_ERROR)
 
 
 def outside_path(moment: Moment) -> FloatArray:
     """Minus the follow point's distance from the path to the outside of the turn [m], up to 3 m."""
-    outside = np.sign(moment.turn) * moment.off_tracking  # the path lies left of it: in a left turn it is outside
-    distance: FloatArray = np.minimum(np.maximum(outside, 0.0), _WORST)
+    outside = np.sign(moment.curvature) * moment.off_tracking  # path on the left in a left turn: outside
+    distance: FloatArray = np.minimum(np.maximum(outside, 0.0), _MAX_ERROR)
     return -distance
 
 
 def kerb(moment: Moment) -> FloatArray:
-    """Minus 1 while the follow point is more than half a metre beside the path: its wheels are on the kerb."""
-    up: FloatArray = (np.abs(moment.off_tracking) > _KERB).astype(np.float64)
-    return -up
+    """Minus 1 while the follow point is more than half a metre off the path: its wheels are on the kerb."""
+    on_kerb: FloatArray = (np.abs(moment.off_tracking) > _KERB).astype(np.float64)
+    return -on_kerb
 
 
 def steer_effort(moment: Moment) -> FloatArray:
@@ -50,18 +50,18 @@ def steer_effort(moment: Moment) -> FloatArray:
 
 
 def weighted(parts: Mapping[Reward, float]) -> Reward:
-    """The sum of some parts, each with its weight."""
+    """Weighted sum of parts."""
     terms = tuple(parts.items())
 
-    def together(moment: Moment) -> FloatArray:
+    def reward(moment: Moment) -> FloatArray:
         total = np.zeros(len(moment.off_tracking))
         for part, weight in terms:
             total += weight * part(moment)
         return total
 
-    return together
+    return reward
 
 
-# A decimetre beside the path costs 0.01 a step, a decimetre to the outside as much again; axles at 6 deg/s cost 0.0002.
+# 0.1 m off the path costs 0.01 a step, 0.1 m to the outside another 0.01; axles at 6 deg/s cost 0.0002.
 USUAL: Final[Mapping[Reward, float]] = {follow_error: 1.0, outside_path: 0.1, steer_effort: 0.02}
-MISHAP: Final = -100.0  # once: as much as two hundred steps at 0.7 m
+MISHAP: Final = -100.0  # once: as much as 200 steps at 0.7 m

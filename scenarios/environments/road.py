@@ -1,4 +1,4 @@
-"""Courses by name for environments: those of the scenarios, and smooth ones that a number decides."""
+"""Courses of environments by name: those of the scenarios, and random smooth ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ENTRY = 10.0  # [m]
 
 
 def named_course(name: str, vehicle: Vehicle) -> Course:
-    """The course of a scenario's name or file, or ``random-K``: five smooth turns that the number K decides.
+    """Course of a scenario (name or file), or ``random-K``: five smooth turns drawn with seed K.
 
     Raises:
         ValueError: one line, if there is no such course.
@@ -25,7 +25,7 @@ def named_course(name: str, vehicle: Vehicle) -> Course:
         return course_of(load_scenario(name), vehicle)
     number = name.removeprefix(_RANDOM)
     if not number.isdigit():
-        raise ValueError(f"course {name}: must be random-K with a whole number K")
+        raise ValueError(f"course {name}: must be random-K with an integer K")
     rng, tractor = stream(int(number), "course"), vehicle.units[0]
     sequence = [
         Turn(

@@ -1,4 +1,4 @@
-"""What a policy that drives a rover is given, entry by entry."""
+"""Features of a rover's observation."""
 
 from __future__ import annotations
 
@@ -20,4 +20,4 @@ FEATURES: Final = (
     Feature("speed", "m/s", 1.0),
 )
 SLIP: Final = [feature.name for feature in FEATURES].index("slip_angle")
-BESIDE_A_PICTURE: Final = (Feature("age", "s", 60.0), *FEATURES[:SLIP], *FEATURES[SLIP + 1 :])
+IMAGE_FEATURES: Final = (Feature("age", "s", 60.0), *FEATURES[:SLIP], *FEATURES[SLIP + 1 :])

@@ -1,4 +1,4 @@
-"""What an episode of ``RoverSteering`` is drawn from, and what there is to choose when it is made."""
+"""Options of ``RoverSteering``, and the ranges that its episodes are drawn from."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from scenarios.environments.domain import Range, drawn_within
-from scenarios.environments.knowledge import Knowledge
-from scenarios.environments.sensed_slip import check_slip_sensing
+from scenarios.environments.observations import ObservationKind
+from scenarios.environments.sensed_rover import check_slip_sensing
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 from vehicle.engine.kernels import Engine
@@ -18,17 +18,17 @@ _SANDS: Final = ("toyoura_sand", "beach_sand")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverDomain:
-    """What an episode's circumstances are drawn from.
+    """Ranges of an episode's circumstances.
 
     Raises:
-        ValueError: if a range is empty or leaves its limits.
+        ValueError: if a range is empty or exceeds its limits.
     """
 
     cross_fall: Range = (-0.12, 0.12)  # rise to the left: up to 7 deg to either side [-]
     grade: Range = (-0.05, 0.05)  # rise ahead [-]
-    speed: Range = (0.05, 0.12)  # that the wheels are to turn for [m/s]
-    curvature: Range = (-0.25, 0.25)  # of the path behind its straight start [1/m]
-    sensor_error: Range = (0.5, 1.5)  # of the surrogate's slip angle, over the usual one [-]
+    speed: Range = (0.05, 0.12)  # set speed of the wheels [m/s]
+    curvature: Range = (-0.25, 0.25)  # of the path after its straight start [1/m]
+    sensor_error: Range = (0.5, 1.5)  # of the surrogate's slip angle, relative to the nominal error [-]
 
     def __post_init__(self) -> None:
         drawn_within(self, LIMITS)
@@ -45,32 +45,36 @@ LIMITS: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class RoverSteeringOptions:
-    """What there is to choose when the environment is made."""
+    """Options of the environment."""
 
     vehicle: str = "el_dorado_ii_skid"  # name or file of a rover without steered wheels
-    soils: tuple[str, ...] | None = None  # "none": firm ground; None: two sands and, but for ``estimate``, firm ground
-    observation: Knowledge = "surrogate"
-    sensing: str | RoverScenario = "rover-slope"  # a scenario, whose camera, sand and slip estimator ``estimate`` has
-    image_scale: int = 1  # pixels of a side that become one, for ``camera``
+    soils: tuple[str, ...] | None = (
+        None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground
+    )
+    observation: ObservationKind = "surrogate"
+    sensing: str | RoverScenario = (
+        "rover-slope"  # scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
+    )
+    image_scale: int = 1  # factor that reduces images, for ``camera``
     domain: RoverDomain = field(default_factory=RoverDomain)
     engine: Engine = "auto"
 
     def soil_names(self) -> tuple[str, ...]:
-        """The soils that there are.
+        """Names of the soils.
 
         Raises:
-            ValueError: one line, if there is none, or one in which nothing is to be seen.
+            ValueError: one line, if there is none, or firm ground although the trace is observed.
         """
-        sees = self.observation == "estimate"
-        names = self.soils if self.soils is not None else _SANDS if sees else (*_SANDS, FIRM)
+        needs_trace = self.observation == "estimate"
+        names = self.soils if self.soils is not None else _SANDS if needs_trace else (*_SANDS, FIRM)
         if not names:
-            raise ValueError("soils is empty: there must be one at least")
-        if sees and FIRM in names:
-            raise ValueError("soils has 'none': firm ground takes no trace that observation = 'estimate' could see")
+            raise ValueError("soils is empty: it must have at least one")
+        if needs_trace and FIRM in names:
+            raise ValueError("soils has 'none': firm ground takes no trace, which observation = 'estimate' needs")
         return names
 
     def scenario(self, step: int) -> RoverScenario | None:
-        """Whose sensors there are, for control steps of so many ticks; None: none are looked through.
+        """Scenario that gives the sensors, for control steps of ``step`` ticks; None without a camera.
 
         Raises:
             ValueError: one line, if it is a trailer's, or its sensors do not fit.

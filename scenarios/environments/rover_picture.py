@@ -1,4 +1,4 @@
-"""A rover on its path from above, north up, 600 by 600 pixels around it."""
+"""Top view of a rover on its path, north up: 600 by 600 pixels around it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,16 @@ _SAND = (244, 238, 226)
 
 
 def rover_picture(rover: Rover, truth: RoverTruth, path: Path, time: float) -> Picture:
-    """The rover at this time [s]."""
+    """Draw the rover at this time [s]."""
     picture = blank(_SIZE, _SIZE)
     picture[:] = _SAND
     pose = Pose2(*truth.pose.tolist())
     curve(picture, _pixels(path.points(0.05), pose), TRUE, 2)
-    places = rover.wheel_places
     a, b = 0.4 * rover.wheelbase, 0.4 * rover.tread
     body = np.array([[a, b], [a, -b], [-a, -b], [-a, b]])
     cv2.fillConvexPoly(picture, fixed_point(_pixels(pose.apply(body), pose)), SOFT, cv2.LINE_AA, SHIFT)
     tread = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * [rover.radius, 0.5 * rover.width]
-    for place in places:
+    for place in rover.wheel_places:
         cv2.fillConvexPoly(picture, fixed_point(_pixels(pose.apply(place + tread), pose)), INK, cv2.LINE_AA, SHIFT)
     write(picture, f"{time:.1f} s, slip angle {math.degrees(truth.slip_angle):+.1f} deg", (12, 10), colour=INK)
     return picture

@@ -1,4 +1,4 @@
-"""The metrics of a run's summary, kept up to date for many episodes."""
+"""Running metrics of many episodes, with the names of a run's summary."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ class RunningMetrics:
     """Off-tracking and steering of n episodes so far."""
 
     def __init__(self, n: int) -> None:
-        """At their beginning."""
+        """Begin with no steps."""
         self._steps, self._squares = np.zeros(n), np.zeros(n)
         self._largest, self._outside = np.zeros(n), np.zeros(n)
         self._steer, self._rate = np.zeros(n), np.zeros(n)
         self.newest = np.zeros(n)  # off-tracking [m]
 
     def begin(self, lanes: NDArray[np.intp]) -> None:
-        """New episodes in these lanes."""
+        """Begin episodes in these lanes."""
         for part in (self._steps, self._squares, self._largest, self._outside, self._steer, self._rate, self.newest):
             part[lanes] = 0.0
 
     def step(self, moment: Moment, angles: FloatArray) -> None:
-        """One more step, with the trailer's axles at these angles (n, n_steered) [rad]."""
+        """Add a step, with the trailer's axles at angles (n, n_steered) [rad]."""
         error = moment.off_tracking
         if not moment.finite.all():
             error = np.where(moment.finite, error, 0.0)
@@ -40,7 +40,7 @@ class RunningMetrics:
         np.fmax(self._rate, np.abs(moment.steer_rate).max(axis=1), out=self._rate)
 
     def info(self) -> Info:
-        """The metrics by the names of ``summary.json``; ``outside_max_m`` is the follow point's, in turns."""
+        """Metrics by their names in ``summary.json``; ``outside_max_m`` is the follow point's, in turns."""
         return {
             "off_tracking": self.newest.copy(),
             "true_rms_m": np.sqrt(self._squares / np.maximum(self._steps, 1.0)),

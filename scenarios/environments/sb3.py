@@ -1,11 +1,11 @@
-"""The vector environments as stable-baselines3 wants them: one object for all, nothing done one by one.
+"""Vector environments for stable-baselines3: one object for all sub-environments.
 
     from stable_baselines3 import PPO
     from scenarios.environments.sb3 import sb3_vector
 
     PPO("MlpPolicy", sb3_vector("TrailerSteering-v0", 256, action_repeat=4)).learn(100_000)
 
-It needs the extra ``rl``.
+Requires the extra ``rl``.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ Indices = int | Iterable[int] | None
 
 
 def sb3_vector(name: str, num_envs: int, *, reward_scale: float = 1.0, **options: Any) -> Sb3VecEnv:
-    """``num_envs`` of the environment of this name (``TrailerSteering-v0`` …) with its options.
+    """``num_envs`` environments of this name (``TrailerSteering-v0`` …) with its options.
 
     Raises:
-        ValueError: one line, if an option is none or does not fit.
+        ValueError: one line, if an option is unknown or does not fit.
     """
     made = registry.vector(name, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options)
     return Sb3VecEnv(made, reward_scale=reward_scale)
 
 
-class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # its types are not looked at: the extra may not be there
-    """A native vector environment behind stable-baselines3's interface.
+class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # untyped: the extra may not be installed
+    """A native vector environment with stable-baselines3's interface.
 
-    ``info`` of a sub-environment is empty but where its episode has ended: there it holds ``terminal_observation``,
-    ``TimeLimit.truncated``, the episode's metrics and ``outcome``, and ``episode`` (r: return, l: steps) as monitors
-    give it. All sub-environments share one object, so attributes are those of the vector environment.
+    ``info`` of a sub-environment is empty unless its episode has ended. Then it holds ``terminal_observation``,
+    ``TimeLimit.truncated``, the episode's metrics and ``outcome``, and ``episode`` (r: return, l: steps) as in
+    monitors. All sub-environments share one object, so attributes are those of the vector environment.
     """
 
     def __init__(self, env: CoreVectorEnv, *, reward_scale: float = 1.0) -> None:
-        """Around an environment that starts again in the same step; rewards, but for ``episode``'s, are scaled.
+        """Wrap an environment that resets in the same step; rewards are scaled, except in ``episode``.
 
         Raises:
-            ValueError: if it starts again in another way.
+            ValueError: if it resets in another mode.
         """
         if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
             raise ValueError("stable-baselines3 needs environments with autoreset_mode = AutoresetMode.SAME_STEP")
@@ -58,95 +58,95 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # its types are not looked at: t
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
 
     def reset(self) -> Observation:
-        """New episodes in all, with the seeds and options that ``seed`` and ``set_options`` have left."""
+        """Begin all episodes, with the seeds and options of ``seed`` and ``set_options``."""
         for options, mask in _groups(self._options):
-            seen, info = self.env.reset(seed=self._seeds, options={**options, "reset_mask": mask})
+            observation, info = self.env.reset(seed=self._seeds, options={**options, "reset_mask": mask})
             for lane in np.flatnonzero(mask).tolist():
                 self.reset_infos[lane] = _of_lane(info, lane)
         self._reset_seeds()
         self._reset_options()
         self._return[:], self._length[:] = 0.0, 0
-        return seen
+        return observation
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Keeps the actions (num_envs, n_action) for ``step_wait``."""
+        """Store the actions (num_envs, n_action) for ``step_wait``."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """A step of all: observations, rewards, which episodes have ended, and infos."""
-        seen, reward, terminated, truncated, info = self.env.step(self._actions)
+        """Advance all: observations, rewards, ended episodes (n,), and infos."""
+        observation, reward, terminated, truncated, info = self.env.step(self._actions)
         self._return += reward
         self._length += 1
         done = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for lane in np.flatnonzero(done).tolist():
             episode = {"r": float(self._return[lane]), "l": int(self._length[lane])}
-            told[lane] = {
+            infos[lane] = {
                 **_of_lane(info["final_info"], lane),
                 "terminal_observation": info["final_obs"][lane],
                 "TimeLimit.truncated": bool(truncated[lane]),
                 "episode": episode,
             }
         self._return[done], self._length[done] = 0.0, 0
-        return seen, (self._reward_scale * reward).astype(np.float32), done, told
+        return observation, (self._reward_scale * reward).astype(np.float32), done, infos
 
     def close(self) -> None:
-        """Closes the vector environment."""
+        """Close the vector environment."""
         self.env.close()
 
     def get_images(self) -> Sequence[Picture]:
-        """Every episode from above."""
+        """Top view of every episode."""
         return self.env.render() or ()
 
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
-        """The vector environment's attribute, once for each sub-environment asked for."""
-        return [getattr(self.env, attr_name)] * len(self._asked(indices))
+        """The vector environment's attribute, once per requested sub-environment."""
+        return [getattr(self.env, attr_name)] * len(self._requested(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
-        """Sets the vector environment's attribute, of all at once.
+        """Set the vector environment's attribute, for all at once.
 
         Raises:
-            ValueError: if it is to be set of some only.
+            ValueError: if only some are requested.
         """
-        self._all(f"attribute {attr_name}", indices)
+        self._require_all(f"attribute {attr_name}", indices)
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Indices = None, **kwargs: Any) -> list[Any]:
-        """Calls the vector environment's method once; its result is that of every sub-environment.
+        """Call the vector environment's method once; its result counts for every sub-environment.
 
         Raises:
-            ValueError: if it is to be called of some only.
+            ValueError: if only some are requested.
         """
-        self._all(f"method {method_name}", indices)
+        self._require_all(f"method {method_name}", indices)
         return [getattr(self.env, method_name)(*args, **kwargs)] * self.num_envs
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
-        """No: there is nothing around them."""
-        return [False] * len(self._asked(indices))
+        """False: there are no wrappers."""
+        return [False] * len(self._requested(indices))
 
-    def _asked(self, indices: Indices) -> list[int]:
+    def _requested(self, indices: Indices) -> list[int]:
         return list(self._get_indices(indices))
 
-    def _all(self, what: str, indices: Indices) -> None:
-        if len(self._asked(indices)) != self.num_envs:
-            raise ValueError(f"{what}: these environments are one object; ask for all of them, without indices")
+    def _require_all(self, what: str, indices: Indices) -> None:
+        if len(self._requested(indices)) != self.num_envs:
+            raise ValueError(f"{what}: these environments are one object: request all of them, without indices")
 
 
 def _groups(options: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], NDArray[np.bool_]]]:
-    """Options that differ, each with a mask (n,) of whose they are."""
-    found: list[tuple[dict[str, Any], NDArray[np.bool_]]] = []
+    """Distinct options, each with a mask (n,) of its sub-environments."""
+    groups: list[tuple[dict[str, Any], NDArray[np.bool_]]] = []
     for lane, given in enumerate(options):
-        for known, mask in found:
+        for known, mask in groups:
             if known == given:
                 mask[lane] = True
                 break
         else:
-            found.append((given, np.arange(len(options)) == lane))
-    return found
+            groups.append((given, np.arange(len(options)) == lane))
+    return groups
 
 
 def _of_lane(info: dict[str, Any], lane: int) -> dict[str, Any]:
-    """What the info of many says of one of them."""
+    """Info of one sub-environment."""
     return {
         name: values[lane].item() if isinstance(values[lane], np.generic) else values[lane]
         for name, values in info.items()

@@ -1,4 +1,4 @@
-"""One episode as a gymnasium environment."""
+"""A single episode as a gymnasium environment."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ONLY = np.zeros(1, dtype=np.intp)
 
 
 class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
-    """A core of one episode; ``build`` makes it, so that a copy or another process makes its own."""
+    """Environment around a core of one episode; copies and other processes build their own core."""
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012  # as gymnasium declares it
 
@@ -38,31 +38,31 @@ class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
         self.action_space, self.observation_space = self.core.action_space, self.core.observation_space
 
     def __reduce__(self) -> tuple[type[SingleEnv], tuple[Any, ...]]:
-        return (type(self), (self._build, self.render_mode))  # an episode does not travel: it begins anew
+        return (type(self), (self._build, self.render_mode))  # an episode is not pickled: it begins again
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """A new episode; see the environment's page for the options."""
+        """Begin an episode; the module of the environment lists the options."""
         super().reset(seed=seed)
         self.core.begin(_ONLY, [self.np_random], options or {})
         self._show()
         return of_lane(self.core.observe(), 0), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """A control step."""
-        told = self.core.step(np.asarray(action, dtype=np.float32)[None])
+        """Advance by a control step."""
+        result = self.core.step(np.asarray(action, dtype=np.float32)[None])
         info = self._info()
-        if told.outcome[0]:
-            info["outcome"] = told.outcome[0]
+        if result.outcome[0]:
+            info["outcome"] = result.outcome[0]
         self._show()
-        ended, cut = bool(told.terminated[0]), bool(told.truncated[0])
-        return of_lane(self.core.observe(), 0), float(told.reward[0]), ended, cut, info
+        ended, cut = bool(result.terminated[0]), bool(result.truncated[0])
+        return of_lane(self.core.observe(), 0), float(result.reward[0]), ended, cut, info
 
     def render(self) -> Picture | None:
-        """The episode from above, and its camera's image where there is one, for ``rgb_array``."""
+        """Top view of the episode, with its camera view if there is one, for ``rgb_array``."""
         return self.core.picture(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Closes the window, if there is one, and cameras."""
+        """Close window and cameras."""
         self.core.close()
         if self._window is not None:
             self._window.close()

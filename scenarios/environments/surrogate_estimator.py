@@ -1,6 +1,6 @@
-"""The surrogate of an estimator as a scenario's ``off_tracking``: what a law meets in the fast environments, in a run.
+"""Surrogate estimator as a scenario's ``off_tracking``: the errors of the fast environments in a run.
 
-It tells how much of a policy's camera run is the camera's doing: the same run with the errors that it was trained with.
+Comparing such a run with a camera run shows the effect of the cameras on a policy trained with the surrogate.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
-_FRAMES = 4096  # of random numbers: several minutes; a longer run meets them again
+_FRAMES = 4096  # of random numbers: several minutes; a longer run repeats them
 
 
 class SurrogateMemory(NamedTuple):
-    """What the next pose meets."""
+    """Memory between poses."""
 
     reference: ReferenceMemory
-    frames: int  # that there were
+    frames: int  # so far
     drift: float  # [m]
     lost: bool
 
@@ -71,18 +71,18 @@ class SurrogateOffTracking:
         p, k = self._parameters, memory.frames % _FRAMES
         interval = (pose.tick - before.tick) * TICK
         drift = float(drifted(p, interval, memory.drift, self._normal[k, 0]))
-        turning = interval / p.loss_duration if memory.lost else interval * p.loss_rate
-        lost = memory.lost ^ bool(self._chance[k] < turning)
+        chance = interval / p.loss_duration if memory.lost else interval * p.loss_rate
+        lost = memory.lost ^ bool(self._chance[k] < chance)
         after = SurrogateMemory(reference, memory.frames + 1, drift, lost)
         if exact.health is Health.LOST:
             return after, exact
         if lost:
             return after, replace(exact, value=0.0, std=math.inf, health=Health.LOST)
         error = float(self._bias) + drift + p.noise * float(self._normal[k, 1])
-        return after, self._erring(exact, error, self._normal[k, 2:])
+        return after, self._with_error(exact, error, self._normal[k, 2:])
 
-    def _erring(self, exact: OffTracking, error: float, normal: FloatArray) -> OffTracking:
-        """The estimate with an error that grows from none at the hitch to this at the follow point [m]."""
+    def _with_error(self, exact: OffTracking, error: float, normal: FloatArray) -> OffTracking:
+        """The estimate with an error that grows linearly from 0 at the hitch to ``error`` at the follow point [m]."""
         p = self._parameters
         back = exact.path[:, 0] / -self._follow_distance
         v_x, v_y = p.velocity_noise * normal[:2]

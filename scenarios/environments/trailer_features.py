@@ -1,4 +1,4 @@
-"""What a policy that steers a trailer is given, entry by entry."""
+"""Features of a trailer's observation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vehicle.combination.description import Vehicle
 
 
 def features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:
-    """The observation, entry by entry: what a policy in the loop is given."""
+    """All entries of the observation, as a policy in the loop gets them."""
     names = feature_names(n_steered, [unit.name for unit in vehicle.units])
     return tuple(
         Feature(name, *next(kind for start, kind in _KINDS.items() if name.startswith(start))) for name in names
@@ -18,13 +18,13 @@ def features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:
 
 
 def own_features(vehicle: Vehicle, n_steered: int) -> tuple[Feature, ...]:
-    """The numbers beside a picture: its age, and what the combination's own sensors say."""
-    every = features(vehicle, n_steered)
-    names = [feature.name for feature in every]
-    return (every[names.index("age")], *every[names.index("usable") + 1 :])
+    """Features next to an image: its age, and the signals of the combination's own sensors."""
+    entries = features(vehicle, n_steered)
+    names = [feature.name for feature in entries]
+    return (entries[names.index("age")], *entries[names.index("usable") + 1 :])
 
 
-_KINDS: Final = {  # unit and limit of the features whose names begin so
+_KINDS: Final = {  # prefix of the name: unit and limit
     "off_tracking": ("m", 10.0),
     "path_direction": ("rad", 3.2),
     "path_": ("m", 20.0),

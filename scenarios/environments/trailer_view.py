@@ -1,4 +1,4 @@
-"""What a trailer's cameras see, for people: left above right, with the features that an odometry follows."""
+"""Camera view of a trailer for people: left above right image, with the features that an odometry follows."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 
 WIDTH: Final = 840  # [px]
-_HEIGHT: Final = 600  # as the plan beside it
-_LINE: Final = 34  # of lettering [px]
-_ROOM: Final = (_HEIGHT - 2 * _LINE) // 2  # for an image [px]
+_HEIGHT: Final = 600  # as the top view
+_LINE: Final = 34  # height of a text line [px]
+_IMAGE_HEIGHT: Final = (_HEIGHT - 2 * _LINE) // 2  # at most [px]
 
 
 def stereo_view(frame: StereoFrame, estimate: Estimate | None) -> Picture:
-    """Both images, and beneath what an estimator has last made of such ones."""
+    """Both images, with the newest estimate below."""
     picture = blank(WIDTH, _HEIGHT)
     motion = None if estimate is None else estimate.motion
     tracks: FloatArray = np.empty((0, 4)) if motion is None else motion.tracks.astype(np.float64)
     write(picture, "left camera above, right camera below", (12, 8), colour=SOFT)
-    bottom = _LINE + _put(picture, frame.left, tracks, _LINE)
-    bottom += _put(picture, frame.right, np.empty((0, 4)), bottom)
+    bottom = _LINE + _draw_image(picture, frame.left, tracks, _LINE)
+    bottom += _draw_image(picture, frame.right, np.empty((0, 4)), bottom)
     if estimate is not None:
-        words, colour = _told(estimate)
-        write(picture, words, (12, bottom + 8), colour=colour)
+        caption, colour = _caption(estimate)
+        write(picture, caption, (12, bottom + 8), colour=colour)
     return picture
 
 
-def _put(picture: Picture, image: GreyImage, tracks: FloatArray, top: int) -> int:
-    """Draws an image; its height [px]."""
-    scale = float(min(WIDTH / image.shape[1], _ROOM / image.shape[0]))
+def _draw_image(picture: Picture, image: GreyImage, tracks: FloatArray, top: int) -> int:
+    """Draw an image; return its height [px]."""
+    scale = float(min(WIDTH / image.shape[1], _IMAGE_HEIGHT / image.shape[0]))
     width, height = int(scale * image.shape[1] + 0.5), int(scale * image.shape[0] + 0.5)
     shown = np.asarray(
         cv2.cvtColor(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2RGB), np.uint8
@@ -47,8 +47,9 @@ def _put(picture: Picture, image: GreyImage, tracks: FloatArray, top: int) -> in
     return height
 
 
-def _told(estimate: Estimate) -> tuple[str, Colour]:
-    seen = estimate.off_tracking
-    if seen.health is Health.LOST:
+def _caption(estimate: Estimate) -> tuple[str, Colour]:
+    off_tracking = estimate.off_tracking
+    if off_tracking.health is Health.LOST:
         return "estimated off-tracking: none", INK
-    return f"estimated off-tracking {seen.value:+.3f} m, standard deviation {1e3 * seen.std:.0f} mm", ESTIMATED
+    value, std = off_tracking.value, 1e3 * off_tracking.std
+    return f"estimated off-tracking {value:+.3f} m, standard deviation {std:.0f} mm", ESTIMATED

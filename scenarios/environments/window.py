@@ -1,4 +1,4 @@
-"""A window on the screen that shows pictures, with what Python itself brings."""
+"""Window that shows pictures, with tkinter."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from scenarios.report.canvas import Picture
 
 
 class Window:
-    """Opens with the first picture; who closes it goes on without it."""
+    """Window on the screen; the program continues if it is closed."""
 
     def __init__(self, title: str, rate: float) -> None:
-        """A window of this title, for at most so many pictures a second.
+        """Open a window with this title, for at most ``rate`` pictures per second.
 
         Raises:
-            ValueError: one line, if there is no screen, or Python has come without tkinter.
+            ValueError: one line, if there is no screen, or Python has no tkinter.
         """
         try:
             import tkinter
@@ -32,7 +32,7 @@ class Window:
         tkinter.Label(self._root, image=self._image).pack()
 
     def show(self, picture: Picture) -> None:
-        """The picture, as soon as the one before has been there for its time."""
+        """Show the picture, after the previous one has been shown for its period."""
         if not self._open:
             return
         time.sleep(max(0.0, self._next - time.monotonic()))
@@ -42,7 +42,7 @@ class Window:
         self._root.update()
 
     def close(self) -> None:
-        """Takes it from the screen; closing twice does no harm."""
+        """Close the window; a second call has no effect."""
         if self._open:
             self._open = False
             self._root.destroy()

@@ -78,7 +78,7 @@ def single_rate(name: str) -> float:
     """Steps a second of one environment that does not move what it could."""
     one = gymnasium.make(name, disable_env_checker=True).unwrapped
     one.reset(seed=1)
-    action = np.zeros(one.action_space.shape, dtype=np.float32)  # type: ignore[arg-type]  # a box has a shape
+    action = np.zeros(one.action_space.shape or (), dtype=np.float32)
 
     def second() -> None:
         for _ in range(50):
@@ -139,7 +139,7 @@ def test_single_environments_run_in_processes_of_their_own() -> None:
     )
     try:
         seen, _ = made.reset(seed=1)
-        further, *_ = made.step(np.zeros(made.action_space.shape, dtype=np.float32))  # type: ignore[arg-type]
+        further, *_ = made.step(np.zeros(made.action_space.shape or (), dtype=np.float32))
     finally:
         made.close()
     assert seen.shape == further.shape == (2, 18)

@@ -1,4 +1,4 @@
-"""Observations through real cameras: what an estimator makes of rendered pictures, and the pictures themselves."""
+"""Observations through rendered cameras: estimates and images."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import scenarios.gym_env  # noqa: F401  # registers the environments
+from scenarios.assembly.views import built_world
 from scenarios.courses import straight
-from scenarios.environments import sensed_trailer
+from scenarios.environments.camera_observations import CameraObservations
 from scenarios.environments.domain import Domain
-from scenarios.environments.estimating import Pictured
 from scenarios.environments.images import reduced, reduced_shape
 from scenarios.environments.variation import Variation
 from scenarios.environments.vector import CoreVectorEnv
@@ -35,37 +35,37 @@ COURSE = straight(front_x=VEHICLE.units[0].front_x, length=40.0)
 
 
 def options(observation: str, *settings: str, **others: Any) -> dict[str, Any]:
-    """Of an environment with small pictures of a straight road."""
+    """Options of an environment with small images of a straight road."""
     sensing = load_scenario("roundabout", [*SMALL, *settings])
     return {"observation": observation, "courses": (COURSE,), "domain": DOMAIN, "sensing": sensing, **others}
 
 
 def many(n: int, **given: Any) -> CoreVectorEnv:
-    """The vector environment without what gymnasium wraps around it."""
+    """The vector environment without gymnasium's wrappers."""
     made = gymnasium.make_vec(TRAILER, num_envs=n, **given).unwrapped
     assert isinstance(made, CoreVectorEnv)
     return made
 
 
 def names(env: Any) -> list[str]:
-    """Of the observation's entries."""
+    """Names of the observation's entries."""
     return [feature.name for feature in env.unwrapped.core.features]
 
 
 _BUILT: list[World] = []
-_BUILD = sensed_trailer.built_world
+BUILT_WORLD = "scenarios.environments.sensed_trailer.built_world"
 
 
 def _the_world(*arguments: Any) -> World:
     if not _BUILT:
-        _BUILT.append(_BUILD(*arguments))
+        _BUILT.append(built_world(*arguments))
     return _BUILT[0]
 
 
 @pytest.fixture
 def one_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same world for all seeds: to build one takes as long as a hundred frames."""
-    monkeypatch.setattr(sensed_trailer, "built_world", _the_world)
+    """One world for all seeds: building one takes as long as a hundred frames."""
+    monkeypatch.setattr(BUILT_WORLD, _the_world)
 
 
 def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_world: None) -> None:
@@ -75,13 +75,15 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
     """
     steps, given = 50, options("estimate")
     action = np.full((2, 2), 0.5, dtype=np.float32)
-    seeing, knowing = many(2, **given), many(2, **{**given, "observation": "truth"})
-    seen, true = [seeing.reset(seed=101)[0]], [knowing.reset(seed=101)[0]]
+    estimating, exact_env = many(2, **given), many(2, **{**given, "observation": "truth"})
+    seen, true = [estimating.reset(seed=101)[0]], [exact_env.reset(seed=101)[0]]
     for _ in range(steps):
-        seen.append(seeing.step(action)[0])
-        true.append(knowing.step(action)[0])
-    seeing.close()
-    at = {name: names(seeing).index(name) for name in ("off_tracking", "age", "usable", "hitch_v_x", "path_0.5_ahead")}
+        seen.append(estimating.step(action)[0])
+        true.append(exact_env.step(action)[0])
+    estimating.close()
+    at = {
+        name: names(estimating).index(name) for name in ("off_tracking", "age", "usable", "hitch_v_x", "path_0.5_ahead")
+    }
     told, exact = np.array(seen), np.array(true)
     assert told[:, :, at["usable"]].all()
     assert told[:, 0, at["age"]] == pytest.approx(np.resize([0.1, 0.12, 0.14, 0.16, 0.18], steps + 1), abs=1e-6)
@@ -120,9 +122,9 @@ def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None)
     assert not np.array_equal(seen["image"][0], first)
     assert np.abs(seen["image"][1].astype(float) - alone["image"]).mean() < 0.02  # a rounded pose turns single pixels
     assert alone["features"] == pytest.approx(seen["features"][1], abs=1e-4)
-    knowing = one.unwrapped.core._knowing  # type: ignore[attr-defined]
-    assert isinstance(knowing, Pictured)
-    full = knowing._sensed.trailers[0].frame
+    source = one.unwrapped.core._source  # type: ignore[attr-defined]
+    assert isinstance(source, CameraObservations)
+    full = source._trailers[0].frame
     assert full is not None
     assert np.abs(alone["image"][0] - full.left.reshape(100, 2, 240, 2).mean(axis=(1, 3))).max() <= 0.5
     picture = one.render()
@@ -142,7 +144,7 @@ def test_gymnasiums_checker_has_nothing_to_complain_of(one_world: None, observat
 
 
 def test_a_spawned_process_has_cameras_of_its_own() -> None:
-    """What is made of an environment's options there is what is made of them here."""
+    """A spawned process and this one make the same observation from the same options."""
 
     def make() -> Any:
         return gymnasium.make(f"scenarios.gym_env:{ROVER}", observation="camera", image_scale=4)
@@ -157,10 +159,13 @@ def test_a_spawned_process_has_cameras_of_its_own() -> None:
 def test_an_episodes_seed_decides_its_world() -> None:
     """Other circumstances stay those of the same seed, whatever is observed."""
     built: list[int] = []
+
+    def noting(*arguments: Any) -> World:
+        built.append(int(arguments[-1].integers(1000)))
+        return _the_world(*arguments)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            sensed_trailer, "built_world", lambda *a: built.append(int(a[-1].integers(1000))) or _the_world(*a)
-        )
+        patch.setattr(BUILT_WORLD, noting)
         env = gymnasium.make(TRAILER, disable_env_checker=True, **options("camera"))
         for seed in (101, 102, 101):
             seen, _ = env.reset(seed=seed)

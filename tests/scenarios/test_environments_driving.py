@@ -16,7 +16,7 @@ from controllers.reversing.law import ReversingLaw
 from controllers.reversing.reference import ReverseReference
 from controllers.tractor import TractorGeometry
 from scenarios.environments.domain import N_DRAWN, Circumstances, Domain
-from scenarios.environments.movers import Slipping
+from scenarios.environments.movers import SlippingTyreFleet
 from sensors.messages import EgoState
 from vehicle.clock import to_ticks
 from vehicle.combination.description import load_vehicle
@@ -81,7 +81,7 @@ class Docker:
 
 
 def docked(seeds: range) -> list[str]:
-    """How the episodes of these seeds end."""
+    """Outcomes of the episodes of these seeds."""
     n = len(seeds)
     environment = gymnasium.make_vec(DRIVING, num_envs=n, task="bay")
     seen, _ = environment.reset(seed=list(seeds))  # type: ignore[arg-type]  # gymnasium's hint knows of one seed only
@@ -117,7 +117,7 @@ def gentle() -> Circumstances:
     )
 
 
-def moved(mover: Slipping, acceleration: float, seconds: float) -> FloatArray:
+def moved(mover: SlippingTyreFleet, acceleration: float, seconds: float) -> FloatArray:
     """Speeds of the tractor every 20 ms [m/s]."""
     asked = np.zeros(1), np.full(1, acceleration)
     return np.array([mover.step(*asked).speed[0] for _ in range(round(50 * seconds))])
@@ -125,7 +125,7 @@ def moved(mover: Slipping, acceleration: float, seconds: float) -> FloatArray:
 
 def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combination() -> None:
     """1 m/s2 back for 2 s, forward for 4 s: it slows, stops and goes on the other way at the same rate, no jump."""
-    mover = Slipping(VEHICLE, 1, "auto")
+    mover = SlippingTyreFleet(VEHICLE, 1, "auto")
     mover.place(np.arange(1), gentle())
     back, forward = moved(mover, -1.0, 2.0), moved(mover, 1.0, 4.0)
     # 0.25 s of lag and 0.006 g of rolling drag at first; wheels and gearing take 1 to 2 %.
@@ -140,7 +140,7 @@ def test_driven_wheels_slip_backwards_too() -> None:
     """On ice of friction 0.05 an axle that carries 11.4 of 40 t pushes with 0.14 m/s2 at most, whatever is asked."""
     speeds = {}
     for friction in (0.8, 0.05):
-        mover = Slipping(VEHICLE, 1, "auto")
+        mover = SlippingTyreFleet(VEHICLE, 1, "auto")
         mover.place(np.arange(1), gentle()._replace(friction=np.array([friction])))
         speeds[friction] = moved(mover, -1.0, 2.0)[-1]
     assert -2.0 * 0.05 * 9.81 * 12.0 / 40.0 < speeds[0.05] < -0.02

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import scenarios.gym_env
+from scenarios.environments.core import Features, Observation
 from scenarios.environments.moment import Moment
 
 pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
@@ -20,9 +21,15 @@ from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
 NAMES = list(scenarios.gym_env.CORES)
 
 
-def beside(moment: Moment) -> Any:
-    """An end that random steering meets within seconds."""
+def off_path(moment: Moment) -> Any:
+    """Ending that random steering meets within seconds."""
     return np.abs(moment.off_tracking) > 0.03
+
+
+def features(observation: Observation) -> Features:
+    """The observation of an environment without images."""
+    assert isinstance(observation, np.ndarray)
+    return observation
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -32,19 +39,19 @@ def test_its_own_checker_has_nothing_to_complain_of(name: str) -> None:
 
 
 def test_it_tells_what_the_vector_environment_does() -> None:
-    """Same seed and actions: observations, rewards and ends are equal, and infos tell of those that have ended."""
-    options: dict[str, Any] = {"endings": {"beside": beside}}
+    """Same seed and actions: observations, rewards and ends are equal; infos report the ended episodes."""
+    options: dict[str, Any] = {"endings": {"off path": off_path}}
     adapted = sb3_vector("TrailerSteering-v0", 3, reward_scale=0.5, **options)
     plain = scenarios.gym_env.vector("TrailerSteering-v0", 3, autoreset_mode="SameStep", **options)
     adapted.seed(7)
-    assert np.array_equal(adapted.reset(), plain.reset(seed=7)[0])
+    assert np.array_equal(features(adapted.reset()), features(plain.reset(seed=7)[0]))
     assert "true_rms_m" in adapted.reset_infos[2]
     rng, ended, total, steps = np.random.default_rng(1), 0, np.zeros(3), np.zeros(3)
     for _ in range(250):
         actions = rng.uniform(-1.0, 1.0, (3, 2)).astype(np.float32)
         seen, reward, done, infos = adapted.step(actions)
         expected, rewards, terminated, truncated, info = plain.step(actions)
-        assert np.array_equal(seen, expected)
+        assert np.array_equal(features(seen), features(expected))
         assert reward == pytest.approx(0.5 * rewards, rel=1e-6)
         assert np.array_equal(done, terminated | truncated)
         total, steps = total + rewards, steps + 1
@@ -55,7 +62,7 @@ def test_it_tells_what_the_vector_environment_does() -> None:
             ended += 1
             assert np.array_equal(infos[k]["terminal_observation"], info["final_obs"][k])
             assert infos[k]["TimeLimit.truncated"] == truncated[k]
-            assert infos[k]["outcome"] == "beside"
+            assert infos[k]["outcome"] == "off path"
             assert infos[k]["true_max_m"] == info["final_info"]["true_max_m"][k]
             assert infos[k]["episode"]["r"] == pytest.approx(total[k])
             assert infos[k]["episode"]["l"] == steps[k]
@@ -64,18 +71,17 @@ def test_it_tells_what_the_vector_environment_does() -> None:
 
 
 def test_options_may_differ_from_one_to_the_other() -> None:
-    """Each has the circumstances that it was given, for one reset."""
+    """Each has its own circumstances, for one reset."""
     env = sb3_vector("TrailerSteering-v0", 3)
     env.set_options([{"length": 0.9}, {"length": 1.0}, {"length": 0.9}])
     env.seed(1)
-    seen = env.reset()
-    assert isinstance(seen, np.ndarray)
+    seen = features(env.reset())
     assert seen[:, -1] == pytest.approx([12.6, 14.0, 12.6])
-    assert not np.array_equal(env.reset()[:, -1], seen[:, -1])  # type: ignore[call-overload]
+    assert not np.array_equal(features(env.reset())[:, -1], seen[:, -1])
 
 
 def test_it_is_one_object() -> None:
-    """Attributes and methods are those of all; some alone have none."""
+    """Attributes and methods belong to all sub-environments together."""
     env = sb3_vector("TrailerSteering-v0", 2, render_mode="rgb_array")
     assert env.get_attr("num_envs") == [2, 2]
     assert env.env_method("render")[0][0].shape == (600, 600, 3)

@@ -118,7 +118,7 @@ def test_what_can_not_be_fitted_to_is_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="not a run's directory"):
         run_errors(tmp_path)
     (tmp_path / "scenario.toml").write_text('off_tracking = "truth"\n')
-    with pytest.raises(ValueError, match="off_tracking = truth is none of viso_ot"):
+    with pytest.raises(ValueError, match="off_tracking = truth must be one of viso_ot"):
         run_errors(tmp_path)
     with pytest.raises(ValueError, match="no run to fit to"):
         fitted([])
@@ -171,7 +171,7 @@ def poses(n: int) -> list[BodyPose]:
 
 
 def run_of(parameters: SurrogateParameters, seed: int, n: int) -> list[OffTracking]:
-    """What the scenarios' form of it says once 10 m of path lie behind the hitch."""
+    """Estimates of the scenarios' form, once 10 m of path lie behind the hitch."""
     source = SurrogateOffTracking(10.0, np.random.default_rng(seed), parameters)
     memory, found = source.init(), []
     for pose in poses(n + 11):

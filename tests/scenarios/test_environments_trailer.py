@@ -64,8 +64,9 @@ def test_an_episode_is_what_plant_and_driver_of_a_scenario_do() -> None:
         state = plant.step(state, VehicleCommand(demand.steer, demand.acceleration, (0.0, 0.0)), STEP)
         *_, info = env.step(np.zeros(2, dtype=np.float32))
         told.append(info["off_tracking"])
-    true = true_off_tracking(*np.array([*poses, plant.observe(state, 0).poses[1]]).T, 14.0)[1:]
-    assert core._seen.poses[0] == pytest.approx(plant.observe(state, 0).poses, abs=1e-3)
+    x, y, psi = np.array([*poses, plant.observe(state, 0).poses[1]]).T
+    true = true_off_tracking(x, y, psi, 14.0)[1:]
+    assert core._motion.poses[0] == pytest.approx(plant.observe(state, 0).poses, abs=1e-3)
     assert np.nanmax(np.abs(true)) > 1.0
     assert np.array(told)[np.isfinite(true)] == pytest.approx(true[np.isfinite(true)], abs=2e-3)
 
@@ -203,11 +204,11 @@ def moment(**values: Any) -> Moment:
     """A moment of one combination at which all is well, but for ``values``."""
     fine = Moment(
         off_tracking=np.zeros(1),
-        turn=np.zeros(1),
+        curvature=np.zeros(1),
         steer_rate=np.zeros((1, 2)),
         articulation=np.zeros((1, 1)),
         load_transfer=np.zeros((1, 2)),
-        beside_road=np.zeros(1),
+        road_offset=np.zeros(1),
         speed=np.ones(1),
         finite=np.ones(1, dtype=bool),
     )
@@ -220,9 +221,9 @@ def test_rewards_cost_nothing_where_all_is_well_and_are_told_in_their_units() ->
         assert part(moment())[0] == 0.0
     assert rewards.follow_error(moment(off_tracking=np.array([0.2])))[0] == pytest.approx(-0.04)
     assert rewards.follow_error(moment(off_tracking=np.array([50.0])))[0] == pytest.approx(-9.0)
-    outside = moment(off_tracking=np.array([0.2]), turn=np.array([0.1]))
+    outside = moment(off_tracking=np.array([0.2]), curvature=np.array([0.1]))
     assert rewards.outside_path(outside)[0] == pytest.approx(-0.2)
-    assert rewards.outside_path(outside._replace(turn=-outside.turn))[0] == 0.0
+    assert rewards.outside_path(outside._replace(curvature=-outside.curvature))[0] == 0.0
     assert rewards.kerb(moment(off_tracking=np.array([-0.6])))[0] == -1.0
     assert rewards.steer_effort(moment(steer_rate=np.array([[0.1, 0.3]])))[0] == pytest.approx(-0.05)
     both = rewards.weighted({rewards.kerb: 2.0, rewards.follow_error: 1.0})
@@ -234,7 +235,7 @@ def test_endings_are_met_at_their_limits() -> None:
     for ending, name, harmless, bad in (
         (endings.jackknifed, "articulation", [[1.5]], [[-1.6]]),
         (endings.rolled_over, "load_transfer", [[0.1, 0.97]], [[0.1, -0.99]]),
-        (endings.left_the_road, "beside_road", [4.4], [-4.6]),
+        (endings.left_the_road, "road_offset", [4.4], [-4.6]),
         (endings.diverged, "finite", [True], [False]),
     ):
         assert not ending(moment(**{name: np.array(harmless)}))[0]

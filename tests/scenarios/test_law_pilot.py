@@ -1,4 +1,4 @@
-"""Laws of the scenarios in the environment: they do there what they do in a scenario."""
+"""Laws of the scenarios in the environment: they steer as in a scenario."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.assembly.trailer import assemble
+from scenarios.environments.core import Features, Observation
 from scenarios.environments.hitch_paths import HitchPaths
 from scenarios.environments.law_pilot import LawPilot
 from scenarios.environments.surrogate import SurrogateParameters
@@ -17,6 +18,7 @@ from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
 from scenarios.results.metrics import rms, true_off_tracking
 from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray
 
 EXACT = SurrogateParameters(
     bias=0.0,
@@ -29,6 +31,12 @@ EXACT = SurrogateParameters(
     yaw_rate_noise=0.0,
 )
 NOMINAL = {"friction": 0.8, "cross_fall": 0.0, "speed": 10.0 / 3.6, "load": 1.0, "length": 1.0, "actuator_lag": 1.0}
+
+
+def features(observation: Observation) -> Features:
+    """The observation of an environment without images."""
+    assert isinstance(observation, np.ndarray)
+    return observation
 
 
 @pytest.mark.parametrize("law", ["path_preview", "command_steer"])
@@ -49,10 +57,10 @@ def test_a_law_steers_as_in_a_scenario(law: str) -> None:
     env = vector("TrailerSteering-v0", 1, courses=(parts.course,), surrogate=EXACT, autoreset_mode="Disabled")
     pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), law, EXACT)  # type: ignore[arg-type]
     seen, _ = env.reset(seed=1, options={**NOMINAL, "sensor_error": 0.0})
-    pilot.begin(seen)
+    pilot.begin(features(seen))
     told, ended = [], False
     while not ended:
-        seen, _, terminated, truncated, info = env.step(pilot.act(seen, np.ones(1, dtype=bool)))
+        seen, _, terminated, truncated, info = env.step(pilot.act(features(seen), np.ones(1, dtype=bool)))
         told.append(info["off_tracking"][0])
         ended = bool(terminated[0] | truncated[0])
     there = in_scenario[2::2][: len(told)]
@@ -67,10 +75,10 @@ def test_errors_of_the_estimate_reach_the_law() -> None:
     env = vector("TrailerSteering-v0", 1, surrogate=biased, courses=("turn-90",), autoreset_mode="Disabled")
     pilot = LawPilot(env.core, load_vehicle("uk_longer_semitrailer"), "path_preview", biased)  # type: ignore[arg-type]
     (seen, info), aim = env.reset(seed=3, options={**NOMINAL, "sensor_error": 1.0}), []
-    pilot.begin(seen)
+    pilot.begin(features(seen))
     for _ in range(500):  # 28 m, straight to the turn
-        seen, *_, info = env.step(pilot.act(seen, np.ones(1, dtype=bool)))
-        aim.append(seen[0, 0] - info["off_tracking"][0])
+        seen, *_, info = env.step(pilot.act(features(seen), np.ones(1, dtype=bool)))
+        aim.append(features(seen)[0, 0] - info["off_tracking"][0])
     bias = float(np.median(aim))
     assert abs(bias) > 0.1
     assert info["off_tracking"][0] == pytest.approx(-bias, abs=0.03)
@@ -80,7 +88,7 @@ def test_a_path_is_told_as_it_was_at_its_moment() -> None:
     """Points of a circle, seen from where the trailer was half a second ago, not from where it is now."""
     radius, paths = 20.0, HitchPaths(1, 14.0)
 
-    def pose(angle: float) -> np.ndarray:
+    def pose(angle: float) -> FloatArray:
         return np.array([[radius * math.sin(angle), radius * (1.0 - math.cos(angle)), angle]])
 
     paths.begin(np.arange(1), pose(0.0), np.array([14.0]))
