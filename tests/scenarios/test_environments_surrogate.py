@@ -115,7 +115,7 @@ def test_a_fitted_file_is_read_again(tmp_path: Path) -> None:
 
 def test_what_can_not_be_fitted_to_is_told_in_one_line(tmp_path: Path) -> None:
     """A directory that is no run, a run without cameras, no run at all."""
-    with pytest.raises(ValueError, match="not a run's directory"):
+    with pytest.raises(ValueError, match="not a run directory"):
         run_errors(tmp_path)
     (tmp_path / "scenario.toml").write_text('off_tracking = "truth"\n')
     with pytest.raises(ValueError, match="off_tracking = truth must be one of viso_ot"):
