@@ -16,7 +16,6 @@ from scenarios.environments.single import RenderMode, SingleEnv
 from scenarios.environments.trailer_steering import TrailerSteering, TrailerSteeringOptions
 from scenarios.environments.vector import CoreVectorEnv
 
-
 CORES: Final[dict[str, tuple[Callable[[int, Any], Core], type[Any]]]] = {  # core and its options
     "TrailerSteering-v0": (TrailerSteering, TrailerSteeringOptions),
     "TractorTrailerDriving-v0": (TractorTrailerDriving, TractorTrailerDrivingOptions),
