@@ -142,8 +142,13 @@ def assemble(
         )
 
     mounts = {unit: mount(unit) for unit in units}
-    sensing = {unit: opened_sensing(mounts[unit]) for unit in reversed(units)}  # the last trailer's own the renderer
-    records_only = record and sensing[last].cameras is None
+    try:
+        sensing = {unit: opened_sensing(mounts[unit]) for unit in reversed(units)}  # the last owns the renderer
+        records_only = record and sensing[last].cameras is None
+        recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None
+    except BaseException:
+        views.close()
+        raise
     return Assembly(
         scenario=scenario,
         seed=seed,
@@ -164,7 +169,7 @@ def assemble(
         plant=plant,
         driver=driver,
         views=views,
-        recording=opened_sensor("stereo_camera", mounts[last]) if records_only else None,
+        recording=recording,
         schedule=schedule,
     )
 

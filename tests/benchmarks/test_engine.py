@@ -35,6 +35,7 @@ with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler her
 
 def judge(benchmark: BenchmarkFixture, ticks: int, bar: float) -> None:
     """Note the time of one vehicle and tick [us], and compare it with the limit."""
+    assert benchmark.stats is not None
     spent = 1e6 * benchmark.stats.stats.min / ticks
     benchmark.extra_info["us_per_tick"] = spent
     assert spent <= bar

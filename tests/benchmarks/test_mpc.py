@@ -79,7 +79,7 @@ def test_step_in_real_time(benchmark: BenchmarkFixture, engine: str, monkeypatch
     for built in (stepping._prediction, stepping._tyres):
         built.cache_clear()
     law = Mpc(trailer_geometry(VEHICLE, 1), combination=Combination(VEHICLE, 1))
-    seconds = benchmark.pedantic(spent, (law,), rounds=1)  # type: ignore[no-untyped-call]
+    seconds = benchmark.pedantic(spent, (law,), rounds=1)
     median, slowest = 1e3 * np.quantile(seconds, [0.5, 0.99])
     benchmark.extra_info.update(median_ms=median, p99_ms=slowest)
     assert median <= 25.0

@@ -60,7 +60,7 @@ def test_stereo_pair(
             inliers = 0 if motion is None else motion.inliers
         return inliers
 
-    inliers = benchmark.pedantic(driven, rounds=3, warmup_rounds=1)  # type: ignore[no-untyped-call]
+    inliers = benchmark.pedantic(driven, rounds=3, warmup_rounds=1)
     cv2.setNumThreads(threads)
     benchmark.extra_info["median_pair_ms"] = 1e3 * float(np.median(spent))
     assert inliers > 150

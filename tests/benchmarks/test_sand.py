@@ -49,7 +49,7 @@ def test_frame(benchmark: BenchmarkFixture, kind: str) -> None:
         world.drive([truth])
         return camera.sample(truth)
 
-    image = benchmark.pedantic(frame, rounds=FRAMES, iterations=1)  # type: ignore[no-untyped-call]  # it has no types
+    image = benchmark.pedantic(frame, rounds=FRAMES, iterations=1)
     assert benchmark.stats is not None
     benchmark.extra_info["share_of_real_time"] = benchmark.stats.stats.mean / (FRAME_TICKS * TICK)
     assert image.shape == (480, 640)
@@ -101,6 +101,6 @@ def measured(benchmark: BenchmarkFixture, estimator: SlipEstimator, drives: Sequ
                 estimates += estimate.health is Health.OK
         return estimates
 
-    estimates = benchmark.pedantic(estimated, rounds=3, warmup_rounds=1)  # type: ignore[no-untyped-call]  # as above
+    estimates = benchmark.pedantic(estimated, rounds=3, warmup_rounds=1)
     assert estimates > VIEWS // 10
     benchmark.extra_info["median_ms"] = 1e3 * float(np.median(spent))

@@ -31,6 +31,7 @@ def parts() -> Iterator[Assembly]:
 
 
 def note(benchmark: BenchmarkFixture, worth: float) -> None:
+    assert benchmark.stats is not None
     benchmark.extra_info["share_of_real_time"] = benchmark.stats.stats.median / worth
 
 

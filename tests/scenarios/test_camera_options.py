@@ -13,6 +13,7 @@ import pytest
 from scenarios.assembly.board_calibration import BoardCalibration
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import assemble
+from scenarios.assembly.views import Views
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario, load_scenario
@@ -210,3 +211,19 @@ def test_traffic_is_in_the_pictures_of_a_run() -> None:
         session.parts.close()
         hashes.add(session.pictures.sha256)
     assert len(hashes) == 2
+
+
+def test_a_part_that_does_not_fit_leaves_no_renderer_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cameras of a refused run are closed."""
+    closed: list[str] = []
+    close = Views.close
+
+    def noted(views: Views) -> None:
+        closed.append(views.renderer_name)
+        close(views)
+
+    monkeypatch.setattr(Views, "close", noted)
+    with pytest.raises(ValueError, match="camera"):
+        assemble(scenario("off_tracking=ground_watching", "sensor=stereo_camera"), seed=1)
+    assert len(closed) == 1
+    assert closed[0] != "none"
