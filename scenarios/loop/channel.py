@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from typing import Generic, ParamSpec, TypeVar
+from typing import Concatenate, Generic, ParamSpec, TypeVar
 
 from estimators.protocol import Estimator
 from scenarios.loop.stopwatch import Stopwatch
@@ -38,7 +38,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         self.schedule = schedule
         self.delivered: list[EstimateT] = []  # oldest first
         self._sensor, self._worker, self._stopwatch = sensor, worker, stopwatch
-        self._estimate = None if estimator is None else _stateful(estimator)
+        self._estimate = None if estimator is None else stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
 
     @property
@@ -53,8 +53,8 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         with self._stopwatch.timed("render"):
             message = self._sensor.sample(truth)
         if message is not None and self._estimate is not None:
-            answer = self._worker.submit(self._timed, self._estimate, message)
-            self._in_flight = self._in_flight.put(tick + self.schedule.latency, answer)
+            estimate = self._worker.submit(self._timed, self._estimate, message)
+            self._in_flight = self._in_flight.put(tick + self.schedule.latency, estimate)
         return message
 
     def deliver(self, tick: int) -> None:
@@ -71,20 +71,19 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
             return estimate(message)
 
 
-def _stateful(estimator: Estimator[MemoryT, MessageT, EstimateT]) -> Callable[[MessageT], EstimateT | None]:
-    """The estimator as a function that carries its memory; call it with one message after the other."""
-    memory = estimator.init()
+def stateful(memory: MemoryT, step: Callable[Concatenate[MemoryT, P], tuple[MemoryT, R]]) -> Callable[P, R]:
+    """A pure step as a function that carries the memory from call to call."""
 
-    def step(message: MessageT) -> EstimateT | None:
+    def advance(*args: P.args, **kwargs: P.kwargs) -> R:
         nonlocal memory
-        memory, estimate = estimator.step(memory, message)
-        return estimate
+        memory, output = step(memory, *args, **kwargs)
+        return output
 
-    return step
+    return advance
 
 
 class InLine(Executor):
-    """An executor that runs its calls at once in the calling thread: for estimators that take no time."""
+    """Executor that runs each call at once in the calling thread."""
 
     def submit(self, call: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> Future[R]:
         """Future with the result of the call."""

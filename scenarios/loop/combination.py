@@ -1,8 +1,8 @@
-"""The loop of a combination: its driver, its trailers with their channels and steering laws, and what ends a run."""
+"""The loop of a combination: driver, trailers with channels and steering laws, and the judge that ends a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import TypeVar
@@ -11,10 +11,10 @@ import numpy as np
 
 from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverCommand, DriverLike
-from controllers.trailer import SteerCommand, TrailerSteering
+from controllers.trailer import SteerCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
-from scenarios.loop.channel import Channel
+from scenarios.loop.channel import Channel, stateful
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
@@ -22,7 +22,6 @@ from scenarios.loop.stopwatch import Stopwatch
 from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.trailer_signals import CombinationRecord, Estimate
 from sensors.instruments.navigation import DriverPerception
-from sensors.messages import CombinationSignals, EgoState
 from sensors.sensor import Message
 from vehicle.clock import TICK, Schedule, to_ticks
 from vehicle.combination.description import Vehicle
@@ -34,7 +33,7 @@ MemoryT = TypeVar("MemoryT")
 OffTrackingEstimate = OffTracking | CameraOffTracking
 
 _CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
-_PATIENCE = 1.5  # a run that takes so much longer than its path at set speed is stuck
+_PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
 _GRACE = 10.0  # added for a start on a slope [s]
 
 
@@ -42,14 +41,13 @@ class SteeredTrailer:
     """A watched trailer in a running loop: its channel, its steering law, and the law's latest demand."""
 
     def __init__(self, trailer: WatchedTrailer, worker: Executor, stopwatch: Stopwatch) -> None:
-        """Begin before the first tick."""
         sensing = trailer.sensing
         self.trailer = trailer
         self.channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
             sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch
         )
         self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
-        self._law = _stateful_law(trailer.law)
+        self._law = stateful(trailer.law.init(), trailer.law.step)
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -74,9 +72,9 @@ class CombinationPilot:
     def __init__(
         self, vehicle: Vehicle, driver: DriverLike[MemoryT] | None, trailers: Sequence[SteeredTrailer]
     ) -> None:
-        """Control a ``vehicle``; without a driver its motion is prescribed."""
+        """Create the pilot of a ``vehicle``; without a driver its motion is prescribed."""
         self.trailers = trailers
-        self._driver = None if driver is None else _stateful_driver(driver)
+        self._driver = None if driver is None else stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._of_tractor = len(vehicle.units[0].steered_axles)
         self._n_trailer_axles = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
@@ -102,13 +100,10 @@ class CombinationPilot:
 
 
 class CourseJudge:
-    """Ends a run at the end of its course or of its recorded drive, at a mishap, or when it is stuck."""
+    """Ends a run at the end of its course or recorded drive, at a mishap, or when the vehicle is stuck."""
 
     def __init__(self, parts: Assembly) -> None:
-        """Judge a run of these parts."""
-        road = (
-            None if parts.is_recorded else parts.course.centreline
-        )  # a recorded drive does not say where its road was
+        road = None if parts.is_recorded else parts.course.centreline  # the road of a recorded drive is unknown
         self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
         self._lifted = self._referee.init()
         self._parts = parts
@@ -123,7 +118,7 @@ class CourseJudge:
         return min(1.0, done)
 
     def outcome(self, truth: Truth) -> str | None:
-        """How the run has ended; None if it continues."""
+        """Outcome of the run; None if it continues."""
         self._elapsed = (truth.tick + LOG_PERIOD) * TICK
         self._lifted, mishap = self._referee.step(self._lifted, truth)
         if mishap is not None:
@@ -145,8 +140,8 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
         """Begin at tick 0 at the start of the course, rolling at set speed.
 
         Args:
-            parts: of the run.
-            keep_frames: keep what the last trailer's left camera sees, for people.
+            parts: parts of the run.
+            keep_frames: keep pictures of the last trailer's left camera for the report.
             recorder: receives the last trailer's stereo frames.
         """
         self.parts = parts
@@ -172,7 +167,7 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
         )
 
     def close(self) -> None:
-        """End the estimator's thread; everything delivered stays."""
+        """End the estimator's thread; delivered estimates stay."""
         self._worker.shutdown(cancel_futures=True)
 
     def __exit__(self, *_: object) -> None:
@@ -184,27 +179,3 @@ def as_estimate(delivered: OffTrackingEstimate) -> Estimate:
     if isinstance(delivered, CameraOffTracking):
         return Estimate(delivered.off_tracking, delivered.motion)
     return Estimate(delivered)
-
-
-def _stateful_law(
-    law: TrailerSteering[MemoryT],
-) -> Callable[[int, OffTracking | None, CombinationSignals], SteerCommand]:
-    memory = law.init()
-
-    def step(tick: int, off_tracking: OffTracking | None, signals: CombinationSignals) -> SteerCommand:
-        nonlocal memory
-        memory, demand = law.step(memory, tick, off_tracking, signals)
-        return demand
-
-    return step
-
-
-def _stateful_driver(driver: DriverLike[MemoryT]) -> Callable[[int, EgoState], DriverCommand]:
-    memory = driver.init()
-
-    def step(tick: int, ego: EgoState) -> DriverCommand:
-        nonlocal memory
-        memory, demand = driver.step(memory, tick, ego)
-        return demand
-
-    return step

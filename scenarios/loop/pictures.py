@@ -1,4 +1,4 @@
-"""Observers of a run's camera images: their hash, recordings, and JPEG pictures for people."""
+"""Observers of a run's camera images: hash, recordings, and JPEG pictures for reports and videos."""
 
 from __future__ import annotations
 
@@ -14,33 +14,41 @@ from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
 from sensors.messages import ColourImage, RoverView, StereoFrame
 from sensors.sand.trace_camera import TraceCamera
+from sensors.sensor import Stamped
 from vehicle.combination.truth import Truth
 from vehicle.rover.truth import RoverTruth
 
-TruthT = TypeVar("TruthT")
+TruthT = TypeVar("TruthT", bound=Stamped)
+RecorderT = TypeVar("RecorderT")
 
 
-class Pictures(Generic[TruthT]):
-    """Images that were kept, with the hash of all images."""
+class Pictures(Generic[TruthT, RecorderT]):
+    """Pictures kept for reports and videos, and the hash of all images."""
 
-    def __init__(self) -> None:
+    def __init__(self, recorder: RecorderT | None) -> None:
+        self._recorder = recorder
         self._digest = hashlib.sha256()
         self._kept: list[tuple[int, Future[bytes]]] = []
         self._truths: dict[int, TruthT] = {}  # by tick: a delayed image is recorded with the truth at its capture
 
+    def follow(self, truth: TruthT) -> None:
+        """Remember the truth for images that arrive later."""
+        if self._recorder:
+            self._truths[truth.tick] = truth
+
     @property
     def frames(self) -> list[tuple[int, bytes]]:
-        """Tick and JPEG of every picture kept for people."""
+        """Tick and JPEG of every kept picture."""
         return [(tick, jpeg.result()) for tick, jpeg in self._kept]
 
     @property
     def sha256(self) -> str:
-        """Hash of every image that a sensor has sent so far."""
+        """Hash of all images sent so far."""
         return self._digest.hexdigest()
 
 
-class StereoPictures(Pictures[Truth]):
-    """The stereo images of trailers; recordings and pictures for people are those of one channel."""
+class StereoPictures(Pictures[Truth, RecordingWriter]):
+    """Stereo images of trailers; one channel is recorded and kept, all are hashed."""
 
     def __init__(
         self,
@@ -52,24 +60,19 @@ class StereoPictures(Pictures[Truth]):
         keep: bool,
         recorder: RecordingWriter | None,
     ) -> None:
-        """Observe all channels.
+        """Create the observer of all channels.
 
         Args:
-            channel: number of the channel that is recorded and shown.
-            unit: of the vehicle that carries its cameras.
-            cameras: of that channel.
-            worker: for the compression of pictures.
-            keep: whether pictures for people are kept.
+            channel: number of the channel that is recorded and kept.
+            unit: index of the unit that carries its cameras.
+            cameras: cameras of that channel.
+            worker: compresses pictures.
+            keep: keep pictures of that channel.
             recorder: receives the frames of that channel.
         """
-        super().__init__()
+        super().__init__(recorder)
         self._channel, self._unit, self._cameras, self._worker = channel, unit, cameras, worker
-        self._keep, self._recorder = keep, recorder
-
-    def follow(self, truth: Truth) -> None:
-        """Remember the truth for frames that come later."""
-        if self._recorder:
-            self._truths[truth.tick] = truth
+        self._keep = keep
 
     def see(self, channel: int, message: object, truth: Truth) -> None:
         """Hash every frame; record and keep those of the chosen channel."""
@@ -86,28 +89,18 @@ class StereoPictures(Pictures[Truth]):
             self._kept.append((message.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(message)))))
 
 
-class TracePictures(Pictures[RoverTruth]):
+class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
     """The images of a rover's camera."""
 
     def __init__(
-        self,
-        camera: TraceCamera | None,
-        stopwatch: Stopwatch,
-        *,
-        keep: bool,
-        recorder: RoverRecordingWriter | None,
+        self, camera: TraceCamera | None, stopwatch: Stopwatch, *, keep: bool, recorder: RoverRecordingWriter | None
     ) -> None:
-        """Observe the ``camera``; pictures for people are rendered in colour at the same moments."""
-        super().__init__()
-        self._camera, self._stopwatch, self._keep, self._recorder = camera, stopwatch, keep, recorder
-
-    def follow(self, truth: RoverTruth) -> None:
-        """Remember the truth for images that come later."""
-        if self._recorder:
-            self._truths[truth.tick] = truth
+        """Create the observer of a camera; kept pictures are rendered again in colour."""
+        super().__init__(recorder)
+        self._camera, self._stopwatch, self._keep = camera, stopwatch, keep
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
-        """Hash, record and keep the view; the estimator works meanwhile."""
+        """Hash, record and keep the view while the estimator works."""
         if not isinstance(message, RoverView):
             return
         self._digest.update(message.image.tobytes())

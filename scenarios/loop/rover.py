@@ -1,4 +1,4 @@
-"""The loop of a rover: instruments, slip estimator, dead reckoning, driver, and what ends a run."""
+"""The loop of a rover: instruments, slip estimator, dead reckoning, driver, and the judge that ends a run."""
 
 from __future__ import annotations
 
@@ -22,16 +22,15 @@ from vehicle.clock import TICK
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.truth import RoverTruth
 
-LOST_AT: Final = 1.0  # a rover farther from its path, nearly two of its lengths, has left it [m]
-_PATIENCE: Final = 3.0  # a run that takes so much longer than its path at the wheels' speed is stuck: wheels slip much
+LOST_AT: Final = 1.0  # largest distance from the path, nearly two rover lengths; beyond it the run ends [m]
+_PATIENCE: Final = 3.0  # longest duration over that at the wheels' speed; large, because wheels slip much
 _GRACE: Final = 10.0  # added for the start [s]
 
 
 class RoverPilot:
-    """The rover's own navigation and its driver."""
+    """The rover's navigation and driver."""
 
     def __init__(self, parts: RoverAssembly, channel: Channel[RoverTruth, Message, SlipAngle]) -> None:
-        """Control by the slip angles that the ``channel`` delivers."""
         self._parts, self._channel = parts, channel
         self._driver = parts.driver.init()
         self._odometry = RoverOdometry(parts.geometry)
@@ -43,8 +42,7 @@ class RoverPilot:
         """Command of this step."""
         scenario, step = self._parts.scenario, self._odometry.step
         readings = self._parts.instruments.sample(truth)
-        # The tracker looks as often as the camera does.
-        fix = self._parts.laser.sample(truth) if self._channel.schedule.due(tick) else None
+        fix = self._parts.laser.sample(truth) if self._channel.schedule.due(tick) else None  # at the camera's rate
         newest = self._channel.newest
         slip = None if scenario.slip_compensation == "none" else newest
         self._wheels_only, wheels_only = step(self._wheels_only, readings)
@@ -72,7 +70,6 @@ class RoverJudge:
     """Ends a run at the end of the path, off the path, or when the rover is stuck."""
 
     def __init__(self, parts: RoverAssembly) -> None:
-        """Judge a run of these parts."""
         self._parts = parts
         self._station = 0.0  # of the true position along the path [m]
 
@@ -82,7 +79,7 @@ class RoverJudge:
         return min(1.0, self._station / self._parts.path.length)
 
     def outcome(self, truth: RoverTruth) -> str | None:
-        """How the run has ended; None if it continues."""
+        """Outcome of the run; None if it continues."""
         path = self._parts.path
         self._station, offset = path_coordinates(path, truth, self._station)
         if self._parts.plant.entrapped(truth):
@@ -104,8 +101,8 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         """Begin at tick 0 at the start of the path, wheels turning for the set speed.
 
         Args:
-            parts: of the run.
-            keep_frames: keep what the camera sees, for people.
+            parts: parts of the run.
+            keep_frames: keep colour pictures of the camera for the report.
             recorder: receives the camera's views.
         """
         self.parts = parts
@@ -138,7 +135,7 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         return self.channel.delivered
 
     def close(self) -> None:
-        """End the estimator's thread; everything delivered stays."""
+        """End the estimator's thread; delivered estimates stay."""
         self._worker.shutdown(cancel_futures=True)
 
     def __exit__(self, *_: object) -> None:

@@ -1,4 +1,4 @@
-"""Runs of scenarios from start to finish, of trailers and of rovers alike."""
+"""Run a scenario of a trailer or rover from start to finish."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_SPACING = 0.02  # of a rover path's points in figures [m]
+_SPACING = 0.02  # distance between points of a rover's path in figures [m]
 
 
 def run_any(
@@ -59,18 +59,18 @@ def run(
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
 ) -> RunResult:
-    """Run a trailer's scenario in the closed loop; an interrupt ends it early and keeps what there is.
+    """Run a trailer's scenario in the closed loop; an interrupt ends it early and keeps the results so far.
 
     Args:
-        scenario: what to run.
+        scenario: the scenario.
         seed: decides world and noise; the same seed on the same machine gives bitwise the same log and images.
-        keep_frames: keep what the left camera sees, for a video and the report.
-        record: folder to write the stereo images to, as a KITTI-style sequence.
-        progress: receives the share of the course that is done.
-        calibration_progress: receives the number of pictures of calibration boards that are done, and of how many.
+        keep_frames: keep pictures of the left camera for the video and the report.
+        record: folder for the stereo images, written as a KITTI-style sequence.
+        progress: receives the completed share of the course.
+        calibration_progress: receives the number of finished pictures of calibration boards, and their total.
 
     Raises:
-        ValueError: one line, if something of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     with ExitStack() as cleanup:
@@ -95,17 +95,10 @@ def run_rover(
     record: Path | None = None,
     progress: Progress = no_progress,
 ) -> RoverResult:
-    """Run a rover's scenario in the closed loop; an interrupt ends it early and keeps what there is.
-
-    Args:
-        scenario: what to run.
-        seed: decides ground and noise; the same seed on the same machine gives bitwise the same log and images.
-        keep_frames: keep what the camera sees, for a video and the report.
-        record: folder to write images, readings and calibration to.
-        progress: receives the share of the path that is done.
+    """Run a rover's scenario in the closed loop like :func:`run`; ``record`` gets images, readings and calibration.
 
     Raises:
-        ValueError: one line, if something of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
     """
     with ExitStack() as cleanup:
         parts = assemble_rover(scenario, seed, record=record is not None)

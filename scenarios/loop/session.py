@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.progress import Progress, no_progress
+from scenarios.results.log import Row
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
 from vehicle.frames import FloatArray
@@ -24,20 +24,20 @@ RecordOut = TypeVar("RecordOut", covariant=True)
 
 
 class ChannelLike(Protocol[TruthIn]):
-    """What the session needs of a channel, whatever messages and estimates it carries."""
+    """Interface of a channel, whatever messages and estimates it carries."""
 
     def sample(self, truth: TruthIn, tick: int) -> object:
-        """Sample the sensor if it is due; the message."""
+        """Sample the sensor if it is due, and return the message."""
 
     def deliver(self, tick: int) -> None:
         """Receive the estimates that are due by this tick."""
 
 
 class Pilot(Protocol[TruthIn, CommandOut, RecordOut]):
-    """Drivers and controllers of a vehicle, with the estimates that have been delivered to them."""
+    """Drivers and controllers of a vehicle, acting on the delivered estimates."""
 
     def control(self, truth: TruthIn, tick: int) -> tuple[CommandOut, RecordOut]:
-        """Command until the next step, and what of it is logged."""
+        """Command until the next step, and the record for the log."""
 
 
 class Judge(Protocol[TruthIn]):
@@ -48,29 +48,21 @@ class Judge(Protocol[TruthIn]):
         """Share of the course that is done, 0 to 1."""
 
     def outcome(self, truth: TruthIn) -> str | None:
-        """How the run has ended; None if it continues."""
+        """Outcome of the run; None if it continues."""
 
 
 class Observer(Protocol[TruthIn]):
-    """Something that only looks on: recorders, hashes, pictures for people, ground that keeps traces."""
+    """A passive listener: recorders, hashes, pictures for reports, ground that keeps traces."""
 
     def follow(self, truth: TruthIn) -> None:
-        """Called once a step, before the sensors sample."""
+        """Receive the truth once a step, before the sensors sample."""
 
     def see(self, channel: int, message: object, truth: TruthIn) -> None:
-        """Called with every message that a sensor has sent; channels are numbered from 0."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row(Generic[TruthT, RecordT]):
-    """Ground truth at one tick, and what was commanded."""
-
-    truth: TruthT
-    record: RecordT
+        """Receive every message of a sensor; channels are numbered from 0."""
 
 
 class Session(Generic[TruthT, CommandT, RecordT]):
-    """A run in progress. It is mutable; its parts are pure, or stand for things that change."""
+    """A run in progress. It is mutable; its parts are pure, or model things that change."""
 
     def __init__(
         self,
@@ -87,14 +79,14 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         """Begin a run at tick 0.
 
         Args:
-            plant: moves the vehicle.
-            state: of the plant at the start.
-            period: of control and log, and the integration step of one call [ticks].
-            pilot: commands.
+            plant: simulates the vehicle.
+            state: state of the plant at the start.
+            period: period of control and log, and of one integration call [ticks].
+            pilot: computes the commands.
             judge: decides when the run ends.
-            channels: sensors and estimators.
-            observers: look on.
-            stopwatch: accounts for computing time; share it with the channels.
+            channels: sensors with their estimators.
+            observers: receive every truth and message.
+            stopwatch: measures computing time; share it with the channels.
         """
         self.tick = 0
         self.outcome: str | None = None  # None while the run continues
@@ -110,7 +102,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         return self._judge.progress
 
     def advance(self) -> None:
-        """Run the loop once, up to and including the integration to the next row."""
+        """Run the loop once, including the integration to the next row."""
         with self.stopwatch.timed("total"):
             with self.stopwatch.timed("physics"):
                 truth = self._plant.observe(self._state, self.tick)
@@ -129,7 +121,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             self.outcome = self._judge.outcome(truth) if self.outcome is None else self.outcome
 
     def run(self, progress: Progress = no_progress) -> None:
-        """Advance until there is an outcome; an interrupt is one."""
+        """Advance until there is an outcome; an interrupt is one, too."""
         try:
             while self.outcome is None:
                 self.advance()

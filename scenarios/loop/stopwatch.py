@@ -1,4 +1,4 @@
-"""Where the time of a run goes."""
+"""Stopwatch for the stages of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from scenarios.results.timing import Timing
 
-Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry, which runs beside
+Stage = Literal["physics", "render", "odometry", "wait", "total"]  # wait: for the odometry's thread
 
 
 class Stopwatch:
@@ -20,7 +20,7 @@ class Stopwatch:
 
     @contextmanager
     def timed(self, stage: Stage) -> Iterator[None]:
-        """Adds what happens inside to the stage; called from the loop's and the estimator's thread."""
+        """Add the time spent inside to the stage; the loop and the estimator's thread call this."""
         begin = time.perf_counter()
         try:
             yield
@@ -28,7 +28,7 @@ class Stopwatch:
             self._seconds[stage] += time.perf_counter() - begin
 
     def timing(self, simulated_s: float) -> Timing:
-        """The account of a run in which so much time was simulated [s]."""
+        """Computing time by stage of a run that simulated this time [s]."""
         seconds = self._seconds
         return Timing(
             simulated_s=simulated_s,
@@ -36,5 +36,5 @@ class Stopwatch:
             physics_s=seconds["physics"],
             render_s=seconds["render"],
             odometry_s=seconds["odometry"],
-            odometry_beside_s=seconds["odometry"] - seconds["wait"],
+            odometry_parallel_s=seconds["odometry"] - seconds["wait"],
         )

@@ -56,7 +56,7 @@ def timing_section(timing: Timing, stages: Sequence[str]) -> Section:
         ]
         for name, colour, t in zip((*stages, "everything else"), _COLOURS, seconds, strict=True)
     ]
-    parallel = timing.odometry_beside_s
+    parallel = timing.odometry_parallel_s
     text = (
         f"{timing.simulated_s:.1f} s of driving took {timing.wall_s:.1f} s of computing: "
         f"{timing.realtime_factor:.2f} times real time."

@@ -1,6 +1,6 @@
-"""The record of a run: named signals over time, as one read-only table of floats.
+"""Log of a run: named signals over time, as one read-only table of floats.
 
-On disk a log is a Parquet file in SI units; unit and meaning of every signal travel in the schema.
+On disk a log is a Parquet file in SI units; its schema holds the unit and meaning of every signal.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -18,9 +18,20 @@ import pyarrow.parquet as pq
 from estimators.estimates import Health
 from vehicle.frames import FloatArray
 
-HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # as numbers of a signal
+HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
 LOST: Final = HEALTH[Health.LOST]
+
+TruthT = TypeVar("TruthT")
+RecordT = TypeVar("RecordT")
+
+
+@dataclass(frozen=True, slots=True)
+class Row(Generic[TruthT, RecordT]):
+    """Ground truth at one tick, with the commands and estimates of that step."""
+
+    truth: TruthT
+    record: RecordT
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,17 +91,17 @@ class Log:
     __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
 
     def with_signals(self, signals: Sequence[Signal], values: Sequence[FloatArray]) -> Log:
-        """The log with further signals, their values (n_rows,) each."""
+        """The log with further signals; values are (n_rows,) each."""
         return Log((*self.signals, *signals), np.column_stack([self.rows, *values]))
 
     def sha256(self) -> str:
-        """Hash of the signals' names, units and values: equal for equal logs, whatever file they are in."""
+        """Hash of the signals' names, units and values; it does not depend on the file."""
         header = repr([(signal.name, signal.unit) for signal in self.signals]).encode()
         return hashlib.sha256(header + self.rows.tobytes()).hexdigest()
 
 
 def write_log(log: Log, path: Path) -> None:
-    """Writes a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata."""
+    """Write a Parquet file: one column per signal, NaN as null, unit and description in the field's metadata."""
     fields = [
         pa.field(s.name, pa.float64(), metadata={"unit": s.unit, "description": s.description}) for s in log.signals
     ]

@@ -23,6 +23,6 @@ def manifest(result: RunResult | RoverResult) -> dict[str, object]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a run's numbers depend on."""
+    """Versions of the software that determines a run's numbers."""
     installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
     return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}

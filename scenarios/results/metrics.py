@@ -1,6 +1,6 @@
-"""How well a run went, as pure functions of arrays: off-tracking, its estimate, steering and odometry.
+"""Metrics of a run as pure functions of arrays: off-tracking, its estimate, steering and odometry.
 
-Arrays run along time. NaN means "no value here" and is passed over.
+Arrays run along time. NaN means "no value" and is ignored.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scenarios.results.log import LOST
 from vehicle.frames import FloatArray
 
-_AT_REST = 1e-7  # less between two samples is an integrator's rounding, not a way back [m]
+_AT_REST = 1e-7  # a smaller step back between two samples is the integrator's rounding [m]
 
 
 def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_distance: float) -> FloatArray:
-    """Off-tracking e [m], shape (n,): how far the hitch's path lies beside the follow point, in the trailer's frame.
+    """Off-tracking e [m], shape (n,): lateral distance from follow point to hitch path in the trailer's frame.
 
     Args:
         x: path of the hitch, the origin of the trailer's frame [m], shape (n,), samples equally spaced in time.
@@ -26,17 +26,16 @@ def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_dist
         psi: yaw of the same trailer [rad].
         follow_distance: hitch to follow point [m], positive.
 
-    Positive when the path lies left of the follow point. Going back in time from each sample, the path's first
-    crossing of the line through the follow point across the trailer counts, so a path may cross itself. NaN where
-    the path does not reach back that far.
+    Positive when the path lies left of the follow point. The line through the follow point is square to the trailer.
+    Going back in time from each sample, the path's first crossing of this line counts, so a path may cross itself.
+    NaN where the path does not reach back that far.
 
-    The path is the track of the hitch as it travels forwards. A hitch that goes back takes it up: what it has gone back
-    past, each point as soon as the hitch is behind the line that lay across the trailer there, is no longer part of
-    the path, which goes on from the hitch.
+    The path is the track of the hitch as it travels forwards. Reversing shortens it: a path point is removed as soon as
+    the hitch is behind the line that lay across the trailer at that point. The path then continues from the hitch.
 
-    The search strides like a ray march: a path point at distance d ahead of the line can not be followed by a crossing
-    within the next d metres of path. Between samples the path is a Catmull-Rom cubic: a chord alone would be
-    ds^2/(8 R) off, 0.02 mm at walking pace and ten times that at 45 km/h.
+    The search strides like a ray march: after a path point at distance d ahead of the line, no crossing can follow
+    within the next d metres of path. Between samples the path is a Catmull-Rom cubic. A chord would be ds^2/(8 R) off:
+    0.02 mm at walking pace and ten times that at 45 km/h.
     """
     if follow_distance <= 0.0:
         raise ValueError(f"follow_distance = {follow_distance} m must be positive")
@@ -46,18 +45,18 @@ def true_off_tracking(x: FloatArray, y: FloatArray, psi: FloatArray, follow_dist
     track, heading = x + 1j * y, np.exp(-1j * psi)
     for samples, first in _paths(track, heading):
         path = track[samples]
-        older, found = _crossing(path, heading[samples], follow_distance, first)
+        older, crossed = _crossing(path, heading[samples], follow_distance, first)
         padded = np.concatenate([[2 * path[0] - path[1]], path, [2 * path[-1] - path[-2]]])  # straight on at both ends
         corners = padded[older[:, None] + np.arange(4)]  # samples older-1 ... older+2
-        corners_S = (corners - path[found, None]) * heading[samples[found], None]
-        off_tracking[samples[found]] = _lateral_at(corners_S, -follow_distance)
+        corners_S = (corners - path[crossed, None]) * heading[samples[crossed], None]
+        off_tracking[samples[crossed]] = _lateral_at(corners_S, -follow_distance)
     return off_tracking
 
 
 def _paths(track: NDArray[np.complex128], heading: NDArray[np.complex128]) -> Iterator[tuple[NDArray[np.intp], int]]:
-    """The samples of every path there has been, oldest first, and the place in it from which on they are new.
+    """Sample indices of every path in turn, oldest first, and the position of the first new sample in it.
 
-    A path grows until the hitch goes back; each sample on the way back begins another one.
+    A path grows until the hitch reverses; each sample of the reversing begins a new path.
     """
     back = (np.diff(track) * heading[:-1]).real < -_AT_REST
     samples = np.empty(0, dtype=np.intp)
@@ -73,22 +72,22 @@ def _paths(track: NDArray[np.complex128], heading: NDArray[np.complex128]) -> It
 def _crossing(
     path: NDArray[np.complex128], heading: NDArray[np.complex128], follow_distance: float, first: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Per found sample from ``first`` on the last index at or behind the follow point's line; and which they are."""
+    """Last index at or behind the follow point's line for samples from ``first`` on; and the samples that have one."""
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
     new = np.arange(first, len(path))
     candidate = np.full(len(path), -1)
     candidate[new] = np.searchsorted(travelled, travelled[new] - follow_distance, side="right") - 1
     searching = np.flatnonzero(candidate >= 0)
-    found: list[NDArray[np.intp]] = []
+    crossed: list[NDArray[np.intp]] = []
     while searching.size:
         at = candidate[searching]
         ahead = ((path[at] - path[searching]) * heading[searching]).real + follow_distance
-        found.append(searching[ahead <= 0.0])
+        crossed.append(searching[ahead <= 0.0])
         searching, at, ahead = searching[ahead > 0.0], at[ahead > 0.0], ahead[ahead > 0.0]
         stride = np.searchsorted(travelled, travelled[at] - ahead, side="right") - 1
         candidate[searching] = np.minimum(stride, at - 1)
         searching = searching[candidate[searching] >= 0]
-    samples = np.sort(np.concatenate(found)) if found else np.empty(0, dtype=np.intp)
+    samples = np.sort(np.concatenate(crossed)) if crossed else np.empty(0, dtype=np.intp)
     return candidate[samples], samples
 
 
@@ -107,21 +106,21 @@ def _lateral_at(p: NDArray[np.complex128], x: float) -> FloatArray:
 
 
 def rms(values: FloatArray) -> float:
-    """Root mean square of the values there are; NaN if there are none."""
-    there = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(there**2))) if there.size else float("nan")
+    """Root mean square of the finite values; NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
 
 
 def peak(values: FloatArray) -> float:
-    """Largest magnitude among the values there are; NaN if there are none."""
-    there = values[np.isfinite(values)]
-    return float(np.max(np.abs(there))) if there.size else float("nan")
+    """Largest magnitude of the finite values; NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.max(np.abs(finite))) if finite.size else float("nan")
 
 
 def mean(values: FloatArray) -> float:
-    """Mean of the values there are; NaN if there are none."""
-    there = values[np.isfinite(values)]
-    return float(np.mean(there)) if there.size else float("nan")
+    """Mean of the finite values; NaN if there are none."""
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if finite.size else float("nan")
 
 
 def estimate_error(estimate: FloatArray, truth: FloatArray, health: FloatArray) -> FloatArray:
@@ -130,10 +129,9 @@ def estimate_error(estimate: FloatArray, truth: FloatArray, health: FloatArray) 
 
 
 def valid_fraction(health: FloatArray, truth: FloatArray) -> float:
-    """Share of the estimates that are not lost, from the moment on when one could be expected.
+    """Share of the expected estimates that are not lost; NaN if none is expected.
 
-    An estimate can be expected one capture after the hitch's path first reached back to the follow point, which is
-    when the true off-tracking is first defined. NaN if the run is too short for any.
+    Estimates are expected from the second capture on at which the true off-tracking is defined.
     """
     captures = np.flatnonzero(np.isfinite(health))
     expected = captures[np.isfinite(truth[captures])][1:]
@@ -147,17 +145,17 @@ def rate(values: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def odometry_drift(true_poses: FloatArray, motions: FloatArray, lost: NDArray[np.bool_], length: float) -> FloatArray:
-    """Error of the chained odometry over ``length`` of travel, as a share of the way travelled, for every start.
+    """Position error of the chained odometry over ``length`` of travel, as a share of the distance, for every start.
 
     Args:
         true_poses: x [m], y [m], psi [rad] of the trailer at every capture, shape (n, 3).
         motions: estimated motion from the capture before, x and y [m] along the trailer's axes there and change of
             yaw [rad], shape (n, 3). The first is not used.
-        lost: whether the motion is without information, shape (n,).
-        length: way over which the motions are chained [m]; the trailer's follow distance, as only errors over the
-            last length of the trailer enter the off-tracking.
+        lost: True for motions without information, shape (n,).
+        length: distance over which the motions are chained [m]; the trailer's follow distance, as only errors over
+            the last length of the trailer enter the off-tracking.
 
-    The position error of every stretch that is long enough and contains no lost motion, divided by its length.
+    Stretches that are too short or contain a lost motion are left out.
     """
     true_path = true_poses[:, 0] + 1j * true_poses[:, 1]
     usable = np.where(lost[:, None], 0.0, motions)

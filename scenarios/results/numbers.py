@@ -13,12 +13,12 @@ Summary = dict[str, str | int | Numbers | dict[str, Numbers]]
 
 
 def number(value: float) -> float | None:
-    """The value to the last micrometre, or None where there is no number."""
+    """The value rounded to six decimals; None if it is not finite."""
     return round(float(value), 6) if math.isfinite(value) else None
 
 
 def number_at(summary: Mapping[str, Any], path: str) -> float | None:
-    """The number ``group.name`` of a summary; None if it has none."""
+    """The number ``group.name`` of a summary; None if there is none."""
     value: Any = summary
     for part in path.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None

@@ -1,4 +1,4 @@
-"""What a reference unit on the trailer says of a run: the off-tracking as the field tests of the paper had it.
+"""Off-tracking of a run by a reference unit on the trailer, as in the field tests of the paper.
 
 C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018.
 """
@@ -15,8 +15,8 @@ from sensors.instruments.reference_unit import PERIOD, ReferenceUnit
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
-_BESIDE, _FLOOR = 0.8, 1.2  # the unit stood beside the middle on the floor of the trailer; how far is assumed [m]
-_EVERY = 100  # every tenth message: as often as the cameras that it is compared with [ticks]
+_LATERAL, _FLOOR = 0.8, 1.2  # the unit stood off the middle of the trailer's floor; both distances are assumed [m]
+_EVERY = 100  # every tenth message, at the rate of the cameras it is compared with [ticks]
 
 
 def reference_off_tracking(
@@ -26,7 +26,7 @@ def reference_off_tracking(
 
     The truths come at the unit's 100 Hz; the buffer takes every tenth message.
     """
-    p_SU = np.array([-0.5 * follow_distance, _BESIDE, _FLOOR])
+    p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
     sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
     source = ReferenceUnitOffTracking(p_SU, follow_distance)
     memory, values = source.init(), np.full(len(truths), np.nan)

@@ -1,4 +1,4 @@
-"""What a rover's run leaves behind: its result in memory, its summary, and the run directory on disk."""
+"""The result of a rover run in memory, and its summary."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from estimators.slip.reference import LaserSlip
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
-from scenarios.results.numbers import Summary, number, timing_numbers
+from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
 from scenarios.results.timing import Timing
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
@@ -19,15 +19,15 @@ from vehicle.frames import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TraceFrame:
-    """What the camera saw, kept for people."""
+    """A colour picture of the camera for reports and videos."""
 
     tick: int
-    jpeg: bytes  # colour
+    jpeg: bytes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverResult:
-    """Everything a rover's finished run has to tell."""
+    """The result of a finished rover run."""
 
     scenario: str  # name
     scenario_toml: str  # resolved: runs again identically
@@ -35,7 +35,7 @@ class RoverResult:
     outcome: str  # "completed", "entrapped", …
     log: Log
     rover: str
-    path: FloatArray  # (n, 2) that was to be driven [m]
+    path: FloatArray  # (n, 2) reference path [m]
     rig: TraceRig
     timing: Timing
     frames: tuple[TraceFrame, ...]
@@ -48,7 +48,7 @@ class RoverResult:
 
 
 def rover_summary(result: RoverResult) -> Summary:
-    """The run in numbers, ready for JSON: null stands for what does not apply or could not be measured."""
+    """The run in numbers, ready for JSON: null stands for numbers that do not apply or were not measured."""
     return {
         "outcome": result.outcome,
         "scenario": result.scenario,
@@ -60,7 +60,7 @@ def rover_summary(result: RoverResult) -> Summary:
     }
 
 
-def _slip(result: RoverResult) -> dict[str, float | int | None]:
+def _slip(result: RoverResult) -> Numbers:
     log, error = result.log, np.degrees(result.slip_error)
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_true"])
     health = log["health"]
@@ -81,20 +81,20 @@ def _slip(result: RoverResult) -> dict[str, float | int | None]:
 
 
 def _reference_error(log: Log) -> FloatArray:
-    """Slip angle by laser tracker and compass less the true one at its moment [rad]."""
-    time, late = log["time"], LaserSlip().delay()
-    true_then = np.interp(time - late, time, log["slip_angle_true"])
-    error: FloatArray = np.where(time >= late, log["slip_angle_laser"] - true_then, np.nan)
+    """Slip angle by laser tracker and compass less the true one at the same time [rad]."""
+    time, delay = log["time"], LaserSlip().delay()
+    true_then = np.interp(time - delay, time, log["slip_angle_true"])
+    error: FloatArray = np.where(time >= delay, log["slip_angle_laser"] - true_then, np.nan)
     return error
 
 
-def _position(log: Log) -> dict[str, float | int | None]:
-    """How far the two dead reckonings have ended from where the rover is, and over what way."""
+def _position(log: Log) -> Numbers:
+    """Final position errors of the two dead reckonings, and the distance travelled."""
     if not len(log):
         return {}
-    way = float(np.sum(np.hypot(np.diff(log["x"]), np.diff(log["y"]))))
+    distance = float(np.sum(np.hypot(np.diff(log["x"]), np.diff(log["y"]))))
     return {
-        "distance_m": number(way),
+        "distance_m": number(distance),
         **{
             f"{name}_error_m": number(
                 math.hypot(log[f"x_{name}"][-1] - log["x"][-1], log[f"y_{name}"][-1] - log["y"][-1])
@@ -104,7 +104,7 @@ def _position(log: Log) -> dict[str, float | int | None]:
     }
 
 
-def _wheels(result: RoverResult) -> dict[str, float | int | None]:
+def _wheels(result: RoverResult) -> Numbers:
     ratios, sinkages = (
         np.array([result.log[f"{quantity}_{wheel.name}"] for wheel in result.rig.wheels])
         for quantity in ("slip_ratio", "sinkage")

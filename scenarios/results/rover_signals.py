@@ -1,18 +1,18 @@
-"""Signals of a rover run, one row every 50 ms; estimates stand in the row of their capture."""
+"""Signals of a rover run, one row every 50 ms; each estimate is in the row of its capture."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import RoverPose
-from scenarios.results.log import HEALTH, Log, Signal
+from scenarios.results.log import HEALTH, Log, Row, Signal
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
@@ -22,45 +22,36 @@ from vehicle.rover.truth import RoverTruth
 _ESTIMATE: Final = (
     Signal("slip_angle_estimate", "rad", "estimated slip angle of the body, + left, at the tick of capture"),
     Signal("slip_angle_std", "rad", "its standard deviation"),
-    Signal("health", "-", "of the slip angle: 0 ok, 1 degraded, 2 lost"),
+    Signal("health", "-", "health of the slip angle: 0 ok, 1 degraded, 2 lost"),
     Signal("wheel_slip_estimate", "rad", "estimated slip angle of the left rear wheel, + left"),
-    Signal("trace_offset", "m", "of the trace beside the wheel's centre, + left"),
-    Signal("trace_confidence", "-", "that the trace is the wheel's own"),
+    Signal("trace_offset", "m", "lateral offset of the trace from the wheel's centre, + left"),
+    Signal("trace_confidence", "-", "confidence that the trace is the wheel's own"),
 )
 _LAGGED: Final = (
-    Signal("slip_angle_lagged", "rad", "slip angle at this tick, estimated from what was seen later, too"),
+    Signal("slip_angle_lagged", "rad", "slip angle at this tick, estimated with later images, too"),
     Signal("slip_angle_lagged_std", "rad", "its standard deviation"),
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverRecord:
-    """Readings, beliefs and the command of one step."""
+    """Readings, estimated poses and the command of one step."""
 
     readings: RoverReadings
     command: RoverCommand
-    wheels_only: RoverPose  # dead reckoning without any slip
-    corrected: RoverPose  # the same with the slip angle
-    navigated: RoverPose  # the one that the driver steers by
+    wheels_only: RoverPose  # dead reckoning without slip
+    corrected: RoverPose  # dead reckoning with the slip angle
+    navigated: RoverPose  # pose that the driver steers by
     laser_slip: float | None  # [rad], of LaserSlip.delay() ago
 
 
-class RoverRow(Protocol):
-    """Ground truth at one tick, with readings, beliefs and commands."""
-
-    @property
-    def truth(self) -> RoverTruth:
-        """Ground truth."""
-
-    @property
-    def record(self) -> RoverRecord:
-        """Readings, beliefs and commands."""
+RoverRow = Row[RoverTruth, RoverRecord]
 
 
 def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tuple[float, float]:
     """Station of R's origin along the path [m], and its lateral offset from the path, + left [m].
 
-    ``last_station`` [m] is where it was the step before.
+    ``last_station`` [m] is the station of the step before.
     """
     x, y, _ = truth.pose.tolist()
     station = path.project(x, y, last_station)
@@ -69,7 +60,7 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
 
 
 def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Sequence[SlipAngle], path: Path) -> Log:
-    """The log of a run along a path, of the rover with this rig."""
+    """The log of a run along a path."""
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     estimated = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
     for estimate in estimates:
@@ -99,22 +90,22 @@ def _signals(rig: TraceRig) -> Iterator[Signal]:
     ):
         yield Signal(name, unit, meaning)
     yield Signal("slip_angle_true", "rad", "direction of travel against the body's x axis, + left")
-    yield Signal("wheel_slip_true", "rad", "the same of the left rear wheel against its heading")
-    yield Signal("station", "m", "along the path")
+    yield Signal("wheel_slip_true", "rad", "direction of travel of the left rear wheel against its heading, + left")
+    yield Signal("station", "m", "distance along the path")
     for wheel in (place.name for place in rig.wheels):
         yield Signal(f"slip_ratio_{wheel}", "-", "longitudinal slip")
         yield Signal(f"sinkage_{wheel}", "m", "sinkage")
         yield Signal(f"load_{wheel}", "N", "load normal to the ground")
-        yield Signal(f"steer_{wheel}", "rad", "angle against the body, + left")
+        yield Signal(f"steer_{wheel}", "rad", "steer angle against the body, + left")
         yield Signal(f"steer_{wheel}_command", "rad", "its demand")
         yield Signal(f"wheel_speed_{wheel}", "rad/s", "speed of rotation")
         yield Signal(f"wheel_speed_{wheel}_command", "rad/s", "its demand")
     yield Signal("compass", "rad", "heading by the compass, wrapped")
-    for name, meaning in (("wheels", "by encoders and compass"), ("corrected", "the same with the slip angle")):
+    for name, meaning in (("wheels", "by encoders and compass"), ("corrected", "by encoders, compass and slip angle")):
         yield Signal(f"x_{name}", "m", f"position east, {meaning}")
         yield Signal(f"y_{name}", "m", f"position north, {meaning}")
-    yield Signal("drift_navigated", "rad", "slip that the driver reckons with, + left")
-    yield Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, of some seconds ago")
+    yield Signal("drift_navigated", "rad", "slip angle that the driver compensates, + left")
+    yield Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, some seconds old")
 
 
 def _values(rig: TraceRig, row: RoverRow, station: float) -> Iterator[float]:

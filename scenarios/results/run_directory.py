@@ -1,4 +1,4 @@
-"""Run directories: they appear complete or not at all."""
+"""Run directories: each appears complete or not at all."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pathlib import Path
 
 
 def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
-    """The first free ``runs/<scenario>-<n>``, n counted from 1 and beyond every run there is."""
+    """The next ``runs/<scenario>-<n>``: n is 1, or one more than the largest in use."""
     taken = [path.name.removeprefix(f"{scenario}-") for path in root.glob(f"{scenario}-*")]
     return root / f"{scenario}-{1 + max((int(n) for n in taken if n.isdigit()), default=0)}"
 
 
 def check_run_directory(directory: Path) -> None:
-    """Refuses a directory in which :func:`write_run` could not put a complete run; call it before a long one.
+    """Refuse a directory that can not receive a complete run; call this before a long run.
 
     Raises:
-        ValueError: if it is a file, holds something already, can not be replaced, or can not be made.
+        ValueError: if it is a file, is not empty, can not be replaced, or can not be made.
     """
     if directory.exists() and not directory.is_dir():
         raise ValueError(f"{directory} is a file: choose another name")
@@ -34,7 +34,7 @@ def check_run_directory(directory: Path) -> None:
 
 @contextmanager
 def appearing_at_once(directory: Path) -> Iterator[Path]:
-    """A hidden folder beside ``directory`` to write into; it takes that name if all goes well, else it is removed."""
+    """Yield a hidden folder next to ``directory``; on success it takes that name, otherwise it is removed."""
     check_run_directory(directory)
     directory = directory.resolve()
     directory.parent.mkdir(parents=True, exist_ok=True)

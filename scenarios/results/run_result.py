@@ -17,11 +17,11 @@ from vehicle.frames import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraFrame:
-    """What the left camera saw, kept for people: the odometry itself worked on the uncompressed images."""
+    """A picture of the left camera for reports and videos; the odometry works on the uncompressed images."""
 
     tick: int
     jpeg: bytes  # colour or grey
-    tracks: NDArray[np.float32]  # (m, 4) u, v in the previous and u, v in this left image [px]
+    tracks: NDArray[np.float32]  # (m, 4) of features: u, v in the previous, u, v in this left image [px]
     matches: int
     inliers: int
 
@@ -83,10 +83,7 @@ class RunResult:
         return self.log[name] if name in self.log else np.full(len(self.log), np.nan)
 
     def steer_signals(self, trailer: str = "", *, demands: bool = False) -> tuple[str, ...]:
-        """Names of the signals of a trailer's steer angles, or of their demands, front to rear.
-
-        Of the last trailer if none is named.
-        """
+        """Names of the signals of a trailer's steer angles or demands, front to rear; by default the last's."""
         judged = next((one for one in self.trailers if one.name == trailer), self.trailers[-1])
         ending = f"command_{judged.name}" if demands else judged.name
         return tuple(f"steer_trailer_{k}_{ending}" for k in range(1, judged.n_steered + 1))
@@ -99,10 +96,7 @@ class RunResult:
 
 
 def error_of_estimate(result: RunResult, trailer: str = "") -> FloatArray:
-    """Estimated minus true off-tracking at the estimate's own time [m], shape (n_rows,); NaN where there is none.
-
-    Of the last trailer if none is named.
-    """
+    """Estimated minus true off-tracking at the time of capture [m], (n_rows,), NaN elsewhere; by default the last's."""
     name = trailer or result.trailers[-1].name
     estimate, true, health = (
         result.signal(f"{quantity}_{name}") for quantity in ("off_tracking_estimate", "off_tracking_true", "health")

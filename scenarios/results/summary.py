@@ -1,4 +1,4 @@
-"""Summaries of runs: the numbers of ``summary.json``. Names, and the units in them, are fixed."""
+"""Summaries of runs: the numbers of ``summary.json``. Their names and units are fixed."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ def _off_tracking(result: RunResult, trailer: str) -> Numbers:
     }
 
 
-def _swept_path(room: SweptPath) -> Numbers:
+def _swept_path(path: SweptPath) -> Numbers:
     return {
-        "max_width_m": number(room.max_width),
-        "min_inner_radius_m": number(room.min_inner_radius),
-        "tail_swing_m": number(room.tail_swing),
-        "tail_swing_entry_m": number(room.tail_swing_entry),
-        "tail_swing_exit_m": number(room.tail_swing_exit),
+        "max_width_m": number(path.max_width),
+        "min_inner_radius_m": number(path.min_inner_radius),
+        "tail_swing_m": number(path.tail_swing),
+        "tail_swing_entry_m": number(path.tail_swing_entry),
+        "tail_swing_exit_m": number(path.tail_swing_exit),
     }
 
 

@@ -1,7 +1,7 @@
-"""The ground a combination sweeps: outlines of its bodies, swept width, inner and outer radius, tail swing.
+"""Swept path of a combination: outlines of its bodies, swept width, inner and outer radius, tail swing.
 
-Bodies are rectangles on the ground plane. Poses are arrays (n, 3) of x [m], y [m], psi [rad] over time, psi free to be
-wrapped or not.
+Bodies are rectangles on the ground plane. Poses are arrays (n, 3) of x [m], y [m], psi [rad] over time; psi may be
+wrapped or continuous.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
 
 _QUARTER_TURN = 0.5 * math.pi
-_TURN = math.radians(10.0)  # less than this is a lane change, not a turn with an inside and an outside
+_TURN = math.radians(10.0)  # a smaller change of heading is a lane change, not a turn
 _STATION_SPACING = 0.25  # [m] between the cross-sections in which the width is measured
-_ROW_SPACING = 0.1  # [m] of travel between the outlines used: a way this short is all but straight
+_ROW_SPACING = 0.1  # [m] of travel between the outlines used; the path in between is almost straight
 
 
 @dataclass(frozen=True, slots=True)
 class UnitOutline:
-    """What a plan view shows of one unit: positions along x in the unit's own frame, forward positive."""
+    """Plan view of one unit: positions along x in the unit's own frame, forward positive."""
 
     name: str
     front_x: float  # [m]
@@ -50,24 +50,24 @@ def placed(points: FloatArray, poses: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class SweptPath:
-    """How much room a run took; NaN for what does not apply to its course."""
+    """Space used by a run; NaN for what does not apply to its course."""
 
     max_width: float  # [m]
     min_inner_radius: float  # about the roundabout's centre [m]
     max_outer_radius: float  # [m]
-    tail_swing_entry: float  # into the first turn [m]
-    tail_swing_exit: float  # out of the last one [m]
+    tail_swing_entry: float  # at the entry of the first turn [m]
+    tail_swing_exit: float  # at the exit of the last turn [m]
 
     @property
     def tail_swing(self) -> float:
-        """The larger of both [m]."""
+        """Larger tail swing of entry and exit [m]."""
         return float(np.fmax(self.tail_swing_entry, self.tail_swing_exit))
 
 
 def swept_path(
     outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...], circle_centre: tuple[float, float] | None
 ) -> SweptPath:
-    """Room taken by the combination whose units have these outlines and poses; unit 0 is the tractor.
+    """Swept path of the combination whose units have these outlines and poses; unit 0 is the tractor.
 
     On a roundabout the width is the outer minus the inner radius; elsewhere see :func:`width_across_path`.
     """
@@ -81,10 +81,10 @@ def swept_path(
 def swept_radii(
     outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...], centre: tuple[float, float]
 ) -> tuple[float, float]:
-    """Smallest and largest distance [m] of any body from the centre of the roundabout; NaN if it was not driven.
+    """Smallest and largest distance [m] of any body from the centre of the roundabout; NaN without a turn.
 
-    Only what lies on the roundabout counts: between the radius through the point where the straight entry touches the
-    circle (square to the tractor's first heading) and the one where the exit leaves it (square to the last heading).
+    Only the sector of the roundabout counts. It begins at the radius square to the tractor's first heading, where the
+    straight entry touches the circle, and ends at the radius square to its last heading, where the exit leaves it.
     """
     yaw = np.unwrap(poses[0][:, 2])
     if abs(yaw[-1] - yaw[0]) < _TURN:
@@ -115,7 +115,7 @@ def _nearest_points(outline: UnitOutline, poses: FloatArray, centre: tuple[float
 
 
 def _polar_angle(points: FloatArray, middle: FloatArray, centre: tuple[float, float], start: float) -> FloatArray:
-    """Angle of points (n, m, 2) about the centre, counted on over full turns from within half a turn of ``start``."""
+    """Continuous angle of points (n, m, 2) about the centre; it begins within half a turn of ``start``."""
 
     def angle(p: FloatArray) -> FloatArray:
         polar: FloatArray = np.arctan2(p[..., 1] - centre[1], p[..., 0] - centre[0])
@@ -157,19 +157,19 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
 
 
 def _cuts(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Where bodies with corners (n, 4, 2) over time cut the line through a point square to the tangent [m], + left.
+    """Lateral positions where bodies cut the line through a point square to the tangent [m], + left.
 
-    Both the edges at each time and the ways of the corners from one time to the next: corners reach farthest.
+    The corners (n, 4, 2) over time give the edges at each time and the corner paths from one time to the next.
     """
     along = (corners - point) @ tangent
     lateral = (corners - point) @ np.array([-tangent[1], tangent[0]])
     edges = _crossings(along, lateral, np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1))
-    ways = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
-    return np.concatenate([edges, ways])
+    paths = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
+    return np.concatenate([edges, paths])
 
 
 def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, next_lateral: FloatArray) -> FloatArray:
-    """Lateral place at which each stroke from one point to the next passes along = 0, for those that do."""
+    """Lateral position of each segment from one point to the next where it passes along = 0, if it does."""
     cut = (along <= 0.0) != (next_along <= 0.0)
     share = along[cut] / (along[cut] - next_along[cut])
     crossing: FloatArray = lateral[cut] + share * (next_lateral[cut] - lateral[cut])
@@ -177,13 +177,12 @@ def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, n
 
 
 def tail_swings(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> tuple[float, float]:
-    """How far a rear corner swings out beyond the straight before and after a turn [m]; NaN without a turn.
+    """Tail swing at the entry of the first turn and at the exit of the last [m]; NaN without a turn.
 
-    At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit when
-    it still stood straight behind the tractor's first pose, on the outside of the first turn, until the unit has
-    turned 90 degrees. At exit the same in reversed time, with the tractor's last pose and the last turn. As the
-    low-speed tail swing of performance-based standards, which is the value at entry; the exit matters for steered
-    trailers.
+    At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit as
+    it stood straight behind the tractor's first pose, until the unit has turned 90 degrees. At exit the same backward
+    in time, with the tractor's last pose. The entry value is the low-speed tail swing of performance-based standards;
+    the exit matters for steered trailers.
     """
     entry, leaving = (
         [
@@ -191,13 +190,13 @@ def tail_swings(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) ->
             for outline, pose in zip(outlines, poses, strict=True)
             if (swing := _swing_out(outline, pose[::direction], poses[0][::direction], direction)) is not None
         ]
-        for direction in (1, -1)  # onwards from the entry; backwards from the exit
+        for direction in (1, -1)  # forward in time from the entry; backward from the exit
     )
     return max(0.0, *entry) if entry else math.nan, max(0.0, *leaving) if leaving else math.nan
 
 
 def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray, direction: int) -> float | None:
-    """Largest distance of the outer rear corner beyond the straight on which the tractor stands at the first row.
+    """Largest distance of the outer rear corner beyond the straight on which the tractor stands in the first row.
 
     ``direction`` is -1 where the rows run backwards in time and a left turn thus decreases the yaw.
     """
@@ -217,7 +216,7 @@ def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray, dir
 
 def placed_wheels(outline: UnitOutline, poses: FloatArray, steer: FloatArray) -> FloatArray:
     """Rectangles of a unit's wheels in the world, shape (n, 2 n_axles, 4, 2), for steer (n, n_axles) [rad]."""
-    tyre = np.array([[0.5, 0.17], [0.5, -0.17], [-0.5, -0.17], [-0.5, 0.17]])  # a 385/65 R 22.5, for the eye only
+    tyre = np.array([[0.5, 0.17], [0.5, -0.17], [-0.5, -0.17], [-0.5, 0.17]])  # a 385/65 R 22.5, for drawings only
     rectangles = []
     for k, (x, track) in enumerate(zip(outline.axles, outline.tracks, strict=True)):
         for side in (0.5, -0.5):

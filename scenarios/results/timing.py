@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """Where the time of a run went [s]."""
+    """Computing time of a run by stage [s]."""
 
     simulated_s: float
     wall_s: float
     physics_s: float
     render_s: float
     odometry_s: float
-    odometry_beside_s: float = 0.0  # of it, what ran beside the other stages and cost no wall time
+    odometry_parallel_s: float = 0.0  # part of it that ran in parallel to other stages and cost no wall time
 
     @property
     def rest_s(self) -> float:
         """Wall time outside the three stages: controllers, bookkeeping, log [s]."""
-        waited = self.odometry_s - self.odometry_beside_s
+        waited = self.odometry_s - self.odometry_parallel_s
         return max(0.0, self.wall_s - self.physics_s - self.render_s - waited)
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +12,7 @@ from controllers.trailer import SteerCommand
 from estimators.calibration.self_calibration import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
 from scenarios.results import metrics
-from scenarios.results.log import HEALTH, Log, Signal
+from scenarios.results.log import HEALTH, Log, Row, Signal
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, inverse, planar
@@ -28,20 +27,20 @@ _ATTITUDE = (("roll", "rad", "roll of the body in W"), ("pitch", "rad", "pitch o
 _ESTIMATE = (
     Signal("off_tracking_estimate", "m", "estimated off-tracking, at the tick of capture"),
     Signal("off_tracking_std", "m", "its standard deviation"),
-    Signal("health", "-", "of the off-tracking: 0 ok, 1 degraded, 2 lost"),
+    Signal("health", "-", "health of the off-tracking: 0 ok, 1 degraded, 2 lost"),
     Signal("matches", "-", "features matched through all four images"),
-    Signal("inliers", "-", "of them those the motion agrees with"),
-    Signal("odometry_health", "-", "of the motion since the capture before: 0 ok, 1 degraded, 2 lost"),
+    Signal("inliers", "-", "matches that agree with the motion"),
+    Signal("odometry_health", "-", "health of the motion since the capture before: 0 ok, 1 degraded, 2 lost"),
     Signal("odometry_dx", "m", "estimated motion of the trailer since the capture before, along its x there"),
-    Signal("odometry_dy", "m", "the same along its y"),
+    Signal("odometry_dy", "m", "estimated motion along its y"),
     Signal("odometry_dpsi", "rad", "estimated change of its yaw"),
 )
-_TURNED = ("roll about its optical axis", "yaw about its y (down)", "pitch about its x")
+_ROTATIONS = ("roll about its optical axis", "yaw about its y (down)", "pitch about its x")
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """An off-tracking estimate and, if cameras are behind it, the newest motion it rests on."""
+    """An off-tracking estimate and, if cameras are used, the newest motion in it."""
 
     off_tracking: OffTracking
     motion: Motion | None = None
@@ -55,44 +54,35 @@ class CombinationRecord:
     steering: tuple[SteerCommand, ...]  # of every judged trailer, front to rear
 
 
-class Row(Protocol):
-    """Ground truth at one tick, and the commands."""
-
-    @property
-    def truth(self) -> Truth:
-        """Ground truth."""
-
-    @property
-    def record(self) -> CombinationRecord:
-        """Commands."""
+TrailerRow = Row[Truth, CombinationRecord]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrailerTrack:
-    """A judged trailer in the rows of a run."""
+    """A trailer whose off-tracking is judged, with its estimates in a run."""
 
     name: str
     follow_distance: float  # hitch to follow point [m]
     steers_ahead: int  # number of steered axles ahead of its own
     n_steered: int
-    estimates: Sequence[Estimate]  # those delivered, in order; captures fall on rows
+    estimates: Sequence[Estimate]  # delivered ones, in order; captures coincide with rows
     X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
-    reference: FloatArray | None = None  # off-tracking by a reference unit, one a row [m]
+    reference: FloatArray | None = None  # off-tracking by a reference unit in each row [m]
 
 
-def run_log(rows: Sequence[Row], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
-    """The log of a run; estimates stand in the row of their capture, the true off-tracking is computed here.
+def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
+    """The log of a run with the true off-tracking; each estimate is in the row of its capture.
 
-    Every signal of a trailer ends with its name. The last trailer's signals are also there without it.
+    Every signal of a trailer ends with its name. The last trailer's signals appear a second time without it.
 
     Args:
         rows: one every log period, in order.
-        trailers: the judged ones, front to rear; the last is the last unit.
+        trailers: trailers that are judged, front to rear; the last is the last unit.
         units: names of the units, tractor first.
         n_front: number of steered axles of the tractor.
     """
     table = np.array([list(_values(row, n_front)) for row in rows])
-    log = Log(signals := tuple(_signals(units, n_front)), table.reshape(len(rows), len(signals)))
+    log = Log(common := tuple(_signals(units, n_front)), table.reshape(len(rows), len(common)))
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     for place, trailer in enumerate(trailers):
         columns = [
@@ -100,10 +90,10 @@ def run_log(rows: Sequence[Row], trailers: Sequence[TrailerTrack], *, units: Seq
             *_estimate_columns(index, trailer),
             *_true_columns(log, trailer),
         ]
-        is_last = place == len(trailers) - 1
-        log = log.with_signals([_of(trailer.name, signal) for signal, _ in columns], [values for _, values in columns])
-        if is_last:
-            log = log.with_signals([signal for signal, _ in columns], [values for _, values in columns])
+        signals, values = zip(*columns, strict=True)
+        log = log.with_signals([_of(trailer.name, signal) for signal in signals], values)
+        if place == len(trailers) - 1:
+            log = log.with_signals(signals, values)
     return log
 
 
@@ -114,37 +104,37 @@ def _of(trailer: str, signal: Signal) -> Signal:
 Column = tuple[Signal, FloatArray]
 
 
-def _steer_columns(rows: Sequence[Row], place: int, trailer: TrailerTrack) -> Iterator[Column]:
+def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack) -> Iterator[Column]:
     for k in range(trailer.n_steered):
         angles = np.array([row.truth.steer[trailer.steers_ahead + k] for row in rows])
         demands = np.array([row.record.steering[place].angles[k] for row in rows])
         name = f"steer_trailer_{k + 1}"
         yield Signal(name, "rad", f"road-wheel angle of steered axle {k + 1}, + left"), angles
-        yield Signal(f"{name}_command", "rad", "the controller's demand for it"), demands
+        yield Signal(f"{name}_command", "rad", "the controller's demand for that angle"), demands
 
 
 def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:
     table = np.full((len(index), len(_ESTIMATE)), np.nan)
-    turned, watched = np.full((len(index), 6), np.nan), False
+    rotations, calibrated = np.full((len(index), 6), np.nan), False
     for estimate in trailer.estimates:
         if estimate.off_tracking.tick in index:
             table[index[estimate.off_tracking.tick]] = _estimate_values(estimate, trailer.X_SC)
         motion = estimate.motion
         if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
-            turned[index[motion.tick]], watched = (*motion.right_rotation, *motion.right_rotation_std), True
+            rotations[index[motion.tick]], calibrated = (*motion.right_rotation, *motion.right_rotation_std), True
     yield from zip(_ESTIMATE, table.T, strict=True)
-    for k, meaning in enumerate(_TURNED) if watched else ():
+    for k, meaning in enumerate(_ROTATIONS) if calibrated else ():
         name = f"right_camera_{meaning.split()[0]}"
-        yield Signal(name, "rad", f"right camera, since its calibration: {meaning}"), turned[:, k]
-        yield Signal(f"{name}_std", "rad", "its standard deviation"), turned[:, 3 + k]
+        yield Signal(name, "rad", f"right camera, since its calibration: {meaning}"), rotations[:, k]
+        yield Signal(f"{name}_std", "rad", "its standard deviation"), rotations[:, 3 + k]
 
 
 def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:
     x, y, psi = (log[f"{quantity}_{trailer.name}"] for quantity in ("x", "y", "psi"))
     true = metrics.true_off_tracking(x, y, np.unwrap(psi), trailer.follow_distance)
-    yield Signal("off_tracking_true", "m", "lateral distance of the hitch's path, + left"), true
+    yield Signal("off_tracking_true", "m", "lateral distance from the follow point to the hitch's path, + left"), true
     if trailer.reference is not None:
-        yield Signal("off_tracking_reference", "m", "by a GNSS-aided inertial unit"), trailer.reference
+        yield Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit"), trailer.reference
 
 
 def _signals(units: Sequence[str], n_front: int) -> Iterator[Signal]:
@@ -157,13 +147,17 @@ def _signals(units: Sequence[str], n_front: int) -> Iterator[Signal]:
     for k in range(2, n_front + 1):
         yield Signal(f"steer_tractor_{k}", "rad", f"tractor: road-wheel angle of steered axle {k}, + left")
     yield Signal("steer_tractor_command", "rad", "the driver's demand for the foremost axle")
-    yield Signal("acceleration_command", "m/s2", "the driver's demand: drive the way of the gear, below 0 brakes")
+    yield Signal(
+        "acceleration_command",
+        "m/s2",
+        "the driver's demand: above 0 drives in the direction of the gear, below 0 brakes",
+    )
     yield Signal("gear", "-", "+1 forward, -1 backward")
     yield Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses")
     yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel")
 
 
-def _values(row: Row, n_front: int) -> Iterator[float]:
+def _values(row: TrailerRow, n_front: int) -> Iterator[float]:
     truth, driver = row.truth, row.record.driver
     yield truth.tick
     yield truth.tick * TICK

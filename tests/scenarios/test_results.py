@@ -48,7 +48,7 @@ def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunRe
     for run in (camera_run, blind_run):
         numbers = summary(run)
         assert list(numbers) == ["outcome", "scenario", "seed", *NAMES]
-        assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # the isinstance beside it makes it a dict
+        assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # the isinstance parallel it makes it a dict
 
 
 def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
@@ -173,11 +173,11 @@ def test_run_directories_are_numbered_beyond_those_there_are(tmp_path: Path) -> 
 
 
 def test_timing_adds_up() -> None:
-    """What is in no stage is the rest; a run that took no time has no factor."""
+    """Wall time outside all stages is the rest; a run that took no time has no real-time factor."""
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
-    beside = dataclasses.replace(timing, odometry_beside_s=0.4)
-    assert beside.rest_s == pytest.approx(1.9)  # what ran beside the loop took no time from it
+    parallel = dataclasses.replace(timing, odometry_parallel_s=0.4)
+    assert parallel.rest_s == pytest.approx(1.9)  # what ran parallel the loop took no time from it
     assert timing.realtime_factor == 2.0
     assert math.isnan(dataclasses.replace(timing, wall_s=0.0).realtime_factor)
 

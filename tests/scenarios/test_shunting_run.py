@@ -12,7 +12,7 @@ import pytest
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
-from scenarios.results.trailer_signals import Row
+from scenarios.results.trailer_signals import TrailerRow
 from vehicle.frames import FloatArray
 
 WITHOUT_CAMERAS = ["off_tracking=truth", "reference_unit=false"]
@@ -27,7 +27,7 @@ def ridden(name: str, settings: list[str]) -> TrailerSession:
     return session
 
 
-def poses(rows: Sequence[Row], unit: int) -> FloatArray:
+def poses(rows: Sequence[TrailerRow], unit: int) -> FloatArray:
     return np.array([row.truth.poses[unit] for row in rows])
 
 
