@@ -124,7 +124,7 @@ class TractorTrailerDriving:
     def step(self, actions: NDArray[np.float32]) -> Result:
         """Advance all episodes by 20 ms; the first entry is the steer demand, the second the acceleration."""
         demand = np.minimum(np.maximum(actions.astype(np.float64), -1.0), 1.0)
-        along = np.sign(demand[:, 1]) * self._now.speed
+        along = np.sign(demand[:, 1]) * self._now.velocities[:, 0, 0]
         acceleration = np.where(along >= self._max_speed, 0.0, _MAX_ACCELERATION * demand[:, 1])
         self._now = self._mover.step(self._steer_limit * demand[:, 0], acceleration)
         self._elapsed += PERIOD
@@ -136,7 +136,7 @@ class TractorTrailerDriving:
         now, goal = self._now, self._relative_goal
         psi = now.poses[:, :, 2]
         values = [goal[:, :2], np.cos(goal[:, 2:]), np.sin(goal[:, 2:]), psi[:, :-1] - psi[:, 1:]]
-        values += [now.speed[:, None], now.steer[:, None]]
+        values += [now.velocities[:, 0, :1], now.steer[:, :1]]
         return within(np.concatenate(values, axis=1), self.observation_space)
 
     def info(self) -> Info:
@@ -149,7 +149,7 @@ class TractorTrailerDriving:
         distance = float(np.hypot(*self._relative_goal[lane, :2]))
         caption = f"{self._options.task}, {self._elapsed[lane]:.1f} s, {distance:.1f} m to go"
         straight_on = np.zeros(sum(len(unit.steered_axles) for unit in self._vehicle.units))
-        straight_on[0] = self._now.steer[lane]
+        straight_on[0] = self._now.steer[lane, 0]
         steer = axle_angles(self._vehicle, straight_on)
         return self._top_view.picture(lane, self._now.poses[lane], steer, caption, goal=self._goal[lane])
 
@@ -169,7 +169,9 @@ class TractorTrailerDriving:
         now, goal = self._now, self._relative_goal
         distance = np.hypot(goal[:, 0], goal[:, 1])
         at_goal = (distance < _ARRIVAL_DISTANCE) & (np.abs(goal[:, 2]) < _ARRIVAL_ANGLE)
-        arrived = at_goal & (np.abs(now.speed) < _ARRIVAL_SPEED) if self._options.task == "bay" else at_goal
+        arrived = (
+            at_goal & (np.abs(now.velocities[:, 0, 0]) < _ARRIVAL_SPEED) if self._options.task == "bay" else at_goal
+        )
         outcome = np.full(self.n, "", dtype=object)
         mishaps = {
             "lost": distance > _LOST[self._options.task],

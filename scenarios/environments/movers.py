@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -19,15 +19,6 @@ _STEP = to_ticks(PERIOD, "control period")
 _MAX_SHIFT_SPEED: Final = 0.1  # gear changes below; a stopped combination rocks back at about this speed [m/s]
 
 
-class Motion(NamedTuple):
-    """Motion of n combinations."""
-
-    poses: FloatArray  # (n, N, 3) x [m], y [m], psi [rad]
-    speed: FloatArray  # (n,) of the tractor, - backwards [m/s]
-    steer: FloatArray  # (n,) of its foremost steered axle [rad]
-    load_transfer: FloatArray  # (n, N) [-]
-
-
 class SlippingTyreFleet:
     """n combinations on slipping tyres, forwards and backwards, with unsteered trailer axles."""
 
@@ -37,21 +28,21 @@ class SlippingTyreFleet:
         self._straight = np.zeros((n, sum(len(unit.steered_axles) for unit in vehicle.units[1:])))
         self._speed = np.zeros(n)
 
-    def place(self, lanes: Lanes, drawn: Circumstances) -> Motion:
+    def place(self, lanes: Lanes, drawn: Circumstances) -> BatchMotion:
         """Place these at W's origin, at standstill."""
         nowhere = np.full((len(lanes), 2), np.nan)
         ground = BatchGround(drawn.friction, drawn.cross_fall, nowhere)
-        return self._motion(self._fleet.place(lanes, self._variation.numbers(drawn), ground, np.zeros(len(lanes))))
+        return self._noted(self._fleet.place(lanes, self._variation.numbers(drawn), ground, np.zeros(len(lanes))))
 
-    def step(self, steer: FloatArray, acceleration: FloatArray) -> Motion:
+    def step(self, steer: FloatArray, acceleration: FloatArray) -> BatchMotion:
         """Advance by a control period under constant demands, (n,) [rad] and (n,) [m/s2], + forwards.
 
         An acceleration against the motion brakes; near standstill the gear changes.
         """
         direction = np.where(np.abs(self._speed) > _MAX_SHIFT_SPEED, self._speed, acceleration)
         gear = np.where(direction < 0.0, -1.0, 1.0)
-        return self._motion(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
+        return self._noted(self._fleet.step(steer, gear * acceleration, self._straight, _STEP, gear))
 
-    def _motion(self, motion: BatchMotion) -> Motion:
+    def _noted(self, motion: BatchMotion) -> BatchMotion:
         self._speed = motion.velocities[:, 0, 0]
-        return Motion(motion.poses, self._speed, motion.steer[:, 0], motion.load_transfer)
+        return motion

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.environments.core import Core, Info, Lanes, Observation, Result
-from scenarios.report.canvas import Picture
+from scenarios.environments.core import Core, Result
 
 
 class Repeated:
@@ -38,11 +36,7 @@ class Repeated:
     def __getattr__(self, name: str) -> Any:
         if name == "_core":  # while a copy is being made
             raise AttributeError(name)
-        return getattr(self._core, name)  # features and other attributes of the core
-
-    def begin(self, lanes: Lanes, generators: list[np.random.Generator], options: Mapping[str, Any]) -> None:
-        """Begin episodes of the core."""
-        self._core.begin(lanes, generators, options)
+        return getattr(self._core, name)  # all else is the core's: begin, observe, info, picture, close, features
 
     def step(self, actions: NDArray[np.float32]) -> Result:
         """Advance all episodes by ``times`` control steps with the same actions."""
@@ -57,15 +51,3 @@ class Repeated:
                 np.where(going, result.outcome, total.outcome),
             )
         return total
-
-    def observe(self) -> Observation:
-        """Observation of the core."""
-        return self._core.observe()
-
-    def info(self) -> Info:
-        """Metrics of the core."""
-        return self._core.info()
-
-    def picture(self, lane: int) -> Picture:
-        """Picture of the core."""
-        return self._core.picture(lane)

@@ -119,8 +119,8 @@ def gentle() -> Circumstances:
 
 def moved(mover: SlippingTyreFleet, acceleration: float, seconds: float) -> FloatArray:
     """Speeds of the tractor every 20 ms [m/s]."""
-    asked = np.zeros(1), np.full(1, acceleration)
-    return np.array([mover.step(*asked).speed[0] for _ in range(round(50 * seconds))])
+    demand = np.zeros(1), np.full(1, acceleration)
+    return np.array([mover.step(*demand).velocities[0, 0, 0] for _ in range(round(50 * seconds))])
 
 
 def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combination() -> None:
@@ -137,7 +137,7 @@ def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combinatio
 
 
 def test_driven_wheels_slip_backwards_too() -> None:
-    """On ice of friction 0.05 an axle that carries 11.4 of 40 t pushes with 0.14 m/s2 at most, whatever is asked."""
+    """On ice of friction 0.05 an axle that carries 11.4 of 40 t pushes with 0.14 m/s2 at most, at any demand."""
     speeds = {}
     for friction in (0.8, 0.05):
         mover = SlippingTyreFleet(VEHICLE, 1, "auto")
