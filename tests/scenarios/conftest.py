@@ -194,10 +194,15 @@ class Worlds:
         self._built.clear()
 
 
-@pytest.fixture(scope="session", autouse=True)
-def worlds() -> Iterator[Worlds]:
+@pytest.fixture(scope="session")
+def kept_worlds() -> Worlds:
     """The worlds of all tests of a process."""
-    kept = Worlds()
+    return Worlds()
+
+
+@pytest.fixture(scope="module")
+def worlds(kept_worlds: Worlds) -> Iterator[Worlds]:
+    """Build each world once, for modules that ask for it: elsewhere every run builds its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(scenarios.assembly.views, "build_world", kept.build)
-        yield kept
+        patch.setattr(scenarios.assembly.views, "build_world", kept_worlds.build)
+        yield kept_worlds

@@ -23,6 +23,7 @@ from sensors.camera.raw_camera import RawStereoCamera
 from sensors.camera.stereo_camera import StereoCamera
 from sensors.messages import RoverView
 
+pytestmark = pytest.mark.usefixtures("worlds")
 SMALL = ("rig.width=336", "rig.height=200", "world.scenery_density=0.3", "course.length=20")
 BARREL = "rig.distortion=[-0.15, 0.02, 0, 0, 0]"
 

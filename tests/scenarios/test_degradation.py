@@ -28,6 +28,9 @@ SEEN = (
 )
 
 
+pytestmark = pytest.mark.usefixtures("worlds")
+
+
 @cache
 def driven(name: str, *settings: str) -> RunResult:
     """The run of the first seed; the same one for all who ask for it."""

@@ -34,6 +34,9 @@ DOMAIN = Domain(cross_fall=(0.0, 0.0), friction=(0.8, 0.8), speed=(8.0, 8.0))  #
 COURSE = straight(front_x=VEHICLE.units[0].front_x, length=40.0)
 
 
+pytestmark = pytest.mark.usefixtures("worlds")
+
+
 def options(observation: str, *settings: str, **others: Any) -> dict[str, Any]:
     """Options of an environment with small images of a straight road."""
     sensing = load_scenario("roundabout", [*SMALL, *settings])

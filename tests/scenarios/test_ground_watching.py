@@ -23,6 +23,9 @@ DRAGGED = ("course.slip_angle_deg=2", "course.length=30", "off_tracking=ground_w
 SMALL = ("ground_rig.width=320", "ground_rig.height=320")
 
 
+pytestmark = pytest.mark.usefixtures("worlds")
+
+
 @pytest.fixture(scope="module")
 def dragged() -> RunResult:
     return run(load_scenario("constant-slip", (*DRAGGED, *SMALL)), seed=1)

@@ -22,6 +22,7 @@ from scenarios.results.summary import summary
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
 
+pytestmark = pytest.mark.usefixtures("worlds")
 EXACT = ("off_tracking=truth", "reference_unit=false")
 SHORT = (*EXACT, "course.entry=20", "course.turn_deg=30", "course.exit=5")
 SEEN = ("course.length=20", "rig.width=480", "rig.height=200", "world.scenery_density=0.3")

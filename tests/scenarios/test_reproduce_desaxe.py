@@ -30,6 +30,7 @@ from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 
+pytestmark = pytest.mark.usefixtures("worlds")
 FACINGS: tuple[Facing, ...] = ("rear", "left")
 FIGURES = sorted(name for name in REPRODUCTIONS if name.startswith("desaxe2018") and not name.endswith("fig13"))
 

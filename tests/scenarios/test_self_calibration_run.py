@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 
+pytestmark = pytest.mark.usefixtures("worlds")
 SMALL = ("rig.width=672", "rig.height=240", "course.length=20", "world.scenery_density=0.5")
 TURNED = (-0.15, 0.10, 0.05)  # roll, yaw, pitch [deg]
 
