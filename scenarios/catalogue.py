@@ -1,6 +1,6 @@
-"""Names of the parts a scenario may ask for, as plain dicts; a user's own part is named by its import path.
+"""Catalogue of replaceable parts: import paths by name. A user's own part is given by its import path.
 
-The values are import paths too, so that reading the catalogue imports nothing: a new part is one module and one line.
+Reading the catalogue imports no part. A new part is one module and one line.
 """
 
 from __future__ import annotations
@@ -69,12 +69,10 @@ PLANT: Final = {
 
 
 def resolve(key: str, name: str, catalogue: Mapping[str, str]) -> Any:
-    """The class that ``name`` stands for: a catalogue entry, or ``package.module:Name`` for one's own.
-
-    One's own modules are also looked for in the working directory.
+    """Import the class of a catalogue name or of ``package.module:Name``, also from the working directory.
 
     Raises:
-        ValueError: one line naming the key and the nearest known name, or what could not be imported.
+        ValueError: one line with the key and the nearest known name, or the failed import.
     """
     path = catalogue.get(name, name)
     module_name, colon, attribute = path.partition(":")
@@ -91,17 +89,21 @@ def resolve(key: str, name: str, catalogue: Mapping[str, str]) -> Any:
 
 
 class Part(Protocol[ContextT, PartT]):
-    """A class of the catalogue: it is constructed from its context alone."""
+    """A class in the catalogue, constructed from its context alone."""
 
     def of(self, context: ContextT, /) -> PartT:
-        """Part for one run."""
+        """Construct the part for one run.
+
+        Raises:
+            ValueError: one line, if the context does not fit.
+        """
 
 
 def constructed(key: str, name: str, part: Part[ContextT, PartT], context: ContextT) -> PartT:
     """Construct a part from its context.
 
     Raises:
-        ValueError: one line, if its class has no ``of(context)``, or what that says.
+        ValueError: one line, if its class has no ``of(context)`` or refuses the context.
     """
     if not callable(getattr(part, "of", None)):
         raise ValueError(f"{key} = {name}: the class needs a class method of(context)")
@@ -109,7 +111,7 @@ def constructed(key: str, name: str, part: Part[ContextT, PartT], context: Conte
 
 
 def check_declared(key: str, name: str, part: object, attributes: Sequence[str]) -> None:
-    """Refuse a class that lacks attributes which its kind of parts declares.
+    """Refuse a class that lacks required attributes.
 
     Raises:
         ValueError: one line naming the class and the attribute.

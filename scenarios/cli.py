@@ -1,4 +1,4 @@
-"""The `offtrack` command: its subcommands put together."""
+"""The `offtrack` command with its subcommands."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help=(
-        "Closed-loop co-simulation of vehicles that slip, steered by what their cameras see.\n\n"
-        "Start with: offtrack run roundabout. It drives a long semitrailer round a 12.5 m circle, steered by what a "
-        "stereo camera on its roof sees, and writes a report, a video and all signals to runs/roundabout-1."
+        "Closed-loop co-simulation of slipping vehicles with camera-based steering.\n\n"
+        "Start with: offtrack run roundabout. It drives a long semitrailer round a 12.5 m circle. A stereo camera on "
+        "its roof estimates the off-tracking that the trailer steering needs. Report, video and signals are written to "
+        "runs/roundabout-1."
     ),
 )
 
@@ -48,7 +49,7 @@ def _offtrack(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
-    """Closed-loop co-simulation of vehicles that slip, steered by what their cameras see."""
+    """Closed-loop co-simulation of slipping vehicles with camera-based steering."""
 
 
 app.command()(listing.scenarios)

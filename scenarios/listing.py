@@ -24,8 +24,8 @@ from vehicle.parameter_file import nearest
 from vehicle.rover.description import load_rover, rover_names
 from vehicle.rover.soil import load_soil, soil_names
 
-Kind = Callable[[], Iterator["Part"]]
-_PARAMETERS_OF: Final[Mapping[str, tuple[str, ...]]] = {  # tables of free parameters, with the key of their part
+Kind = Callable[[str], Iterator["Part"]]  # lists the parts of the kind of that name
+_PARAMETERS_OF: Final[Mapping[str, tuple[str, ...]]] = {  # keys of the parts that own these parameter tables
     "steering": ("trailer_steering",),
     "estimator": ("off_tracking", "slip_estimator"),
 }
@@ -64,11 +64,11 @@ def parts(kind: str | None = None) -> list[Part]:
     """
     if kind is not None and kind not in KINDS:
         raise ValueError(f"unknown kind of parts '{kind}'{nearest(kind, tuple(KINDS))}")
-    return [part for name in ([kind] if kind else KINDS) for part in KINDS[name]()]
+    return [part for name in ([kind] if kind else KINDS) for part in KINDS[name](name)]
 
 
 def keys(scenario: str | None = None, settings: tuple[str, ...] = ()) -> list[Key]:
-    """All keys of a scenario with its values; of no scenario, all keys of trailers with their defaults.
+    """All keys of a scenario with its values; by default those of trailer scenarios with their defaults.
 
     Raises:
         ValueError: one line, if there is no such scenario.
@@ -92,14 +92,14 @@ def _keys_of(model: type[BaseModel], values: BaseModel | None = None, prefix: st
                 default="as in the vehicle file",
                 unit="-",
                 range="number",
-                meaning="Any number of the vehicle file by its path, for the simulated vehicle alone.",
+                meaning="Any number of the vehicle file by its path; changes the simulated vehicle only.",
             )
         for table in tables:
             yield from _keys_of(table, value if isinstance(value, table) else None, f"{prefix}{name}{'[]' * is_list}.")
 
 
 def _parameters(table: str, values: BaseModel) -> Iterator[Key]:
-    """Parameters of the part that a scenario has chosen, as ``table.name``."""
+    """Parameters of the part that a scenario names, as ``table.name``."""
     key = next(key for key in _PARAMETERS_OF[table] if hasattr(values, key))
     given = getattr(values, table)
     names = catalogue.SLIP_ESTIMATOR if key == "slip_estimator" else getattr(catalogue, key.upper())
@@ -160,12 +160,12 @@ def _text(value: object) -> str:
     return str(value) or '""'
 
 
-def _of_catalogue(kind: str, key: str, table: Mapping[str, str]) -> Kind:
-    """Parts that are classes: the first line of the docstring, and the options that the class declares."""
+def _of_catalogue(table: Mapping[str, str]) -> Kind:
+    """Parts that are classes: first line of the docstring and declared options."""
 
-    def listed() -> Iterator[Part]:
+    def listed(kind: str) -> Iterator[Part]:
         for name in table:
-            part = catalogue.resolve(key, name, table)
+            part = catalogue.resolve(kind, name, table)
             options = declared_options(part) if isinstance(getattr(part, "options", None), tuple) else ()
             yield Part(kind=kind, name=name, meaning=_first_line(part), parameters=tuple(map(_parameter, options)))
 
@@ -184,8 +184,8 @@ def _parameter(option: Option) -> Key:
     return Key(name=option.name, default=default, unit=option.unit, range=choices, meaning=option.meaning)
 
 
-def _courses(kind: str, tables: tuple[type[BaseModel], ...]) -> Kind:
-    def listed() -> Iterator[Part]:
+def _courses(tables: tuple[type[BaseModel], ...]) -> Kind:
+    def listed(kind: str) -> Iterator[Part]:
         for table in tables:
             (name,) = _choices(table.model_fields["kind"].annotation)
             parameters = tuple(key for key in _keys_of(table) if key.name != "kind")
@@ -194,25 +194,25 @@ def _courses(kind: str, tables: tuple[type[BaseModel], ...]) -> Kind:
     return listed
 
 
-def _files(kind: str, names: Callable[[], tuple[str, ...]], described: Callable[[str], str]) -> Kind:
-    return lambda: (Part(kind=kind, name=name, meaning=described(name)) for name in names())
+def _files(names: Callable[[], tuple[str, ...]], described: Callable[[str], str]) -> Kind:
+    return lambda kind: (Part(kind=kind, name=name, meaning=described(name)) for name in names())
 
 
 KINDS: Final[Mapping[str, Kind]] = {
-    "trailer_steering": _of_catalogue("trailer_steering", "trailer_steering", catalogue.TRAILER_STEERING),
-    "off_tracking": _of_catalogue("off_tracking", "off_tracking", catalogue.OFF_TRACKING),
-    "odometry": _of_catalogue("odometry", "odometry", catalogue.ODOMETRY),
-    "sensor": _of_catalogue("sensor", "sensor", catalogue.SENSOR),
-    "driver": _of_catalogue("driver", "driver", catalogue.DRIVER),
-    "plant": _of_catalogue("plant", "plant.kind", catalogue.PLANT),
-    "slip_estimator": _of_catalogue("slip_estimator", "slip_estimator", catalogue.SLIP_ESTIMATOR),
-    "rover_sensor": _of_catalogue("rover_sensor", "sensor", catalogue.ROVER_SENSOR),
-    "rover_driver": _of_catalogue("rover_driver", "driver", catalogue.ROVER_DRIVER),
-    "fault": _of_catalogue("fault", "faults", FAULTS),
-    "course": _courses("course", COURSES),
-    "rover_course": _courses("rover_course", ROVER_COURSES),
-    "vehicle": _files("vehicle", vehicle_names, lambda name: load_vehicle(name).summary),
-    "rover": _files("rover", rover_names, lambda name: load_rover(name).summary),
-    "soil": _files("soil", soil_names, lambda name: load_soil(name).summary),
-    "scenario": _files("scenario", scenario_names, lambda name: load_any_scenario(name).description),
+    "trailer_steering": _of_catalogue(catalogue.TRAILER_STEERING),
+    "off_tracking": _of_catalogue(catalogue.OFF_TRACKING),
+    "odometry": _of_catalogue(catalogue.ODOMETRY),
+    "sensor": _of_catalogue(catalogue.SENSOR),
+    "driver": _of_catalogue(catalogue.DRIVER),
+    "plant": _of_catalogue(catalogue.PLANT),
+    "slip_estimator": _of_catalogue(catalogue.SLIP_ESTIMATOR),
+    "rover_sensor": _of_catalogue(catalogue.ROVER_SENSOR),
+    "rover_driver": _of_catalogue(catalogue.ROVER_DRIVER),
+    "fault": _of_catalogue(FAULTS),
+    "course": _courses(COURSES),
+    "rover_course": _courses(ROVER_COURSES),
+    "vehicle": _files(vehicle_names, lambda name: load_vehicle(name).summary),
+    "rover": _files(rover_names, lambda name: load_rover(name).summary),
+    "soil": _files(soil_names, lambda name: load_soil(name).summary),
+    "scenario": _files(scenario_names, lambda name: load_any_scenario(name).description),
 }

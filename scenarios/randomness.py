@@ -1,4 +1,4 @@
-"""One integer seed a run, one named random stream per consumer."""
+"""Random streams: one integer seed per run, one named stream per consumer."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ import numpy as np
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """The run's random stream of that name; adding a consumer changes no other stream."""
+    """Random stream of a run by name; another consumer does not change it."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(crc32(name.encode()),)))

@@ -1,1 +1,1 @@
-"""From the options of a scenario to the parts of its run."""
+"""Assembly: build the parts of a run from the options of its scenario."""

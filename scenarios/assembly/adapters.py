@@ -1,4 +1,4 @@
-"""From the words of scenario and vehicle files to those of the parts: geometry, outlines, course, surface, rig."""
+"""Build geometry, outlines, course, surface and rig from scenario and vehicle files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
     trailer = vehicle.units[unit]
     if trailer.follow_x is None:
         raise ValueError(
-            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the point that is to follow"
+            f"vehicle {vehicle.name}: unit '{trailer.name}' needs follow_x [m], the position of its follow point"
         )
     steering = trailer.steering
     return TrailerGeometry(
@@ -43,18 +43,18 @@ def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
 
 
 def _linkages(trailer: Unit) -> tuple[Linkage, ...]:
-    """The actuators that do more than turn one axle by their own angle."""
-    place = {axle: n for n, axle in enumerate(k for k, axle in enumerate(trailer.axles) if axle.steered)}
+    """Linkages of the actuators that turn several axles, or one by another ratio than 1."""
+    position = {axle: n for n, axle in enumerate(k for k, axle in enumerate(trailer.axles) if axle.steered)}
     plain = (1.0,)
     return tuple(
-        Linkage(tuple(place[axle] for axle in actuator.axles), actuator.ratios)
+        Linkage(tuple(position[axle] for axle in actuator.axles), actuator.ratios)
         for actuator in trailer.actuators
         if actuator.ratios != plain
     )
 
 
 def vehicle_of(scenario: Scenario) -> Vehicle:
-    """The scenario's vehicle, the steered axles of its trailers grouped as asked.
+    """The scenario's vehicle, with ``steer_groups`` applied to its trailers.
 
     Raises:
         ValueError: one line, if there is no such vehicle.
@@ -68,14 +68,14 @@ def vehicle_of(scenario: Scenario) -> Vehicle:
 
 
 def _grouped(unit: Unit, group: str | None) -> Unit:
-    """The unit with all its steered axles in one steer group, or each with an actuator of its own."""
+    """The unit with all its steered axles in one steer group; None: an actuator for each axle."""
     change = {"steer_group": group, "steer_ratio": 1.0}
     axles = tuple(axle.model_copy(update=change) if axle.steered else axle for axle in unit.axles)
     return unit.model_copy(update={"axles": axles})
 
 
 def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
-    """Which units are watched, and steered if they can be: those with a follow point and steered axles, and the last.
+    """Indices of the units that are judged: those with a follow point and steered axles, and the last.
 
     Raises:
         ValueError: if the vehicle tows nothing.
@@ -122,10 +122,10 @@ def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
 
 
 def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
-    """What the driver knows of the tractor.
+    """The tractor's data sheet for the driver.
 
     Raises:
-        ValueError: if the tractor can not be steered.
+        ValueError: if the tractor cannot be steered.
     """
     tractor = vehicle.units[0]
     if tractor.steering is None:
@@ -141,14 +141,14 @@ def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
 
 
 def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:
-    """The ground of the course; the generator decides its roughness and potholes.
+    """The ground of the course; ``rng`` determines roughness and potholes.
 
     Raises:
-        ValueError: one line, if the friction image is none.
+        ValueError: one line, if the friction image cannot be read.
     """
     options, roughness = scenario.surface, None
     if options.roughness != "none" or options.potholes > 0.0:
-        profile_rng, holes_rng = rng.spawn(2)  # the one of them does not depend on whether there is the other
+        profile_rng, holes_rng = rng.spawn(2)  # separate streams: neither depends on the other
         line, half_width = course.centreline, course.road_half_width
         roughness = Roughness(
             profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
@@ -166,8 +166,8 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
 def rig_on(trailer: Unit, geometry: TrailerGeometry, options: RigOptions) -> StereoRig:
     """The scenario's cameras on this trailer.
 
-    Those that look to the rear or down sit over the follow point; side-facing ones on their edge of the roof, half
-    way along.
+    Cameras that look to the rear or down are above the follow point. Side-facing ones are on their edge of the roof,
+    half-way to the follow point.
     """
     x, y = {
         "rear": (-geometry.follow_distance, 0.0),

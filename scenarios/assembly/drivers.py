@@ -1,4 +1,4 @@
-"""Drivers of the tractor: along the course, or as recorded."""
+"""Drivers of the tractor: along the course, or from a recording."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from controllers.checked import CheckedDriver
 from controllers.driver import DriverLike, PreviewDriver
@@ -16,7 +16,7 @@ from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.assembly.recorded_drive import read_trace
-from scenarios.catalogue import DRIVER, constructed, resolve
+from scenarios.catalogue import DRIVER, Part, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario
@@ -26,40 +26,28 @@ from vehicle.option import Parameter
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DriverContext:
-    """Everything that a driver may know before the run."""
+    """Context from which a driver is constructed."""
 
-    vehicle: Vehicle  # nominal: the simulated one may differ by ``plant.…``
+    vehicle: Vehicle  # nominal: ``plant.…`` changes only the simulated one
     tractor: TractorGeometry
     course: Course
     speed: float  # set speed [m/s]
     options: DriverOptions
-    parameters: Mapping[str, Parameter]  # ``driver.parameters.…``: those of one's own driver
+    parameters: Mapping[str, Parameter]  # ``driver.parameters.…`` of the user's own driver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenedDriver:
-    """A driver with his timetable."""
+    """A driver with the planned duration and start speed."""
 
     driver: DriverLike[Any]
-    duration: float  # of the drive, as planned [s]
+    duration: float  # planned duration of the drive [s]
     start_speed: float  # [m/s]
-    is_recorded: bool = False  # he repeats a recorded drive, wherever it leads
-
-
-class DriverPart(Protocol):
-    """Class of drivers, as the catalogue holds them."""
-
-    @classmethod
-    def of(cls, context: DriverContext) -> OpenedDriver | DriverLike[Any]:
-        """Driver for one run; a bare driver is expected to keep to the set speed.
-
-        Raises:
-            ValueError: one line, if the context does not fit.
-        """
+    is_recorded: bool = False  # repeats a recorded drive, not bound to the course
 
 
 class OnCourse:
-    """Follows the course at set speed, slower where a limit says so; stops and reverses where ``driver.stops`` say."""
+    """Follows the course at set speed or below a lateral limit; stops and reverses as in ``driver.stops``."""
 
     @classmethod
     def of(cls, context: DriverContext) -> OpenedDriver:
@@ -80,7 +68,7 @@ class OnCourse:
 
 
 class AsRecorded:
-    """Repeats the steer angles and speeds of the CSV file ``driver.trace``, wherever they lead."""
+    """Repeats the steer angles and speeds of the CSV file ``driver.trace``; does not follow the course."""
 
     @classmethod
     def of(cls, context: DriverContext) -> OpenedDriver:
@@ -89,21 +77,23 @@ class AsRecorded:
         if options.trace is None:
             raise ValueError("driver.kind = recorded: driver.trace is missing, a CSV file")
         if options.stops:
-            raise ValueError("driver.stops and driver.trace: a recorded drive has its own stops")
+            raise ValueError(
+                "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops"
+            )
         driver = TraceDriver(read_trace(Path(options.trace)))
         start_speed = context.speed if driver.start_speed is None else driver.start_speed
         return OpenedDriver(driver=driver, duration=driver.duration, start_speed=start_speed, is_recorded=True)
 
 
 def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> OpenedDriver:
-    """Open the scenario's driver.
+    """Open the scenario's driver; a driver without a planned duration is expected to keep the set speed.
 
     Raises:
-        ValueError: one line, if there is no such driver or he does not fit.
+        ValueError: one line, if there is no such driver or the context does not fit.
     """
     options = scenario.driver
     kind = options.kind or ("preview" if options.trace is None else "recorded")
-    part: type[DriverPart] = resolve("driver.kind", kind, DRIVER)
+    part: Part[DriverContext, OpenedDriver | DriverLike[Any]] = resolve("driver.kind", kind, DRIVER)
     context = DriverContext(
         vehicle=vehicle,
         tractor=tractor_geometry(vehicle, course),

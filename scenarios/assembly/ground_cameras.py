@@ -1,4 +1,4 @@
-"""The cameras of the ground-watching system of a run."""
+"""Cameras of the ground-watching system."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vehicle.frames import FloatArray
 
 
 class GroundCameras:
-    """Two cameras under a trailer that look straight down, on ground that its wheels may re-form."""
+    """Two cameras under a trailer that look straight down; its wheels may re-form the ground."""
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
@@ -52,9 +52,9 @@ class GroundCameras:
 
 
 def wheels_near(vehicle: Vehicle, unit: int) -> tuple[FloatArray, FloatArray]:
-    """Where wheels roll, each (n, 2) [m] in the unit's frame: the rearmost of the unit in front of it, and its own.
+    """Positions of wheels in the unit's frame, (n, 2) [m] each: the rearmost of the unit ahead, and its own.
 
-    The former run close to the hitch, so that the articulation hardly moves them.
+    The former are close to the hitch, so that the articulation hardly moves them.
     """
     own, leader = vehicle.units[unit], vehicle.units[unit - 1]
     last = min(leader.axles, key=lambda axle: axle.x)

@@ -1,4 +1,4 @@
-"""The friction of a scenario's ground: uniform, by sides of the road, from an image, with patches."""
+"""Friction of the ground: uniform, by sides of the road, from an image, with patches."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def ground_friction(options: SurfaceOptions, centreline: FloatArray) -> Friction
     """The friction of the ground around a road with that centreline (n, 2) [m].
 
     Raises:
-        ValueError: one line, if the image can not be read.
+        ValueError: one line, if the image cannot be read.
     """
     friction: Friction = options.friction
     left, right = options.friction_left, options.friction_right
@@ -40,7 +40,7 @@ def _image_values(path: str, black: float, white: float) -> FloatArray:
         with Image.open(path) as image:
             grey = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
     except UnidentifiedImageError:
-        raise ValueError(f"surface.friction_image = {path}: not an image that can be read (PNG, JPEG, ...)") from None
+        raise ValueError(f"surface.friction_image = {path}: not a readable image (PNG, JPEG, ...)") from None
     except OSError as error:
         raise ValueError(f"surface.friction_image = {path}: {error.strerror or error}") from None
     return black + (white - black) * grey

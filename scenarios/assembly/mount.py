@@ -1,4 +1,4 @@
-"""Sensors on a trailer: the context they are opened in, and what comes of it."""
+"""Sensors on a trailer: their context, and opened sensors with schedule and calibration."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MountContext(TrailerSensorContext):
-    """Context of the sensors that come with offtrack: they read the whole scenario."""
+    """Context of the built-in sensors: they read the whole scenario."""
 
     views: Views
-    nominal: Vehicle  # as controllers and estimators know it
+    nominal: Vehicle  # the data sheet of controllers and estimators
     scenario: Scenario
     trailer: TrailerGeometry
     signals: CombinationSensors  # of this trailer
@@ -45,13 +45,13 @@ class MountContext(TrailerSensorContext):
 class Cameras:
     """Calibrations of a stereo pair."""
 
-    calibrated: StereoCalibration | RawStereoRig  # of the images that are sent
-    calibration: StereoCalibration  # of the images that estimators work on
-    rectifier: Rectifier | None = None  # between the two; None: they are the same
-    epipolar: bool = True  # both look the same way, so a stereo odometry works on them
+    calibrated: StereoCalibration | RawStereoRig  # of the images as sent
+    calibration: StereoCalibration  # of the images that estimators receive
+    rectifier: Rectifier | None = None  # from the former to the latter; None: they are equal
+    epipolar: bool = True  # the optical axes are parallel, as a stereo odometry needs
 
     def rectified(self, frame: StereoFrame) -> StereoFrame:
-        """The frame as estimators work on it."""
+        """The frame as estimators receive it."""
         return frame if self.rectifier is None else self.rectifier.step(frame)
 
 
@@ -61,11 +61,11 @@ class OpenedSensor:
 
     sensor: Sensor[Truth, Message]
     schedule: Schedule
-    cameras: Cameras | None = None  # None: it is no stereo pair
+    cameras: Cameras | None = None  # None: not a stereo pair
 
 
 class ReferencePose:
-    """An exact reference unit on the trailer's body, as often as the cameras."""
+    """An exact reference unit on the trailer's body, at the rate of the cameras."""
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
@@ -74,7 +74,7 @@ class ReferencePose:
 
 
 class SignalsOfCombination:
-    """The combination's own sensors, 50 times a second: speed, steer and articulation angles, gyros."""
+    """The combination's own sensors at 50 Hz: speed, steer and articulation angles, gyros."""
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:

@@ -1,4 +1,4 @@
-"""Plants: the simulated vehicle, whose numbers may differ from those that controllers know."""
+"""Plants: the simulated vehicle, which may differ from the data sheet of the controllers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from scenarios.catalogue import PLANT, constructed, resolve
+from scenarios.catalogue import PLANT, Part, constructed, resolve
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.scenario import Scenario
 from vehicle.combination.description import Vehicle
@@ -21,7 +21,7 @@ from vehicle.surface import Surface
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlantContext:
-    """Everything that a plant may be constructed from."""
+    """Context from which a plant is constructed."""
 
     vehicle: Vehicle  # with the changes of ``plant.…``
     surface: Surface
@@ -35,20 +35,8 @@ class CombinationPlant(PlantLike[Truth, VehicleCommand], Protocol):
         """State at a pose of the tractor, rolling straight at a speed [m/s]."""
 
 
-class PlantPart(Protocol):
-    """Class of plants, as the catalogue holds them."""
-
-    @classmethod
-    def of(cls, context: PlantContext) -> CombinationPlant:
-        """Plant for one run.
-
-        Raises:
-            ValueError: one line, if the context does not fit.
-        """
-
-
 class Multibody:
-    """Rigid bodies in a chain on slipping tyres, each body sprung in heave, pitch and roll."""
+    """A chain of rigid bodies on slipping tyres; each body is sprung in heave, pitch and roll."""
 
     @classmethod
     def of(cls, context: PlantContext) -> CombinationPlant:
@@ -57,7 +45,7 @@ class Multibody:
 
 
 class ConstantSlip:
-    """A prescribed motion: the last trailer is dragged straight at the slip angle of a course ``constant-slip``."""
+    """Prescribed motion: the last trailer is dragged straight at the slip angle of a course ``constant-slip``."""
 
     @classmethod
     def of(cls, context: PlantContext) -> CombinationPlant:
@@ -68,7 +56,7 @@ class ConstantSlip:
         if scenario.trailer_steering != "none":
             raise ValueError(
                 f"trailer_steering = {scenario.trailer_steering}: the trailer of {scenario.name} is dragged at a "
-                "constant slip angle and can not be steered; use trailer_steering=none"
+                "constant slip angle and cannot be steered; use trailer_steering=none"
             )
         slip_angle, last = math.radians(course.slip_angle_deg), len(context.vehicle.units) - 1
         return ConstantSlipPlant(
@@ -77,7 +65,7 @@ class ConstantSlip:
 
 
 def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
-    """The vehicle that is simulated: the nominal one with the changes of ``plant.…``.
+    """The simulated vehicle: the nominal one with the changes of ``plant.…``.
 
     Raises:
         ValueError: one line, for a change that does not fit.
@@ -93,7 +81,7 @@ def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
 
 
 def plant_kind(scenario: Scenario) -> str:
-    """Name of the scenario's plant: its own, or the one that its course needs."""
+    """Name of the scenario's plant; by default as the course needs."""
     prescribed = isinstance(scenario.course, ConstantSlipOptions)
     return scenario.plant.kind or ("constant_slip" if prescribed else "multibody")
 
@@ -105,5 +93,5 @@ def opened_plant(scenario: Scenario, vehicle: Vehicle, surface: Surface) -> Comb
         ValueError: one line, if there is no such plant or it does not fit.
     """
     kind = plant_kind(scenario)
-    part: type[PlantPart] = resolve("plant.kind", kind, PLANT)
+    part: Part[PlantContext, CombinationPlant] = resolve("plant.kind", kind, PLANT)
     return constructed("plant.kind", kind, part, PlantContext(vehicle=vehicle, surface=surface, scenario=scenario))

@@ -1,4 +1,4 @@
-"""A recorded drive from a CSV file."""
+"""Read a recorded drive from a CSV file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NEEDED = ("time_s", "steer_deg")
 
 
 def read_trace(path: Path) -> DriverTrace:
-    """The drive in a file with a line of column names: time_s, steer_deg, and speed_kmh or acceleration [m/s2].
+    """Read a drive; the first line names the columns time_s, steer_deg, and speed_kmh or acceleration [m/s2].
 
     Raises:
         ValueError: one line naming file, column and line.
@@ -51,7 +51,7 @@ def _check(path: Path, names: list[str]) -> None:
         if name not in names:
             raise ValueError(f"{path}: column '{name}' is missing")
     if len(set(names)) < len(names):
-        raise ValueError(f"{path}: a column is there twice")
+        raise ValueError(f"{path}: two columns have the same name")
     if not {"speed_kmh", "acceleration"} & set(names):
         raise ValueError(f"{path}: a column 'speed_kmh' or 'acceleration' is missing")
 
@@ -61,7 +61,7 @@ def _numbers(path: Path, k: int, names: list[str], line: list[str]) -> list[floa
         raise ValueError(f"{path}: line {k} has {len(line)} values for {len(names)} columns")
     for name, text in zip(names, line, strict=True):
         if not _is_finite(text):
-            raise ValueError(f"{path}: line {k}: {name} = '{text.strip()}' is no finite number")
+            raise ValueError(f"{path}: line {k}: {name} = '{text.strip()}' is not a finite number")
     return [float(text) for text in line]
 
 

@@ -1,4 +1,4 @@
-"""From a rover's scenario to the parts of its run: constructed, and refused if need be, before anything moves."""
+"""Assembly of a rover run: all parts are constructed and checked before the simulation starts."""
 
 from __future__ import annotations
 
@@ -38,19 +38,20 @@ from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Mound, Terrain
 from vehicle.rover.truth import RoverTruth
 
-PERIOD = 50  # of control and log, and how far the plant is integrated in one call [ticks]
-_GRID, _LEVEL, _SLOPING, _BESIDE = 0.1, 1.0, 20.0, 20.0  # of ground whose slopes set in: its mesh and extent [m]
-_ROUTE = 0.1  # between points of the way that the ground is laid out along [m]
+PERIOD = 50  # period of control, log and one integration call [ticks]
+_GRID = 0.1  # grid spacing of ground with a transition to a slope [m]
+_LEVEL, _SLOPING, _HALF_WIDTH = 1.0, 20.0, 20.0  # its extent: level, beyond the transition, to each side [m]
+_ROUTE = 0.1  # distance between route points around which the ground is built [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RoverSensing:
-    """A sensor with its faults, and the slip estimator behind it."""
+    """A sensor with its faults, and its slip estimator."""
 
     sensor: Sensor[RoverTruth, Message]
     schedule: Schedule
     estimator: SlipEstimator
-    view: TraceView | None  # the camera behind it; None: it is no camera
+    view: TraceView | None  # the camera; None: the sensor is not a camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,15 +73,15 @@ class RoverAssembly:
 
     @property
     def view(self) -> TraceView | None:
-        """The camera; None: nothing is looked at."""
+        """The camera; None if there is none."""
         return self.sensing.view or self.recording
 
 
 def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) -> RoverAssembly:
-    """Construct the parts of a run; ``record``: have a camera even if the slip is not estimated from it.
+    """Construct the parts of a run; ``record`` adds a camera if the slip estimator uses none.
 
     Raises:
-        ValueError: one line, for whatever of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
     """
     rover = load_rover(scenario.vehicle)
     geometry, path, terrain = rover_geometry(rover), scenario.course.path(), terrain_of(scenario.surface)
@@ -107,7 +108,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
 def rover_mount(
     scenario: RoverScenario, rover: Rover, terrain: Terrain, path: Path, *, seed: int, signal_noise: float = 1.0
 ) -> RoverMountContext:
-    """Context of the rover's sensors; ``signal_noise`` scales the errors of its instruments over the scenario's."""
+    """Context of the rover's sensors; ``signal_noise`` multiplies the scenario's ``signals.noise``."""
     scale = signal_noise * scenario.signals.noise
     return RoverMountContext(
         rover=rover,
@@ -127,7 +128,7 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     """Open the scenario's sensor and slip estimator.
 
     Raises:
-        ValueError: one line, for whatever of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
     """
     scenario = mount.scenario
     part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
@@ -168,7 +169,7 @@ def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> Rov
 
 
 def rover_geometry(rover: Rover) -> RoverGeometry:
-    """The rover's data sheet for its own odometry and driver."""
+    """The rover's data sheet for its odometry and driver."""
     return RoverGeometry(
         wheels=rover.places,
         wheel_radius=rover.radius,
@@ -182,13 +183,15 @@ def terrain_of(options: RoverSurfaceOptions) -> Terrain:
     """The shape of the ground.
 
     Raises:
-        ValueError: one line, if the height map is none, or there is one besides slopes that set in.
+        ValueError: one line, if the height map cannot be read, or if surface.slope_from is given as well.
     """
     heights, everywhere = None, options.slope_from is None
     if options.slope_from is not None:
         if options.height_map:
-            raise ValueError("surface.slope_from and surface.height_map: one of them; put the slope into the map")
-        heights = _slopes_that_set_in(options, options.slope_from)
+            raise ValueError(
+                "surface.slope_from and surface.height_map: give only one of them; put the slope into the map"
+            )
+        heights = _slope_transition(options, options.slope_from)
     elif options.height_map:
         heights = load_height_map(
             options.height_map, options.height_map_spacing, x=options.height_map_x, y=options.height_map_y
@@ -202,10 +205,10 @@ def terrain_of(options: RoverSurfaceOptions) -> Terrain:
     )
 
 
-def _slopes_that_set_in(options: RoverSurfaceOptions, begin: float) -> HeightMap:
-    """Level ground that turns into the slopes from x = ``begin`` [m] on, with a slope that is continuous."""
+def _slope_transition(options: RoverSurfaceOptions, begin: float) -> HeightMap:
+    """Level ground with a smooth transition to the slopes; it begins at x = ``begin`` [m]."""
     x = np.arange(begin - _LEVEL, begin + options.slope_over + _SLOPING, _GRID)
-    y = np.arange(-_BESIDE, _BESIDE + 0.5 * _GRID, _GRID)
+    y = np.arange(-_HALF_WIDTH, _HALF_WIDTH + 0.5 * _GRID, _GRID)
     share = np.clip((x - begin) / options.slope_over, 0.0, 1.0)
     share = share**2 * (3.0 - 2.0 * share)
     along = np.concatenate([[0.0], np.cumsum(0.5 * (share[1:] + share[:-1]) * _GRID)])
@@ -214,14 +217,16 @@ def _slopes_that_set_in(options: RoverSurfaceOptions, begin: float) -> HeightMap
 
 
 def sand_world(options: SandOptions, rng: np.random.Generator, rover: Rover, terrain: Terrain, path: Path) -> SandWorld:
-    """The sand around a path; the generator decides what the options leave open.
+    """The sand around a path; ``rng`` determines everything that the options leave open.
 
     Raises:
-        ValueError: one line, if half a sun is given.
+        ValueError: one line, if only one angle of the sun is given.
     """
     azimuth, elevation = options.sun_azimuth_deg, options.sun_elevation_deg
     if (azimuth is None) != (elevation is None):
-        raise ValueError("world.sun_azimuth_deg and world.sun_elevation_deg: give both, or none for the seed's sun")
+        raise ValueError(
+            "world.sun_azimuth_deg and world.sun_elevation_deg: give both or neither (decided by the seed)"
+        )
     sun = None
     if azimuth is not None and elevation is not None:
         sun = Sun(azimuth=math.radians(90.0 - azimuth), elevation=math.radians(elevation))
@@ -230,10 +235,10 @@ def sand_world(options: SandOptions, rng: np.random.Generator, rover: Rover, ter
 
 
 def trace_schedule(options: TraceRigOptions) -> Schedule:
-    """When the camera looks.
+    """Schedule of the camera.
 
     Raises:
-        ValueError: one line, if it does not keep time with the loop.
+        ValueError: one line, if period or latency is not a multiple of the loop's period.
     """
     schedule = Schedule.at_rate(options.rate_hz, latency=options.latency, name="rig.rate_hz")
     for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):

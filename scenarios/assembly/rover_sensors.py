@@ -1,15 +1,14 @@
-"""Sensors of a rover: the camera that looks at the trace of its wheel, and an exact instrument."""
+"""Sensors of a rover: the camera over the trace of its wheel, and an exact slip instrument."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from controllers.path import Path
-from scenarios.catalogue import ROVER_SENSOR, constructed, resolve
+from scenarios.catalogue import ROVER_SENSOR, Part, constructed, resolve
 from scenarios.options.rover import RoverScenario
 from sensors.context import RoverSensorContext
 from sensors.instruments.rover_navigation import ExactSlip, RoverInstruments
@@ -23,7 +22,7 @@ from vehicle.rover.truth import RoverTruth
 
 
 class ReadOnce:
-    """Instruments that are read once a tick, whoever asks: their errors are those of one reading."""
+    """Instruments with one reading per tick: all users receive the same errors."""
 
     def __init__(self, instruments: RoverInstruments) -> None:
         self._instruments = instruments
@@ -45,14 +44,14 @@ class TraceView:
         self._driven: list[RoverTruth] = []  # since the last image
 
     def follow(self, truth: RoverTruth) -> None:
-        """Remember where the wheels have been."""
+        """Remember the motion of the wheels."""
         self._driven.append(truth)
 
     def see(self, channel: int, message: object, truth: RoverTruth) -> None:
-        """Messages leave the sand as it is."""
+        """Ignore messages: they do not change the sand."""
 
     def sample(self, truth: RoverTruth) -> RoverView:
-        """The view of this moment, after the wheels have imprinted their way so far."""
+        """Imprint the wheels' motion since the last image, and take the view."""
         self._world.drive(self._driven)
         self._driven = []
         readings = self._instruments.sample(truth)
@@ -67,10 +66,10 @@ class TraceView:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverMountContext(RoverSensorContext):
-    """Context of the sensors that come with offtrack: they read the whole scenario."""
+    """Context of the built-in sensors: they read the whole scenario."""
 
     scenario: RoverScenario
-    path: Path  # that the rover is going to take, roughly
+    path: Path  # reference path; the rover follows it roughly
     rig: TraceRig
     build_world: Callable[[], SandWorld]
     instruments: ReadOnce
@@ -83,19 +82,7 @@ class OpenedRoverSensor:
 
     sensor: Sensor[RoverTruth, Message]
     schedule: Schedule
-    view: TraceView | None = None  # behind it, if it is the camera
-
-
-class RoverSensor(Protocol):
-    """Class of sensors on rovers, as the catalogue holds them."""
-
-    @classmethod
-    def of(cls, context: RoverMountContext) -> OpenedRoverSensor | Sensor[RoverTruth, Message]:
-        """Sensor on the rover; a bare sensor samples at the rate of the scenario's camera.
-
-        Raises:
-            ValueError: one line, if the context does not fit.
-        """
+    view: TraceView | None = None  # None: not a camera
 
 
 class TraceCameraSensor:
@@ -106,12 +93,12 @@ class TraceCameraSensor:
         """Camera of the scenario's rig.
 
         Raises:
-            ValueError: one line, if the ground takes no trace.
+            ValueError: one line, if the ground shows no wheel trace.
         """
         scenario = context.scenario
         if scenario.surface.soil == "none" and scenario.slip_estimator != "truth":
             raise ValueError(
-                f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) takes no trace"
+                f"slip_estimator = {scenario.slip_estimator}: hard ground (surface.soil = none) shows no wheel trace"
             )
         world = context.build_world()
         webcam = Webcam(read_noise=scenario.rig.noise, shot_noise=scenario.rig.shot_noise)
@@ -121,7 +108,7 @@ class TraceCameraSensor:
 
 
 class SlipInstrument:
-    """An instrument that reads the slip angle without any error, as often as the camera looks."""
+    """An instrument that measures the slip angle without error, at the rate of the camera."""
 
     @classmethod
     def of(cls, context: RoverMountContext) -> OpenedRoverSensor:
@@ -130,13 +117,15 @@ class SlipInstrument:
 
 
 def opened_rover_sensor(name: str, context: RoverMountContext) -> OpenedRoverSensor:
-    """Open a sensor of the catalogue, or one's own, by its name.
+    """Open a sensor by its name; a sensor without a schedule of its own samples at the rate of the camera.
 
     Raises:
-        ValueError: one line, if there is no such sensor or it does not fit.
+        ValueError: one line, if there is no such sensor or the context does not fit.
     """
-    part: type[RoverSensor] = resolve("sensor", name, ROVER_SENSOR)
-    sensor = constructed("sensor", name, part, context)
-    return (
-        sensor if isinstance(sensor, OpenedRoverSensor) else OpenedRoverSensor(sensor=sensor, schedule=context.schedule)
+    part: Part[RoverMountContext, OpenedRoverSensor | Sensor[RoverTruth, Message]] = resolve(
+        "sensor", name, ROVER_SENSOR
     )
+    sensor = constructed("sensor", name, part, context)
+    if isinstance(sensor, OpenedRoverSensor):
+        return sensor
+    return OpenedRoverSensor(sensor=sensor, schedule=context.schedule)

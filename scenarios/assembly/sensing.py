@@ -1,16 +1,16 @@
-"""Sensing of a trailer: a sensor with its faults, and the off-tracking estimator that receives its messages."""
+"""Sensing of a trailer: a sensor with its faults, and the off-tracking estimator."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.odometry.protocol import Odometry
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, check_declared, constructed, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_declared, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.faulty_sensor import with_faults
@@ -20,37 +20,24 @@ from vehicle.combination.truth import Truth
 from vehicle.option import Parameter, check_options
 
 
-class TrailerSensor(Protocol):
-    """Class of sensors on trailers, as the catalogue holds them."""
-
-    @classmethod
-    def of(cls, context: MountContext) -> OpenedSensor | Sensor[Truth, Message]:
-        """Sensor on one trailer; a bare sensor samples at the rate of the scenario's cameras.
-
-        Raises:
-            ValueError: one line, if the context does not fit.
-            RendererUnavailableError: one line, if it renders and OpenGL does not work here.
-        """
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensing:
-    """A sensor with its faults, and the estimator behind it."""
+    """A sensor with its faults, and its estimator."""
 
     sensor: Sensor[Truth, Message]
     schedule: Schedule
     estimator: OffTrackingSource
-    cameras: Cameras | None  # None: the estimator sees no stereo images
+    cameras: Cameras | None  # None: the estimator receives no stereo images
 
 
 def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
-    """Open a sensor of the catalogue, or one's own, by its name.
+    """Open a sensor by its name; a sensor without a schedule of its own samples at the rate of the cameras.
 
     Raises:
-        ValueError: one line, if there is no such sensor or it does not fit.
+        ValueError: one line, if there is no such sensor or the context does not fit.
         RendererUnavailableError: one line, if it renders and OpenGL does not work here.
     """
-    part: type[TrailerSensor] = resolve("sensor", name, SENSOR)
+    part: Part[MountContext, OpenedSensor | Sensor[Truth, Message]] = resolve("sensor", name, SENSOR)
     sensor = constructed("sensor", name, part, context)
     return sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
 
@@ -59,7 +46,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     """Open the scenario's sensor and estimator for one trailer.
 
     Raises:
-        ValueError: one line, for whatever of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     scenario = context.scenario
@@ -111,7 +98,7 @@ def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
 
 
 def _with_faults(opened: OpenedSensor, context: MountContext) -> Sensor[Truth, Message]:
-    """The sensor with the scenario's faults, the first of them nearest to it."""
+    """The sensor with the scenario's faults, applied in their order."""
     return with_faults(
         opened.sensor,
         [options.fault() for options in context.scenario.faults],

@@ -1,4 +1,4 @@
-"""The stereo cameras of a trailer, with the lenses and the calibration that the scenario asks for."""
+"""The stereo cameras of a trailer, with lenses and calibration as in the scenario."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class Rectified(Generic[MemoryT, EstimateT]):
 
 
 class StereoCameras:
-    """The scenario's stereo cameras: ideal pinholes, or cameras with the imperfections that the options name.
+    """The scenario's stereo cameras: ideal pinholes, or cameras with the imperfections of the options.
 
-    The calibration knows of the lenses, but not of how the mount is bent: as if it had been made before.
+    The calibration includes the lenses but not the later bending of the mount.
     """
 
     @classmethod
@@ -51,14 +51,12 @@ class StereoCameras:
         """Cameras on one trailer.
 
         Raises:
-            ValueError: if the lenses can not be, or can not be calibrated.
+            ValueError: if the lenses are not possible or cannot be calibrated.
             RendererUnavailableError: if OpenGL does not work here.
         """
         options, views = context.scenario.rig, context.views
-        rig, noise = (
-            rig_on(context.vehicle.units[context.unit], context.trailer, options),
-            context.stream("camera noise"),
-        )
+        rig = rig_on(context.vehicle.units[context.unit], context.trailer, options)
+        noise = context.stream("camera noise")
         imperfections = _imperfections(options)
         straight, exact = not any(options.misrotation_deg), options.calibration == "exact"
         undistorted = options.distortion == UNDISTORTED
@@ -67,10 +65,10 @@ class StereoCameras:
         true = rig.raw(options.distortion, mount_rotation(*np.radians(options.misrotation_deg)))
         calibrated = rig.raw(options.distortion)
         if not exact:
-            of_board = math.hypot(options.noise, math.sqrt(0.5) * options.shot_noise)  # half of a board is white
+            board_noise = math.hypot(options.noise, math.sqrt(0.5) * options.shot_noise)  # half of a board is white
             boards = context.stream("calibration boards")
             calibrated = calibrated_with_boards(
-                calibrated, noise_std=of_board, rng=boards, progress=context.progress
+                calibrated, noise_std=board_noise, rng=boards, progress=context.progress
             ).rig
         rectifier = None if exact and undistorted else Rectifier(calibrated)
         renderer, light = views.seen_by(pinholes_for(true, imperfections)), views.world.light

@@ -1,7 +1,4 @@
-"""From a trailer scenario to the parts of its run.
-
-Everything is constructed, and refused if it does not fit, before anything moves.
-"""
+"""Assembly of a trailer run: all parts are constructed and checked before the simulation starts."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ from sensors.instruments.combination import CombinationSensors
 from vehicle.clock import TICK, Schedule
 from vehicle.combination.description import Vehicle
 
-LOG_PERIOD = 10  # [ticks]; also how far the plant is integrated in one call, so that everything happens on these ticks
+LOG_PERIOD = 10  # period of the log and of one integration call; all events are on its multiples [ticks]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,14 +53,14 @@ class Assembly:
 
     scenario: Scenario
     seed: int
-    vehicle: Vehicle  # that is simulated
+    vehicle: Vehicle  # the simulated one
     trailers: tuple[WatchedTrailer, ...]  # front to rear; the last is the vehicle's last unit
     course: Course
     plant: CombinationPlant
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
-    recording: OpenedSensor | None  # cameras of the last trailer that only record
-    schedule: Schedule  # of the cameras, or of the reference units in their place
+    recording: OpenedSensor | None  # recording cameras of the last trailer
+    schedule: Schedule  # of the cameras, or of the reference units instead
 
     @property
     def cameras(self) -> Cameras | None:
@@ -72,7 +69,7 @@ class Assembly:
 
     @property
     def is_recorded(self) -> bool:
-        """True if a recorded drive is repeated, wherever it leads."""
+        """True if a recorded drive is repeated."""
         return self.driver is not None and self.driver.is_recorded
 
     @property
@@ -93,17 +90,17 @@ class Assembly:
 def assemble(
     scenario: Scenario, seed: int, *, keep_colour: bool = False, record: bool = False, progress: Progress = no_progress
 ) -> Assembly:
-    """Construct the parts of a run; cameras are opened last, when all else has been accepted.
+    """Construct the parts of a run; cameras are opened last, after all other checks.
 
     Args:
-        scenario: what to run.
+        scenario: the scenario.
         seed: decides world and noise.
-        keep_colour: let frames of the last trailer carry the left camera's colour image.
-        record: have cameras on the last trailer even if the off-tracking is not estimated from them.
-        progress: of the calibration with boards.
+        keep_colour: add the left camera's colour image to frames of the last trailer.
+        record: add cameras to the last trailer if its estimator uses none.
+        progress: progress of the calibration with boards.
 
     Raises:
-        ValueError: one line, for whatever of the scenario does not fit.
+        ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     nominal = vehicle_of(scenario)
@@ -175,13 +172,13 @@ def assemble(
 
 
 def trailer_stream(seed: int, vehicle: Vehicle, unit: int, name: str) -> np.random.Generator:
-    """Random stream of one trailer; the last trailer's are named after their use alone."""
+    """Random stream of one trailer; the last trailer's streams do not contain its name."""
     is_last = unit == len(vehicle.units) - 1
     return stream(seed, name if is_last else f"{name} of {vehicle.units[unit].name}")
 
 
 def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeometry) -> TrailerSteering[Any]:
-    """The scenario's law for one trailer; one without steered axles behind others that are steered stays as it is."""
+    """The scenario's law for one trailer; `Unsteered` for a trailer without steered axles behind steered ones."""
     steered_ahead = any(ahead.steered_axles for ahead in vehicle.units[1:unit])
     if steered_ahead and not any(trailer.steered):
         return Unsteered(trailer)
@@ -189,7 +186,7 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
     parameters = dict(scenario.steering)
     if scenario.trailer_steering == "policy":
         if scenario.policy.path is None:
-            raise ValueError("trailer_steering = policy: policy.path is missing, the file of its network")
+            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
         parameters["path"] = scenario.policy.path
     return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
 

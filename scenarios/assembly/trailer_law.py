@@ -1,4 +1,4 @@
-"""Trailer steering laws by name, constructed for a trailer and wrapped against bad estimates and reversing."""
+"""Construct trailer steering laws by name, guarded against bad estimates and reversing."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
 
 
 def law_uses_off_tracking(name: str) -> bool:
-    """Test whether the law of that name uses the estimated off-tracking; a law that does not say so does."""
+    """True if a law uses the estimated off-tracking, which is the default of its class."""
     return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
 
 
@@ -34,7 +34,7 @@ def trailer_law(
     parameters: Mapping[str, Parameter],
     degradation: Degradation | None = None,
 ) -> TrailerSteering[Any]:
-    """The law of that name, from the catalogue or ``package.module:Name``, for the trailer.
+    """Construct a trailer's law by its name in the catalogue or as ``package.module:Name``.
 
     Every step is checked. The law is guarded against bad estimates, by default as `Degradation` says, unless its
     class has ``uses_off_tracking = False``; in reverse the axles are locked straight.

@@ -1,4 +1,4 @@
-"""The rendered world of a run, and what its cameras see of it."""
+"""The rendered world of a run, and its renderers."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from sensors.world.world import World, build_world
 from vehicle.combination.description import Unit
 from vehicle.surface import Surface
 
-_SCENERY_CLEARANCE = 8.0  # trailers cut in by several metres, and nothing solid may stand there [m]
+_SCENERY_CLEARANCE = 8.0  # distance of scenery from the course; trailers cut in by several metres [m]
 
 
 class Views:
-    """What the cameras of all trailers see: one world and one renderer, built when the first of them is opened."""
+    """One world and one renderer for the cameras of all trailers, built when the first is opened."""
 
     def __init__(self, built: Callable[[], World], traffic: Traffic | None = None) -> None:
         self._built = built
@@ -39,7 +39,7 @@ class Views:
         return self._world
 
     def amid(self, camera: StereoSampler, renderer: StereoRenderer) -> StereoSampler:
-        """A camera that sees the traffic where it is, if there is any."""
+        """The camera, with moving traffic in its view if there is any."""
         return camera if self._traffic is None else InTraffic(camera, renderer, self._traffic)
 
     def seen_by(self, calibration: StereoCalibration) -> StereoRenderer:

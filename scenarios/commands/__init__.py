@@ -1,1 +1,1 @@
-"""What the subcommands of `offtrack` do, a module each; `scenarios.cli` puts them together."""
+"""Subcommands of `offtrack`, one module each; `scenarios.cli` assembles them."""

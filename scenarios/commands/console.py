@@ -17,6 +17,7 @@ from scenarios.progress import Progress
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
+ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")]
 
 
 @contextmanager
@@ -34,7 +35,7 @@ def one_line_errors() -> Iterator[None]:
 
 
 class LazyDisplay(ProgressDisplay):
-    """A progress display that appears with its first progress: one that shows nothing would leave an empty line."""
+    """A progress display that appears with the first progress; an unused one leaves no empty line."""
 
     def __enter__(self) -> LazyDisplay:
         return self

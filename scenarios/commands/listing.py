@@ -1,4 +1,4 @@
-"""`offtrack scenarios`, `offtrack parts` and `offtrack keys`: everything there is to choose from."""
+"""`offtrack scenarios`, `offtrack parts` and `offtrack keys`: list the choices."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ from scenarios.commands.console import one_line_errors
 
 PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
 KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else.")]
-Find = Annotated[str, typer.Option(metavar="TEXT", help="Only lines that contain this text.", show_default=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
+Find = Annotated[
+    str, typer.Option(metavar="TEXT", help="Show only entries that contain this text.", show_default=False)
+]
 
 
 def scenarios(
@@ -25,7 +27,7 @@ def scenarios(
         str | None, typer.Argument(help="A scenario to show in full, by its name or TOML file.", show_default=False)
     ] = None,
 ) -> None:
-    """List all scenarios, one line each, or show one. Run one with: offtrack run NAME."""
+    """List all scenarios, or show one in full. Run one with: offtrack run NAME."""
     from scenarios.options.scenario import load_any_scenario, scenario_names
 
     with one_line_errors():
@@ -57,15 +59,15 @@ def parts(
     from scenarios import listing
 
     with one_line_errors():
-        found = [part for part in listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
+        matches = [part for part in listing.parts(kind) if find.lower() in f"{part.name} {part.meaning}".lower()]
         if as_json:
-            typer.echo(json.dumps([part.to_json() for part in found], indent=2, ensure_ascii=False))
+            typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
             return
         table = Table(box=None, pad_edge=False)
         for column in ("kind", "name", "parameter", "default", "unit", "range", "meaning"):
             table.add_column(column, overflow="fold", no_wrap=column in ("kind", "name"))
         last = None
-        for part in found:
+        for part in matches:
             table.add_row("" if part.kind == last else part.kind, part.name, "", "", "", "", escape(part.meaning))
             last = part.kind
             for key in part.parameters:
@@ -88,13 +90,13 @@ def keys(
     from scenarios import listing
 
     with one_line_errors():
-        found = [key for key in listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
+        matches = [key for key in listing.keys(scenario) if find.lower() in f"{key.name} {key.meaning}".lower()]
         if as_json:
-            typer.echo(json.dumps([asdict(key) for key in found], indent=2, ensure_ascii=False))
+            typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
             return
         table = Table(box=None, pad_edge=False)
         for column in ("key", "default" if scenario is None else "value", "unit", "range", "meaning"):
             table.add_column(column, overflow="fold", no_wrap=column == "key")
-        for key in found:
+        for key in matches:
             table.add_row(*map(escape, (key.name, key.default, key.unit, key.range, key.meaning)))
         Console().print(table)

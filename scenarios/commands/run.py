@@ -1,4 +1,4 @@
-"""`offtrack run`: one closed-loop run."""
+"""`offtrack run`: run a scenario in the closed loop."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import INTERRUPTED, Quiet, ScenarioName, one_line_errors, progress_bar, progress_display
 from scenarios.options.scenario import load_any_scenario
 
 EXAMPLES = (
@@ -25,27 +25,24 @@ EXAMPLES = (
 
 
 def run(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    scenario: ScenarioName,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="Change a key of the scenario, e.g. off_tracking=truth, trailer_steering=none, vehicle=my_truck.toml, "
-            "surface.friction=0.3, steering.gain=0.5, traffic=mixed (none, following, overtaking, crossing; "
-            "traffic.kind beside traffic.gap in m), rig.calibration=boards (exact). May be repeated.",
+            help="Change a key of the scenario (see: offtrack keys), e.g. off_tracking=truth, trailer_steering=none, "
+            "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. May be repeated.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Decides the world and all noise.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the world and all noise.")] = 1,
     out: Annotated[
-        Path | None, typer.Option(help="Run directory; must not exist yet.", show_default="runs/SCENARIO-N")
+        Path | None, typer.Option(help="Run directory; must be new or empty.", show_default="runs/SCENARIO-N")
     ] = None,
-    video: Annotated[bool, typer.Option(help="Write a video (a GIF without the extra 'video').")] = True,
-    record: Annotated[
-        Path | None, typer.Option(help="Also write the camera's images there: for offtrack estimate.")
-    ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")] = False,
+    video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
+    record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
 ) -> None:
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
     from scenarios.loop.run import run_any

@@ -1,4 +1,4 @@
-"""`offtrack compare` and `offtrack sweep`: grids of runs, and what they show together."""
+"""`offtrack compare` and `offtrack sweep`: grids of runs with tables and reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import (
+    CHECK_FAILED,
+    Quiet,
+    ScenarioName,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+)
 
 if TYPE_CHECKING:
     from scenarios.studies.study import Study
@@ -25,17 +32,16 @@ COMPARE_EXAMPLES = (
 )
 SWEEP_EXAMPLES = "Example of a STUDY.toml: the study.toml that offtrack compare writes."
 
-Jobs = Annotated[int | None, typer.Option(min=1, help="Runs at a time.", show_default="one per core")]
+Jobs = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs.", show_default="one per core")]
 Out = Annotated[
     Path | None,
-    typer.Option(help="Directory of the study. Runs that it holds already are not made again.", show_default=False),
+    typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress, no table.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the rows as JSON, and nothing else.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only the rows, as JSON.")]
 
 
 def compare(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    scenario: ScenarioName,
     controllers: Annotated[
         str | None,
         typer.Option(
@@ -50,13 +56,14 @@ def compare(
         ),
     ] = "truth",
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Setting of all runs. May be repeated.")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
     ] = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(metavar="KEY=VALUE,VALUE,…", help="Further axis of the grid. May be repeated."),
     ] = None,
-    seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every point is run with each.")] = "1",
+    seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
     jobs: Jobs = None,
     out: Out = None,
     quiet: Quiet = False,
@@ -64,8 +71,8 @@ def compare(
 ) -> None:
     """Compare trailer steering laws, or a rover's slip compensations, and print a table.
 
-    Runs are made in parallel and kept as they finish: repeat the command to continue an interrupted study. A law that
-    does not use the off-tracking runs with the first source only.
+    Finished runs are saved at once: repeat the command to continue an interrupted study. A law that does not use the
+    off-tracking runs with the first source only.
     """
     from scenarios.catalogue import resolve
     from scenarios.studies.case import listed, seeds_of
@@ -83,7 +90,7 @@ def compare(
         axes = {subject.compared: chosen, subject.estimator: sources}
         axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
         study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
-    _made(f"compare-{_short(scenario)}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+    _run_study(f"compare-{_short(scenario)}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
 
 
 def sweep(
@@ -91,7 +98,7 @@ def sweep(
         Path,
         typer.Argument(
             metavar="STUDY.toml",
-            help="scenario = NAME, seeds = [1, 2], [set] of settings, [vary] of lists of values, by dotted keys.",
+            help="TOML file: scenario, seeds, table [set] of settings, table [vary] of value lists, by dotted keys.",
         ),
     ],
     jobs: Jobs = None,
@@ -104,15 +111,15 @@ def sweep(
 
     with one_line_errors():
         study = load_study(study_file)
-    _made(f"sweep-{study_file.stem}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+    _run_study(f"sweep-{study_file.stem}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
 
 
 def _short(scenario: str) -> str:
     return Path(scenario).stem if scenario.endswith(".toml") else scenario
 
 
-def _made(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
-    """Runs the study, writes its directory and prints its table."""
+def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
+    """Run the study, write its directory and print its table."""
     from scenarios.studies.files import check_study_directory, opened_study, write_study
     from scenarios.studies.pool import default_jobs, run_cases
     from scenarios.studies.table import rows_of
@@ -122,7 +129,7 @@ def _made(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet
         check_study_directory(directory)
         cases = study.cases()
         for case in cases:
-            case.identity()  # refuses what is not valid before anything is written
+            case.identity()  # refuse invalid scenarios before anything is written
         cells = opened_study(study, directory)
         with progress_display(shown=not (quiet or as_json)) as bar:
             outcomes = run_cases(cases, cells, jobs=jobs or default_jobs(), progress=progress_bar(bar, title))
@@ -152,7 +159,7 @@ def _print(rows: Sequence[Row], directory: Path) -> None:
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
     table = Table(padding=(0, 1) if Console().width > 100 else (0, 0))
-    for key in varied:  # a terminal of 80 columns may break headings, but must not cut names
+    for key in varied:  # 80 columns may break headings but must not cut names
         table.add_column(key.rpartition(".")[2], min_width=max(len(dict(row.axes)[key]) for row in rows))
     table.add_column("done", justify="right", min_width=3)
     for quantity in quantities:

@@ -1,4 +1,4 @@
-"""`offtrack tune`: a trailer steering law's parameters, found by running it."""
+"""`offtrack tune`: tune the parameters of a trailer steering law or rover driver on runs."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import Quiet, ScenarioName, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.studies.tuning import Trial, Tuning
@@ -27,7 +27,7 @@ EXAMPLES = (
 
 
 def tune(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see: offtrack scenarios) or a TOML file.")],
+    scenario: ScenarioName,
     controller: Annotated[
         str | None,
         typer.Option(
@@ -45,37 +45,45 @@ def tune(
     ranges: Annotated[
         list[str] | None,
         typer.Option(
-            "--range", metavar="NAME=LOW:HIGH", help="Parameter to tune; not given: those that the law declares."
+            "--range",
+            metavar="NAME=LOW:HIGH",
+            help="Parameter to tune, with its range; by default those that the law declares. May be repeated.",
         ),
     ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", metavar="KEY=VALUE", help="Setting of all runs, e.g. off_tracking=truth. May be repeated."
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a key of the scenario in all runs, e.g. off_tracking=truth. May be repeated.",
         ),
     ] = None,
     vary: Annotated[
-        list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the tuning set. May be repeated.")
+        list[str] | None, typer.Option(metavar="KEY=VALUE,…", help="Axis of the grid of tuning runs. May be repeated.")
     ] = None,
-    seeds: Annotated[str, typer.Option(help="Seeds of the tuning set.")] = "101,102",
+    seeds: Annotated[str, typer.Option(help="Seeds of the tuning runs.")] = "101,102",
     judge_vary: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE,…", help="Axis of the judging set.", show_default="as --vary"),
+        typer.Option(
+            metavar="KEY=VALUE,…", help="Axis of the grid of judging runs. May be repeated.", show_default="as --vary"
+        ),
     ] = None,
-    judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging set.")] = "1-3",
-    jobs: Annotated[int | None, typer.Option(min=1, help="Trials at a time.", show_default="one per core")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the search.")] = 1,
+    judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Number of parallel trials.", show_default="one per core")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the search.")] = 1,
     out: Annotated[
         Path | None,
         typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="No progress, no table.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else.")] = False,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only the result, as JSON.")] = False,
 ) -> None:
-    """Tune the parameters of a trailer steering law or rover driver on a set of runs, and judge them on another.
+    """Tune the parameters of a trailer steering law or rover driver on some runs, and judge them on others.
 
-    Trials are kept in a journal as they finish: killed or interrupted, the same command goes on. Writes tuned.toml,
-    a scenario to run, journal.log, trials.csv and report.html with the trade-off between the objectives.
+    Finished trials are saved at once: repeat the command to continue an interrupted search. Writes tuned.toml (a
+    scenario to run), journal.log, trials.csv, and report.html with the trade-off between the objectives.
     """
     from scenarios.studies.files import check_study_directory, replaced
     from scenarios.studies.pool import default_jobs, run_cases
@@ -88,17 +96,9 @@ def tune(
             raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
         subject = subject_of(scenario)
         controller = controller or subject.part
-        tuning = _tuning(
-            scenario,
-            controller,
-            objectives or ",".join(subject.objectives),
-            ranges,
-            settings,
-            vary,
-            seeds,
-            judge_vary or vary,
-            judge_seeds,
-        )
+        sets = ((vary or [], seeds), (judge_vary or vary or [], judge_seeds))
+        names = objectives or ",".join(subject.objectives)
+        tuning = _tuning(scenario, controller, names, ranges or [], settings or [], sets)
         directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
         if not (directory / JOURNAL).is_file():
             check_study_directory(directory)
@@ -109,19 +109,19 @@ def tune(
         workers = jobs or default_jobs()
         with progress_display(shown=not (quiet or as_json)) as bar:
             progress = progress_bar(bar, f"tune {controller}")
-            found = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+            results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
             progress(trials, trials)
-            best, judged = chosen(found), {}
-            sets = {"defaults": {}, "tuned": best.parameters}
+            best, judged = chosen(results), {}
+            candidates = {"defaults": {}, "tuned": best.parameters}
             judging = progress_bar(bar, "judge")
-            for done, (name, parameters) in enumerate(sets.items()):
-                judging(done, len(sets))
+            for done, (name, parameters) in enumerate(candidates.items()):
+                judging(done, len(candidates))
                 cases = with_parameters(tuning.judged_on, parameters).cases()
                 outcomes = run_cases(cases, directory / "cells", jobs=workers)
                 judged[name] = objective_means(tuning.objectives, outcomes)
-            judging(len(sets), len(sets))
+            judging(len(candidates), len(candidates))
         _write(tuning, finished(tuning, directory), best, directory)
-        replaced(directory / "report.html", tuning_page(tuning, found, best, judged))
+        replaced(directory / "report.html", tuning_page(tuning, results, best, judged))
     if as_json:
         typer.echo(json.dumps(_plain(tuning, best, judged), indent=2))
     elif not quiet:
@@ -132,17 +132,14 @@ def _tuning(
     scenario: str,
     controller: str,
     objectives: str,
-    ranges: list[str] | None,
-    settings: list[str] | None,
-    vary: list[str] | None,
-    seeds: str,
-    judge_vary: list[str] | None,
-    judge_seeds: str,
+    ranges: list[str],
+    settings: list[str],
+    sets: tuple[tuple[list[str], str], tuple[list[str], str]],
 ) -> Tuning:
-    """What the options ask for.
+    """The tuning task of the options; ``sets`` holds axes and seeds of the tuning set and the judging set.
 
     Raises:
-        ValueError: one line, for the first of them that can not be.
+        ValueError: one line, for the first invalid option.
     """
     from scenarios.catalogue import resolve
     from scenarios.studies.case import listed, seeds_of
@@ -155,33 +152,33 @@ def _tuning(
 
     subject = subject_of(scenario)
     law = resolve("--controller", controller, subject.parts)
-    found = ranges_of(controller, law, ranges or [])
-    fixed = (*settings_of(settings or [], "--set"), (subject.tuned, controller))
-    sets = []
-    for axes, seeds_text in ((vary, seeds), (judge_vary, judge_seeds)):
-        values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes or [], "--vary")}
-        study = Study(scenario=scenario, fixed=fixed, axes=values, seeds=seeds_of(seeds_text))
+    searched = ranges_of(controller, law, ranges)
+    fixed = (*settings_of(settings, "--set"), (subject.tuned, controller))
+    studies = []
+    for axes, seeds in sets:
+        values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes, "--vary")}
+        study = Study(scenario=scenario, fixed=fixed, axes=values, seeds=seeds_of(seeds))
         for case in study.cases():
             case.identity()
-        sets.append(study)
+        studies.append(study)
     names = listed(objectives, "--objectives")
     paths = tuple(quantity.path for quantity in QUANTITIES)
     for name in names:
         if name not in paths:
-            raise ValueError(f"--objectives {name}: no such number of the summary{nearest(name, paths)}")
+            raise ValueError(f"--objectives {name}: no such summary metric{nearest(name, paths)}")
     known = defaults_of(law)
     return Tuning(
         law=controller,
-        ranges=found,
-        defaults={name: known[name] for name in found if name in known},
+        ranges=searched,
+        defaults={name: known[name] for name in searched if name in known},
         objectives=names,
-        tuned_on=sets[0],
-        judged_on=sets[1],
+        tuned_on=studies[0],
+        judged_on=studies[1],
     )
 
 
 def _description(tuning: Tuning) -> str:
-    """What trials of one journal have in common."""
+    """Text that identifies the task of a journal."""
     table: dict[str, Any] = {
         "law": tuning.law,
         "objectives": list(tuning.objectives),
@@ -195,13 +192,13 @@ def _commented(text: str) -> str:
 
 
 def _check_same(path: Path, description: str) -> None:
-    """Trials of another question must not be mixed with these.
+    """Refuse a directory with the trials of another tuning task.
 
     Raises:
         ValueError: one line.
     """
     if path.is_file() and path.read_text(encoding="utf-8") != description:
-        raise ValueError(f"{path} is of another tuning: choose another --out, or ask for the same")
+        raise ValueError(f"{path} belongs to another tuning task: choose another --out, or the same options")
 
 
 def _write(tuning: Tuning, trials: list[Trial], best: Trial, directory: Path) -> None:
@@ -231,7 +228,7 @@ def _plain(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]]) ->
 def _print(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]], directory: Path) -> None:
     from scenarios.studies.subject import subject_of
 
-    table = Table(title=f"{tuning.law} on runs that no trial has seen", title_justify="left")
+    table = Table(title=f"{tuning.law} on the judging runs", title_justify="left")
     table.add_column("")
     for name in tuning.objectives:
         table.add_column(name, justify="right")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from pathlib import Path
+from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 
 def quantity(default: float | None, unit: str, low: float, high: float, meaning: str) -> Any:
@@ -17,14 +18,17 @@ def option(meaning: str, default: Any = ...) -> Any:
     return Field(default, description=meaning)
 
 
+FullPath = Annotated[str, AfterValidator(lambda path: str(Path(path).resolve()))]  # a saved scenario runs anywhere
+
+
 class Options(BaseModel):
-    """A checked table that cannot be changed and knows no other keys than its own."""
+    """Base class of tables: frozen, validated, unknown keys refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def tables_in(annotation: object) -> tuple[type[BaseModel], ...]:
-    """All tables that a field's annotation names, alone, in a list or as alternatives."""
+    """All tables in a field's annotation: alone, in a list or as alternatives."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return (annotation,)
     return tuple(table for part in get_args(annotation) for table in tables_in(part))

@@ -1,4 +1,4 @@
-"""Courses of trailers: each kind is a table of options that builds its course. A new kind is a class and a line."""
+"""Courses of trailers: each kind is a table that builds its course. Add new kinds to ``COURSES``."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from scenarios import courses
 from scenarios.options.base import Options, option, quantity
 from vehicle.combination.description import Unit
 
-_TYRE_WIDTH: Final = 0.385  # of a single tyre on a steered axle, 385/65 R 22.5 being the widest in common use [m]
+_TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
 
 
 class CourseOptions(Options):
-    """Base class of all courses; one's own is named by ``course.kind = package.module:Name``."""
+    """Base class of all courses; choose your own with ``course.kind = package.module:Name``."""
 
     kind: str = option("Kind of the course (see offtrack parts course) or package.module:Name.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s].
+        """Build the course for a tractor at a set speed [m/s].
 
         Raises:
-            ValueError: one line, if the tractor can not drive it.
+            ValueError: one line, if the tractor cannot drive it.
         """
-        raise ValueError(f"course.kind = {self.kind}: the class does not say how its course is built")
+        raise ValueError(f"course.kind = {self.kind}: the class has no method course(tractor, speed)")
 
 
 class RoundaboutOptions(CourseOptions):
@@ -39,7 +39,7 @@ class RoundaboutOptions(CourseOptions):
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circle.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         return courses.roundabout(
             front_x=tractor.front_x,
             width=tractor.width,
@@ -60,21 +60,21 @@ class FigureOfEightOptions(CourseOptions):
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the circles.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         return courses.figure_of_eight(
             front_x=tractor.front_x, width=tractor.width, radius=self.radius, entry=self.entry, exit=self.exit
         )
 
 
 class ConstantSlipOptions(CourseOptions):
-    """The trailer dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
+    """The trailer is dragged along a straight line at a constant slip angle (de Saxe & Cebon 2018, section 3.1)."""
 
     kind: Literal["constant-slip"] = option("Kind of the course.")
     slip_angle_deg: float = quantity(14.0, "deg", -60.0, 60.0, "Direction of travel from the trailer's x axis, + left.")
     length: float = quantity(100.0, "m", 20.0, 1000.0, "Length of the straight line.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         return courses.straight(front_x=tractor.front_x, length=self.length)
 
 
@@ -89,7 +89,7 @@ class TurnOptions(CourseOptions):
     exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the turn.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         return courses.corner(
             wheel_x=tractor.steered_axles[0].x,
             wheel_y=outer_wall(tractor),
@@ -112,7 +112,7 @@ class LaneChangeOptions(CourseOptions):
     exit: float = quantity(150.0, "m", 20.0, 1000.0, "Straight after the lane change.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         return courses.lane_change(
             axle_x=tractor.steered_axles[0].x,
             speed=speed,
@@ -131,13 +131,13 @@ class StraightOptions(CourseOptions):
     length: float = quantity(200.0, "m", 20.0, 5000.0, "Length of the course.")
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         guided = max(tractor.front_x, tractor.steered_axles[0].x + courses.PREVIEW * speed)
         return courses.straight(front_x=guided, length=self.length)
 
 
 class TurnTable(Options):
-    """A turn, and the straight behind it."""
+    """A turn and the straight after it."""
 
     direction: Literal["left", "right"] = option("Direction of the turn.")
     radius: float = quantity(12.5, "m", 8.0, 5000.0, "Radius of the path of the middle of the tractor's front.")
@@ -146,7 +146,7 @@ class TurnTable(Options):
 
 
 class SegmentsOptions(CourseOptions):
-    """One turn after the other, with straights between them; the middle of the tractor's front is guided."""
+    """A sequence of turns and straights; the middle of the tractor's front is guided."""
 
     kind: Literal["segments"] = option("Kind of the course.")
     entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the first turn.")
@@ -155,13 +155,13 @@ class SegmentsOptions(CourseOptions):
     )
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Course as this tractor drives it at a set speed [m/s]."""
+        """Build the course for a tractor at a set speed [m/s]."""
         table = [courses.Turn(t.direction, t.radius, math.radians(t.turn_deg), t.straight) for t in self.turns]
         return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=self.entry)
 
 
 def outer_wall(tractor: Unit) -> float:
-    """Lateral distance of the outer walls of the tractor's first steered tyres from the middle [m]."""
+    """Lateral distance from the centre line to the outer walls of the tractor's first steered tyres [m]."""
     return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
 
 

@@ -1,4 +1,4 @@
-"""What happens when the off-tracking is not known well enough, as a scenario file describes it."""
+"""Options of the degradation: limits of usable off-tracking estimates, and the fallback."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def _limited(name: str, meaning: str) -> Any:
 
 
 class DegradationOptions(Options):
-    """Limits of usable estimates, and the law that steers without them."""
+    """Limits of usable estimates, and the fallback law."""
 
     hold: float = _limited(
         "hold", "Time for which the last good estimate is used; limited to a quarter of the follow distance."
@@ -32,5 +32,5 @@ class DegradationOptions(Options):
     )
 
     def degradation(self) -> Degradation:
-        """In the words of the controllers."""
+        """The controllers' data of these options."""
         return Degradation(**self.model_dump())

@@ -1,27 +1,26 @@
-"""The driver as a scenario file describes him."""
+"""Options of the driver."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, field_validator
+from pydantic import BeforeValidator, Field
 
-from scenarios.options.base import Options, option, quantity
+from scenarios.options.base import FullPath, Options, option, quantity
 
 
 class StopTable(Options):
-    """A standstill on the way, and a way back from it."""
+    """A stop on the course, with reversing if asked for."""
 
     station: float = quantity(
         0.0, "m", 1.0, 1e5, "Position of the guided point along the course where the driver stops."
     )
-    wait: float = quantity(3.0, "s", 0.0, 60.0, "Duration of the standstill, there and after reversing.")
+    wait: float = quantity(3.0, "s", 0.0, 60.0, "Duration of the standstill, also after reversing.")
     back: float = quantity(0.0, "m", 0.0, 100.0, "Distance that the driver reverses before continuing.")
 
 
 class DriverOptions(Options):
-    """The driver: follows the course at set speed, slower where a limit says so, or repeats a recorded drive."""
+    """The driver: follows the course at set speed or below a lateral limit, or repeats a recorded drive."""
 
     kind: str | None = option(
         "preview, recorded or package.module:Name; not given: recorded if driver.trace is given, else preview.", None
@@ -30,19 +29,18 @@ class DriverOptions(Options):
         default_factory=dict, description="Parameters of the user's own driver."
     )
     max_lateral_acceleration: float | None = quantity(
-        None, "m/s2", 0.05, 10.0, "Limit to which the driver slows down in turns; not given: no limit."
+        None,
+        "m/s2",
+        0.05,
+        10.0,
+        "Limit of lateral acceleration; the driver slows down in turns to keep it; not given: no limit.",
     )
     stops: tuple[StopTable, ...] = Field(
         default=(), max_length=50, description="Standstills on the course, each with station, wait and back."
     )
-    trace: str | None = option(
+    trace: FullPath | None = option(
         "CSV file of a recorded drive with time_s, steer_deg, and speed_kmh or acceleration [m/s2].", None
     )
-
-    @field_validator("trace")
-    @classmethod
-    def _from_any_folder(cls, trace: str | None) -> str | None:
-        return None if trace is None else str(Path(trace).resolve())
 
 
 def _table(driver: Any) -> Any:

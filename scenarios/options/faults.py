@@ -1,12 +1,12 @@
-"""Faults of the sensor as a scenario file describes them.
+"""Options of sensor faults.
 
 Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
 ``dropout:0.1@5+2``: kind, amount, start [s] and duration [s]. All but the kind may be left out. Amounts of several
 numbers are separated by commas, several faults in one text by semicolons.
 
-``sensors.faults.catalogue`` names the kinds. A kind of one's own is named by its import path: ``mymod:Flicker``, with
-amount and times ``mymod:Flicker:0.2@5+1``. A word after the first colon that begins with a letter is the class, a
-number is the amount; a name of the catalogue before the first colon is always that kind.
+``sensors.faults.catalogue`` names the kinds. The user's own kind is given by its import path: ``mymod:Flicker``, with
+amount and times ``mymod:Flicker:0.2@5+1``. After the first colon, a word is the class and a number is the amount. A
+catalogue name before the first colon is always that kind.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class FaultOptions(Options):
         return self
 
     def fault(self) -> Fault:
-        """The fault that these options describe."""
+        """Build the fault."""
         _check_name(self.kind)
         kind = checked_kind(self.kind, resolve("kind", self.kind, FAULTS))
         return Fault(name=self.kind, kind=kind, amount=self.amount, start=self.start, duration=self.duration)
 
 
 def _tables(faults: Any) -> Any:
-    """Texts as tables; anything else is left to the validation."""
+    """Convert texts to tables; leave anything else to the validation."""
     if isinstance(faults, str):
         return tuple(_table(text.strip()) for text in faults.split(";") if text.strip() not in ("", "none"))
     if isinstance(faults, list | tuple):

@@ -1,4 +1,4 @@
-"""Options of the simulated vehicle: what differs from the numbers that controllers know."""
+"""Options of the simulated vehicle: differences from the data sheet that controllers know."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from vehicle.combination.plant_changes import NamedChanges
 
 
 class PlantOptions(NamedChanges):
-    """Changes of the simulated vehicle: the named ones, and any number of the vehicle file by its path."""
+    """Changes of the simulated vehicle: named ones, or any number of the vehicle file by its path."""
 
     model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
 
-    kind: str | None = option(
-        "multibody, constant_slip or package.module:Name; not given: the one that the course needs.", None
-    )
+    kind: str | None = option("multibody, constant_slip or package.module:Name; not given: as the course needs.", None)
 
     def changes(self) -> dict[str, Any]:
         """Changes of the vehicle that are not at their defaults."""

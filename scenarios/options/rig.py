@@ -1,4 +1,4 @@
-"""Cameras, and the world they see, as a scenario file describes them."""
+"""Options of the stereo cameras and of the rendered world."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _angles(meaning: str) -> _Angles:
 
 
 class RigOptions(Options):
-    """The stereo cameras on the trailer (de Saxe & Cebon 2018, section 3.1), at first perfect ones."""
+    """The stereo cameras on the trailer (de Saxe & Cebon 2018, section 3.1), without imperfections by default."""
 
     facing: Literal["rear", "left", "right", "down"] = option("Direction in which the cameras look.", "rear")
     width: int = quantity(1344, "px", 320, 4096, "Image width.")
@@ -30,7 +30,7 @@ class RigOptions(Options):
     rate_hz: float = quantity(10.0, "Hz", 1.0, 50.0, "Frame rate.")
     latency: float = quantity(0.1, "s", 0.0, 1.0, "Time from exposure to the finished estimate.")
     noise: float = quantity(
-        2.0, "grey levels", 0.0, 50.0, "Standard deviation of the image noise that does not depend on the light."
+        2.0, "grey levels", 0.0, 50.0, "Standard deviation of the image noise that is independent of the light."
     )
     shot_noise: float = quantity(
         0.0, "grey levels", 0.0, 50.0, "Standard deviation of the shot noise of a white pixel."
@@ -47,7 +47,7 @@ class RigOptions(Options):
     exposure_time_constant: float = quantity(0.3, "s", 0.01, 10.0, "Time constant of the automatic exposure.")
     exposure_time_ms: float = quantity(0.0, "ms", 0.0, 50.0, "Exposure time, during which motion blurs the image.")
     rolling_shutter_ms: float = quantity(0.0, "ms", 0.0, 50.0, "Time from the first image row to the last.")
-    vignetting: float = quantity(0.0, "-", 0.0, 1.0, "Share of the light that is lost in the corners.")
+    vignetting: float = quantity(0.0, "-", 0.0, 1.0, "Share of the light lost in the image corners.")
     dirt: float = quantity(0.0, "-", 0.0, 0.9, "Share of the lenses covered by dirt.")
     rain: float = quantity(0.0, "-", 0.0, 0.9, "Share of the lenses covered by drops.")
     self_calibration: bool = option(
@@ -57,7 +57,7 @@ class RigOptions(Options):
 
 
 class WorldOptions(Options):
-    """What stands beside the road, and the light."""
+    """Scenery along the road, and the light."""
 
     scenery_density: float = quantity(1.0, "-", 0.0, 2.0, "Density of the scenery; 1 is the reference, 0 bare ground.")
     sun_azimuth_deg: float | None = quantity(
@@ -70,5 +70,5 @@ class WorldOptions(Options):
     tarmac_width: float | None = quantity(
         None, "m", 9.0, 200.0, "Width of the tarmac around the course; not given: a road."
     )
-    tarmac_patches: float = quantity(0.0, "1/100 m2", 0.0, 50.0, "Mended places per 100 m2 of tarmac.")
+    tarmac_patches: float = quantity(0.0, "1/100 m2", 0.0, 50.0, "Repaired patches per 100 m2 of tarmac.")
     grain: bool = option("Fields of grain all around.", False)

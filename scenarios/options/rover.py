@@ -1,14 +1,13 @@
-"""A rover's scenario: everything that decides its run besides the seed, frozen and validated."""
+"""A rover's scenario: with the seed it determines the run; frozen and validated."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 import tomli_w
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from scenarios.options.base import Options, option, quantity
+from scenarios.options.base import FullPath, Options, option, quantity
 from scenarios.options.faults import Faults
 from scenarios.options.rover_course import RoverCourseTable
 from vehicle.option import Parameter
@@ -19,16 +18,14 @@ Compensation = Literal["none", "heading", "crab"]
 class MoundOptions(Options):
     """A round mound, or with a negative height a crater."""
 
-    x: float = quantity(0.0, "m", -1e3, 1e3, "Position of its middle in W.")
-    y: float = quantity(0.0, "m", -1e3, 1e3, "Position of its middle in W.")
-    radius: float = quantity(
-        1.0, "m", 0.2, 100.0, "Distance from the middle at which the height has fallen to 0.14 of the top."
-    )
+    x: float = quantity(0.0, "m", -1e3, 1e3, "Position of its centre in W.")
+    y: float = quantity(0.0, "m", -1e3, 1e3, "Position of its centre in W.")
+    radius: float = quantity(1.0, "m", 0.2, 100.0, "Distance from the centre at which the height is 0.14 of the top.")
     height: float = quantity(0.1, "m", -5.0, 5.0, "Height of the top; negative: a crater.")
 
 
 class RoverSurfaceOptions(Options):
-    """The ground: a plane, mounds on it, and what it is made of."""
+    """The ground: slopes, mounds and soil."""
 
     soil: str = option("Soil by name (see offtrack parts soil) or TOML file; none: hard ground.", "toyoura_sand")
     friction: float = quantity(0.8, "-", 0.05, 1.5, "Friction of hard ground.")
@@ -39,19 +36,14 @@ class RoverSurfaceOptions(Options):
     )
     slope_over: float = quantity(1.0, "m", 0.1, 100.0, "Distance over which the slopes build up.")
     mounds: tuple[MoundOptions, ...] = option("Mounds and craters, each with x, y, radius and height.", ())
-    height_map: str | None = option("File of heights [m], .npy or comma-separated text, rows of growing y.", None)
+    height_map: FullPath | None = option("File of heights [m], .npy or comma-separated text, rows of growing y.", None)
     height_map_spacing: float = quantity(0.05, "m", 0.001, 10.0, "Grid spacing of the height map.")
     height_map_x: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first column in W.")
     height_map_y: float = quantity(0.0, "m", -1e4, 1e4, "Position of its first row in W.")
 
-    @field_validator("height_map")
-    @classmethod
-    def _full_path(cls, path: str | None) -> str | None:
-        return None if path is None else str(Path(path).resolve())  # the resolved scenario runs from any folder
-
 
 class SandOptions(Options):
-    """What the ground looks like, and the light."""
+    """Look of the ground, and the light."""
 
     terrain: str = option("Look of the sand: uniform, ripples, pebbles and others (see docs/rover.md).", "uniform")
     sun_azimuth_deg: float | None = quantity(
@@ -63,12 +55,12 @@ class SandOptions(Options):
 
 
 class TraceRigOptions(Options):
-    """The camera behind the left rear wheel (Reina 2008, section II); its place is that of the paper's."""
+    """The camera behind the left rear wheel, mounted as in the paper (Reina 2008, section II)."""
 
     rate_hz: float = quantity(5.0, "Hz", 1.0, 20.0, "Frame rate.")
     latency: float = quantity(0.1, "s", 0.0, 2.0, "Time from exposure to the finished estimate.")
     noise: float = quantity(
-        2.0, "grey levels", 0.0, 50.0, "Standard deviation of the image noise that does not depend on the light."
+        2.0, "grey levels", 0.0, 50.0, "Standard deviation of the image noise that is independent of the light."
     )
     shot_noise: float = quantity(
         3.0, "grey levels", 0.0, 50.0, "Standard deviation of the shot noise of a white pixel."
@@ -108,7 +100,7 @@ class RoverScenario(Options):
         default_factory=dict, description="Parameters of the rover driver; those not given keep their defaults."
     )
     slip_compensation: Compensation = option(
-        "How the estimated slip is compensated: not at all, by heading, or by pointing the wheels (crab).", "crab"
+        "Compensation of the estimated slip: none, by the heading, or by pointing the wheels (crab).", "crab"
     )
     navigation: Literal["odometry", "laser"] = option("Source of the position that the rover steers by.", "odometry")
     surface: RoverSurfaceOptions = RoverSurfaceOptions()

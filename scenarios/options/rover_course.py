@@ -1,4 +1,4 @@
-"""Courses of rovers: each kind is a table of options that builds its path. A new kind is a class and a line."""
+"""Courses of rovers: each kind is a table that builds its path. Add new kinds to ``ROVER_COURSES``."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from scenarios.options.base import Options, option, quantity
 from vehicle.frames import Pose2
 
 _START: Final = Pose2(0.0, 0.0, 0.0)
-_RAMP: Final = 0.3  # of curvature into a circle: 4 s at 8 cm/s, in which the wheels are turned [m]
+_RAMP: Final = 0.3  # length of a curvature ramp: the wheels have 4 s at 8 cm/s to turn [m]
 
 
 class RoverCourseOptions(Options):
-    """Base class of all courses; one's own is named by ``course.kind = package.module:Name``."""
+    """Base class of all courses; choose your own with ``course.kind = package.module:Name``."""
 
     kind: str = option("Kind of the path (see offtrack parts rover_course) or package.module:Name.")
 
     def path(self) -> Path:
-        """Path of R's origin from W's origin, heading along x."""
-        raise ValueError(f"course.kind = {self.kind}: the class does not say how its path is built")
+        """Build the path of R's origin; it starts at W's origin along x."""
+        raise ValueError(f"course.kind = {self.kind}: the class has no method path()")
 
 
 class RoverStraightOptions(RoverCourseOptions):
@@ -32,19 +32,19 @@ class RoverStraightOptions(RoverCourseOptions):
     length: float = quantity(7.0, "m", 0.5, 200.0, "Length of the path; Reina 2008, section III: about 7 m.")
 
     def path(self) -> Path:
-        """Path of R's origin from W's origin, heading along x."""
+        """Build the path of R's origin; it starts at W's origin along x."""
         return Path(_START, (line(self.length),))
 
 
 class RoverFigureOfEightOptions(RoverCourseOptions):
-    """A full left circle, then a full right circle, a straight before and after."""
+    """A full left circle, then a full right circle, with a straight before and after."""
 
     kind: Literal["figure-of-eight"] = option("Kind of the path.")
     radius: float = quantity(2.0, "m", 1.0, 50.0, "Radius of both circles.")
     straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before and after the circles.")
 
     def path(self) -> Path:
-        """Path of R's origin from W's origin, heading along x."""
+        """Build the path of R's origin; it starts at W's origin along x."""
         eight = (*_turn(self.radius, math.tau), *_turn(self.radius, -math.tau))
         return Path(_START, (line(self.straight), *eight, line(self.straight)))
 
@@ -58,16 +58,16 @@ class RoverArcOptions(RoverCourseOptions):
     straight: float = quantity(1.0, "m", 0.2, 50.0, "Straight before the arc.")
 
     def path(self) -> Path:
-        """Path of R's origin from W's origin, heading along x."""
+        """Build the path of R's origin; it starts at W's origin along x."""
         return Path(_START, (line(self.straight), *_turn(self.radius, math.radians(self.turn_deg))))
 
 
 def _turn(radius: float, turn: float) -> tuple[Segment, ...]:
-    """Into a circle, round and out of it, by ``turn`` [rad] in all; the ramps take their part of it."""
+    """A turn by ``turn`` [rad] in all: ramp, arc, ramp."""
     curvature = math.copysign(1.0 / radius, turn)
     ramp = min(_RAMP, 0.5 * radius * abs(turn))
-    round_it = radius * abs(turn) - ramp
-    middle = (arc(round_it, curvature),) if round_it > 1e-9 else ()
+    arc_length = radius * abs(turn) - ramp
+    middle = (arc(arc_length, curvature),) if arc_length > 1e-9 else ()
     return (Segment(ramp, 0.0, curvature), *middle, Segment(ramp, curvature, 0.0))
 
 

@@ -1,4 +1,4 @@
-"""A scenario: everything that decides a run besides its seed, frozen and validated, from TOML and ``--set`` keys."""
+"""A scenario: with the seed it determines a run; frozen and validated, from TOML and ``--set`` keys."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
 from vehicle.parameter_file import nearest, read_toml
 
-Table = dict[str, Any]  # parsed TOML; nothing past this module sees one
+Table = dict[str, Any]  # parsed TOML; only this module uses it
 Parameter = bool | int | float | str
 
 
@@ -59,7 +59,7 @@ class Scenario(Options):
         "Vehicle by name (see offtrack parts vehicle) or TOML file, as controllers know it.", "uk_longer_semitrailer"
     )
     speed_kmh: float = quantity(10.0, "km/h", 1.0, 120.0, "Set speed.")
-    plant: PlantOptions = PlantOptions()  # how the simulated vehicle differs from the one that controllers know
+    plant: PlantOptions = PlantOptions()  # differences of the simulated vehicle from the data sheet
     driver: DriverTable = DriverOptions()
     trailer_steering: str = option(
         "Trailer steering law (see offtrack parts trailer_steering) or package.module:Name.", "path_preview"
@@ -88,14 +88,12 @@ class Scenario(Options):
     signals: SignalOptions = SignalOptions()
     surface: SurfaceOptions = SurfaceOptions()
     rig: RigOptions = RigOptions()
-    ground_rig: GroundRigOptions = GroundRigOptions()  # in place of the rig, for ground_watching
+    ground_rig: GroundRigOptions = GroundRigOptions()  # replaces the rig for ground_watching
     world: WorldOptions = WorldOptions()
     traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
     faults: Faults = option("Faults of the sensor, as text kind:amount@start+duration or as tables.", ())
-    degradation: DegradationOptions = DegradationOptions()  # what bad estimates are answered by
-    reference_unit: bool = option(
-        "Carry a GNSS-aided reference unit, by which estimates are judged as in field tests.", True
-    )
+    degradation: DegradationOptions = DegradationOptions()  # handling of bad estimates
+    reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)
 
     @property
     def speed(self) -> float:
@@ -113,7 +111,7 @@ def scenario_names() -> tuple[str, ...]:
 
 
 def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
-    """The trailer's scenario of that name or file, with ``KEY=VALUE`` settings applied.
+    """Load a trailer's scenario by name or file, and apply ``KEY=VALUE`` settings.
 
     Raises:
         ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
@@ -121,11 +119,11 @@ def load_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario:
     scenario = load_any_scenario(name_or_path, settings)
     if isinstance(scenario, Scenario):
         return scenario
-    raise ValueError(f"scenario {name_or_path} is a rover's: this is for trailers")
+    raise ValueError(f"scenario {name_or_path} is a rover's; a trailer's is needed")
 
 
 def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenario | RoverScenario:
-    """The scenario of that name or file, a trailer's or a rover's, with ``KEY=VALUE`` settings applied.
+    """Load a trailer's or a rover's scenario by name or file, and apply ``KEY=VALUE`` settings.
 
     Raises:
         ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
@@ -144,7 +142,7 @@ def _with_own_course(model: type[Scenario | RoverScenario], table: Table) -> typ
     """The model with the user's own kind of course, if ``course.kind`` is an import path.
 
     Raises:
-        ValueError: one line, if there is no such class or it is no course.
+        ValueError: one line, if there is no such class or it is not a course.
     """
     course = table.get("course")
     kind = course.get("kind") if isinstance(course, dict) else None
@@ -179,12 +177,12 @@ def _apply(table: Table, setting: str) -> None:
         if not isinstance(table, dict):
             raise ValueError(f"--set {setting}: '{parent}' is a value, not a table")
     if parents == ["course"] and last == "kind" and table.get("kind") != text.strip():
-        table.clear()  # the other keys are those of another kind of course
+        table.clear()  # the other keys belong to another kind of course
     table[last] = _value(text.strip())
 
 
 def _value(text: str) -> Parameter | list[Any]:
-    """A TOML value, or the text itself where it is none: names need no quotes on a command line."""
+    """A TOML value, or else the text itself: names need no quotes on a command line."""
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -200,7 +198,7 @@ def _validated(model: type[Scenario | RoverScenario], table: Table, source: str)
 
 
 def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> str:
-    """One line about the first thing wrong: key, value, limit, unit, or the nearest known key."""
+    """One line about the first error: key, value, limit, unit, or the nearest known key."""
     tables: tuple[type[BaseModel], ...] = (*tables_in(model.model_fields["course"].annotation), *PATCHES)
     kinds = [kind for options in tables for kind in get_args(options.model_fields["kind"].annotation)]
     parts = [str(part) for part in first["loc"] if part not in kinds]
@@ -222,7 +220,7 @@ def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> st
 
 
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Dotted name and unit of every key a scenario may have."""
+    """Dotted name and unit of every key."""
     for name, info in model.model_fields.items():
         for table in tables_in(info.annotation):
             yield from _known_keys(table, f"{prefix}{name}.")

@@ -1,4 +1,4 @@
-"""The combination's own sensors as a scenario file describes them."""
+"""Options of the combination's own sensors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ SteerGroups = Literal["vehicle", "single", "common_centre"]
 
 
 class SignalOptions(Options):
-    """What steering laws and no-slip estimates know of the combination: speed, angles, gyros, an accelerometer."""
+    """Speed sensor, angle sensors, gyros and accelerometer, for steering laws and no-slip estimators."""
 
     noise: float = quantity(
         1.0, "-", 0.0, 10.0, "Scale of the errors of speed, angle and motion sensors; 1: data sheets, 0: exact."

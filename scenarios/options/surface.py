@@ -1,31 +1,30 @@
-"""The ground as a scenario file describes it."""
+"""Options of the ground."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
-from scenarios.options.base import Options, option, quantity
+from scenarios.options.base import FullPath, Options, option, quantity
 
 
 class _PatchOptions(Options):
-    x: float = Field(json_schema_extra={"unit": "m"}, description="Position of its middle in W.")
-    y: float = Field(json_schema_extra={"unit": "m"}, description="Position of its middle in W.")
+    x: float = Field(json_schema_extra={"unit": "m"}, description="Position of its centre in W.")
+    y: float = Field(json_schema_extra={"unit": "m"}, description="Position of its centre in W.")
     friction: float = Field(ge=0.05, le=1.5, description="Friction on the patch.")
     edge: float = quantity(0.0, "m", 0.0, 20.0, "Width of the transition across its outline.")
 
 
 class CircleOptions(_PatchOptions):
-    """A round patch of another friction."""
+    """A round patch with its own friction."""
 
     kind: Literal["circle"] = option("Kind of the patch.")
     radius: float = Field(ge=0.05, le=500.0, json_schema_extra={"unit": "m"}, description="Radius.")
 
 
 class RectangleOptions(_PatchOptions):
-    """A rectangular patch of another friction."""
+    """A rectangular patch with its own friction."""
 
     kind: Literal["rectangle"] = option("Kind of the patch.")
     length: float = Field(ge=0.1, le=5000.0, json_schema_extra={"unit": "m"}, description="Length.")
@@ -38,7 +37,7 @@ PatchTable = Annotated[CircleOptions | RectangleOptions, Field(discriminator="ki
 
 
 class SurfaceOptions(Options):
-    """The ground; see vehicle.surface. What is named later lies on top: both sides, an image, patches."""
+    """The ground; see vehicle.surface. From bottom to top: friction of both sides, image, patches."""
 
     friction: float = quantity(0.8, "-", 0.05, 1.5, "Friction of the ground.")
     cross_fall: float = quantity(
@@ -53,17 +52,12 @@ class SurfaceOptions(Options):
     friction_right: float | None = quantity(
         None, "-", 0.05, 1.5, "Friction right of the road's middle; not given: surface.friction."
     )
-    friction_image: str | None = option("Image file whose grey values are frictions.", None)
+    friction_image: FullPath | None = option("Image file whose grey values give the friction.", None)
     friction_image_scale: float = quantity(0.1, "m/px", 0.001, 100.0, "Size of a pixel of the friction image.")
     friction_image_x: float = quantity(0.0, "m", -1e5, 1e5, "Position of its lower left corner in W.")
     friction_image_y: float = quantity(0.0, "m", -1e5, 1e5, "Position of its lower left corner in W.")
     friction_image_black: float = quantity(0.1, "-", 0.05, 1.5, "Friction where the image is black.")
     friction_image_white: float = quantity(0.8, "-", 0.05, 1.5, "Friction where the image is white.")
-    patches: tuple[PatchTable, ...] = option("Patches of another friction; later ones lie on top.", ())
+    patches: tuple[PatchTable, ...] = option("Patches with their own friction; later ones lie on top.", ())
     reformed_width: float = quantity(0.0, "m", 0.0, 5.0, "Width of the strip of ground that each wheel re-forms.")
     reformed_flow: float = quantity(0.0, "-", 0.0, 1.0, "Speed of the re-formed ground, as a share of the vehicle's.")
-
-    @field_validator("friction_image")
-    @classmethod
-    def _full_path(cls, path: str | None) -> str | None:
-        return None if path is None else str(Path(path).resolve())  # the resolved scenario runs from any folder

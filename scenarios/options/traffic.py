@@ -1,4 +1,4 @@
-"""Moving traffic as a scenario file describes it: ``traffic = "following"``, or a table with more to say."""
+"""Options of moving traffic: ``traffic = "following"``, or a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scenarios.options.base import Options, option, quantity
 
 
 class TrafficOptions(Options):
-    """What other people's vehicles do around the trailer, in its cameras' view."""
+    """Vehicles that move around the trailer in its cameras' view."""
 
     kind: Literal["none", "following", "overtaking", "crossing", "mixed"] = option(
         "Traffic around the trailer; mixed: one vehicle of each kind.", "none"

@@ -1,4 +1,4 @@
-"""How VISO-OT keeps and smooths the hitch's path, as a scenario file describes it."""
+"""Options of VISO-OT: storing and smoothing of the hitch's path."""
 
 from __future__ import annotations
 

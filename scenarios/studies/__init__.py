@@ -1,1 +1,1 @@
-"""Many runs: grids of scenarios in parallel processes, resumed where they were left, and what they show together."""
+"""Studies: grids of runs in parallel processes, resumable, with tables and reports."""

@@ -1,4 +1,4 @@
-"""One run of a study: a scenario with its settings and a seed, and the numbers it left."""
+"""One run of a study: a scenario with settings and a seed, and the summary of its run."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One run to make."""
+    """One run: a scenario with settings and a seed."""
 
     scenario: str  # a name or a file
-    fixed: Settings  # the same in the whole study
-    axes: Settings  # where on its axes this run lies
+    fixed: Settings  # common to all runs of the study
+    axes: Settings  # values of this run on the axes
     seed: int
 
     @property
@@ -30,11 +30,11 @@ class Case:
 
     @property
     def title(self) -> str:
-        """What tells this run from the others."""
+        """Values on the axes and the seed, which identify the run in its study."""
         return " ".join([*(f"{key}={value}" for key, value in self.axes), f"seed={self.seed}"])
 
     def identity(self) -> str:
-        """The same for the same run, in whatever study: a hash of its resolved scenario and seed.
+        """Hash of the resolved scenario and seed; equal for the same run in any study.
 
         Raises:
             ValueError: one line, if the scenario is not valid with these settings.
@@ -45,18 +45,18 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What a run of a study left."""
+    """A run of a study with its summary."""
 
     case: Case
-    numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it came to none
+    numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it has none
 
     def number(self, path: str) -> float | None:
-        """The number ``group.name`` of the summary, None if the run has none."""
+        """The number ``group.name`` of the summary; None if there is none."""
         return number_at(self.numbers, path)
 
     @property
     def completed(self) -> bool:
-        """Whether the run came to its regular end."""
+        """True if the run was completed."""
         return bool(self.numbers["outcome"] == "completed")
 
 
@@ -68,7 +68,7 @@ def cases_of(scenario: str, fixed: Settings, axes: Mapping[str, Sequence[str]], 
 
 
 def listed(text: str, name: str) -> tuple[str, ...]:
-    """The values of a comma-separated list; commas within brackets belong to a value.
+    """Split a comma-separated list; commas within brackets belong to a value.
 
     Raises:
         ValueError: one line, if it is empty or names a value twice.
@@ -80,14 +80,14 @@ def listed(text: str, name: str) -> tuple[str, ...]:
             values.append("")
         else:
             values[-1] += letter
-    found = tuple(value.strip() for value in values)
-    if not all(found) or len(set(found)) != len(found):
-        raise ValueError(f"{name} {text}: expected different values with commas between them")
-    return found
+    stripped = tuple(value.strip() for value in values)
+    if not all(stripped) or len(set(stripped)) != len(stripped):
+        raise ValueError(f"{name} {text}: expected different values, separated by commas")
+    return stripped
 
 
 def seeds_of(text: str) -> tuple[int, ...]:
-    """Seeds as 3, 1,2,5 or 1-5.
+    """Parse seeds written as 3, 1,2,5 or 1-5.
 
     Raises:
         ValueError: one line, if it is none of these.

@@ -1,4 +1,4 @@
-"""The directory of a study: its file, its table, its report, and the runs in ``cells``; it can be gone on with."""
+"""The directory of a study: study file, table, report, and the runs in ``cells``. An existing study is resumed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scenarios.studies.table import Row, shown_quantities, table_csv
 
 
 def check_study_directory(directory: Path) -> None:
-    """Refuses a directory that holds something which is no study.
+    """Refuse a directory that is not empty and does not hold a study.
 
     Raises:
         ValueError: one line.
@@ -27,7 +27,7 @@ def check_study_directory(directory: Path) -> None:
 
 
 def opened_study(study: Study, directory: Path) -> Path:
-    """The folder of its runs, with the study's file written beside it."""
+    """Write the study file, and return the folder for the runs."""
     cells = directory / "cells"
     cells.mkdir(parents=True, exist_ok=True)
     replaced(directory / FILE, study.to_toml())
@@ -35,14 +35,14 @@ def opened_study(study: Study, directory: Path) -> Path:
 
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
-    """Table (CSV, Parquet) and report of a study whose runs are made."""
+    """Write the table (CSV, Parquet) and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
     _write_parquet(rows, directory / "table.parquet")
     replaced(directory / "report.html", study_page(title, study, outcomes, rows, directory / "cells"))
 
 
 def replaced(path: Path, text: str) -> None:
-    """Writes a text file whole or not at all."""
+    """Write a text file atomically: complete or not at all."""
     unfinished = path.with_name(f".{path.name}.unfinished")
     unfinished.write_text(text, encoding="utf-8")
     unfinished.replace(path)

@@ -1,4 +1,4 @@
-"""Parameters in which a steering law can be tuned: declared by the law, or given on the command line."""
+"""Parameters to tune: declared by the law, or given on the command line."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def defaults_of(law: Callable[..., object]) -> dict[str, float]:
 
 
 def ranges_of(name: str, law: Callable[..., object], given: Sequence[str]) -> dict[str, Range]:
-    """Ranges to search, by parameter: the given ones, NAME=LOW:HIGH, or else those that the law declares.
+    """Search ranges by parameter: the given ones, NAME=LOW:HIGH, or else those that the law declares.
 
     Raises:
-        ValueError: one line, for a parameter that the law does not have, or if there is no range at all.
+        ValueError: one line, for an unknown parameter, or if there is no range.
     """
     options = law_options(law)
     known = [option.name for option in options]

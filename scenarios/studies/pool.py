@@ -1,4 +1,4 @@
-"""Worker processes for the runs of a study; every finished run is kept at once and never repeated.
+"""Worker processes for the runs of a study; every finished run is saved at once and not repeated.
 
 Workers are never forked: a child of a process with an OpenGL context hangs.
 """
@@ -19,22 +19,26 @@ from loky import ProcessPoolExecutor
 from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Case, Outcome
 
-Given = TypeVar("Given")
-Made = TypeVar("Made")
+TaskT = TypeVar("TaskT")
+OutputT = TypeVar("OutputT")
 
 
 def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progress = no_progress) -> list[Outcome]:
-    """The outcomes in the order of the cases; an interrupt leaves those that are finished in the folder ``cells``.
+    """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
+
+    An interrupt keeps the finished runs.
 
     Raises:
-        ValueError: one line, for the first case whose scenario is not valid, before any run.
-        KeyboardInterrupt: once the running processes have been stopped.
+        ValueError: one line, for the first invalid scenario, before any run.
+        KeyboardInterrupt: after the running processes have been stopped.
     """
     identities = [case.identity() for case in cases]
     cells.mkdir(parents=True, exist_ok=True)
-    missing = {identity: case for identity, case in zip(identities, cases, strict=True) if not _kept(cells, identity)}
+    missing = {
+        identity: case for identity, case in zip(identities, cases, strict=True) if not _file(cells, identity).is_file()
+    }
     done, failed = len(cases) - len(missing), dict[str, str]()
-    progress(done, len(cases), "kept from before" if done else "")
+    progress(done, len(cases), "from an earlier run" if done else "")
     with workers(min(jobs, len(missing))) as pool:
         waiting = {pool.submit(run_case, case, cells, identity): identity for identity, case in missing.items()}
         while waiting:
@@ -48,7 +52,7 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progre
 
 
 def run_case(case: Case, cells: Path, identity: str) -> None:
-    """Makes one run and keeps its summary and signals; called in a worker."""
+    """Make one run and save its summary and signals; called in a worker."""
     from scenarios.loop.run import run_any
     from scenarios.options.scenario import load_any_scenario
     from scenarios.results.log import write_log
@@ -58,20 +62,16 @@ def run_case(case: Case, cells: Path, identity: str) -> None:
     write_log(result.log, cells / f"{identity}.parquet")
     unfinished = cells / f".{identity}.{os.getpid()}"
     unfinished.write_text(json.dumps(summary(result), allow_nan=False), encoding="utf-8")
-    unfinished.rename(_file(cells, identity))  # what has its name is whole
+    unfinished.rename(_file(cells, identity))  # atomic: a file of that name is complete
 
 
 def kept_signals(cells: Path, case: Case) -> Path:
-    """Where the signals of a finished run lie."""
+    """File of the signals of a finished run."""
     return cells / f"{case.identity()}.parquet"
 
 
 def _file(cells: Path, identity: str) -> Path:
     return cells / f"{identity}.json"
-
-
-def _kept(cells: Path, identity: str) -> bool:
-    return _file(cells, identity).is_file()
 
 
 def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> Outcome:
@@ -82,31 +82,30 @@ def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> 
 
 
 def _problem(future: Future[None]) -> str:
-    """One line about why a run came to nothing; empty if it came to something.
-
-    A study goes on where one of its runs meets what only running shows, an own controller's error for example.
-    """
+    """The error of a run in one line, empty if there is none; a study continues after an error in a single run."""
     error = future.exception()
     return "" if error is None else f"{type(error).__name__}: {error}".splitlines()[0]
 
 
-def as_finished(work: Callable[[Given], Made], given: Sequence[Given], *, jobs: int) -> Iterator[tuple[Given, Made]]:
-    """What is made of each, as it is finished: here one after the other, or in so many processes."""
+def as_finished(
+    work: Callable[[TaskT], OutputT], tasks: Sequence[TaskT], *, jobs: int
+) -> Iterator[tuple[TaskT, OutputT]]:
+    """Each task with its output in order of completion, in ``jobs`` processes; one job runs in this process."""
     if jobs <= 1:
-        yield from ((one, work(one)) for one in given)
+        yield from ((task, work(task)) for task in tasks)
         return
     with workers(jobs) as pool:
-        at_work = {pool.submit(work, one): one for one in given}
-        for future in as_completed(at_work):
-            yield at_work[future], future.result()
+        futures = {pool.submit(work, task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
 
 
 @contextmanager
 def workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes, which leave an interrupt to this one; it ends them without waiting for their work."""
+    """Worker processes that ignore interrupts; an error or interrupt here stops them at once."""
     # Several processes use the cores better than the threads of the renderer in each of them.
-    alone = {"LP_NUM_THREADS": "1"} if count > 1 else {}
-    pool = ProcessPoolExecutor(max(1, count), initializer=_deaf_to_interrupts, env=alone)
+    environment = {"LP_NUM_THREADS": "1"} if count > 1 else {}
+    pool = ProcessPoolExecutor(max(1, count), initializer=_ignore_interrupts, env=environment)
     try:
         yield pool
     except BaseException:
@@ -115,10 +114,10 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
     pool.shutdown()
 
 
-def _deaf_to_interrupts() -> None:
+def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def default_jobs() -> int:
-    """As many processes as this one may use cores."""
+    """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,4 @@
-"""A study: what is varied, where its runs are kept, and the file that says so."""
+"""A study: a grid of runs, and its TOML file."""
 
 from __future__ import annotations
 
@@ -29,13 +29,17 @@ class Study:
     seeds: tuple[int, ...]
 
     def cases(self) -> list[Case]:
-        """All its runs; a law that does not look at the off-tracking runs with the first way of having it alone."""
+        """All runs; a law that does not use the off-tracking runs with the first off-tracking source only."""
         sources = self.axes.get("off_tracking", ())
         cases = cases_of(self.scenario, self.fixed, self.axes, self.seeds)
-        return [case for case in cases if dict(case.axes).get("off_tracking") in (None, *sources[:1]) or _looks(case)]
+        return [
+            case
+            for case in cases
+            if dict(case.axes).get("off_tracking") in (None, *sources[:1]) or _uses_off_tracking(case)
+        ]
 
     def to_toml(self) -> str:
-        """The study as a file that `offtrack sweep` takes."""
+        """The study as TOML for `offtrack sweep`."""
         vary = {key: [_typed(value) for value in values] for key, values in self.axes.items()}
         fixed = {key: _typed(value) for key, value in self.fixed}
         return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary})
@@ -49,7 +53,7 @@ class _File(Options):
 
 
 def load_study(path: Path) -> Study:
-    """The study in a TOML file: scenario, seeds, and the tables ``set`` and ``vary`` of (dotted) keys.
+    """Load a study from TOML: scenario, seeds, and the tables ``set`` and ``vary`` of (dotted) keys.
 
     Raises:
         ValueError: one line, naming file and key.
@@ -72,28 +76,28 @@ def load_study(path: Path) -> Study:
 
 
 def settings_of(pairs: Sequence[str], option: str) -> Settings:
-    """Key and value of every KEY=VALUE.
+    """Split every KEY=VALUE into key and value.
 
     Raises:
-        ValueError: one line, for one that is none.
+        ValueError: one line, for a malformed pair.
     """
-    found = []
+    settings = []
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key.strip() or not value.strip():
             raise ValueError(f"{option} {pair}: expected KEY=VALUE")
-        found.append((key.strip(), value.strip()))
-    return tuple(found)
+        settings.append((key.strip(), value.strip()))
+    return tuple(settings)
 
 
-def _looks(case: Case) -> bool:
-    """Whether the law of a run, if it is an axis, makes use of the off-tracking."""
+def _uses_off_tracking(case: Case) -> bool:
+    """False if the law of a run is on an axis and does not use the off-tracking."""
     law = dict(case.axes).get("trailer_steering")
     return law is None or law_uses_off_tracking(law)
 
 
 def _typed(text: str) -> Any:
-    """The value as TOML has it, so that the file reads well; text where it is none."""
+    """The TOML value of a text, or else the text itself."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -105,8 +109,6 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, bool):
         return str(value).lower()
-    return (
-        str(tomli_w.dumps({"value": value})).partition("=")[2].strip()
-        if isinstance(value, list | dict)
-        else repr(value)
-    )
+    if isinstance(value, list | dict):
+        return tomli_w.dumps({"value": value}).partition("=")[2].strip()
+    return repr(value)

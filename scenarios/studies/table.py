@@ -21,7 +21,7 @@ class Quantity:
     """A number of the summary as a column of a study's table."""
 
     path: str  # in the summary
-    label: str  # short: many stand side by side
+    label: str  # short, for narrow columns
     unit: str
     digits: int
     over_seeds: Reduction
@@ -29,7 +29,7 @@ class Quantity:
 
     @property
     def column(self) -> str:
-        """Its name in tables to compute with."""
+        """Column name in CSV and Parquet tables."""
         return self.path.rpartition(".")[2]
 
 
@@ -61,12 +61,12 @@ QUANTITIES: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """One point on the axes."""
+    """One point of the grid, over all seeds."""
 
     axes: Settings
     runs: int
     completed: int
-    endings: tuple[str, ...]  # how the others ended, each once
+    endings: tuple[str, ...]  # outcomes of the other runs, without repetition
     numbers: Mapping[str, float | None]  # by the quantity's path
 
 
@@ -75,21 +75,21 @@ def rows_of(outcomes: Sequence[Outcome]) -> list[Row]:
     points: dict[Settings, list[Outcome]] = {}
     for outcome in outcomes:
         points.setdefault(outcome.case.axes, []).append(outcome)
-    return [_row(axes, found) for axes, found in points.items()]
+    return [_row(axes, group) for axes, group in points.items()]
 
 
 def shown_quantities(rows: Sequence[Row]) -> tuple[Quantity, ...]:
-    """Those that any row has a number for."""
+    """Quantities with a number in at least one row."""
     return tuple(q for q in QUANTITIES if any(row.numbers[q.path] is not None for row in rows))
 
 
 def text_of(quantity: Quantity, value: float | None) -> str:
-    """The number as people read it."""
+    """The number as text for tables."""
     return "-" if value is None else f"{value:.{quantity.digits}f}"
 
 
 def table_csv(rows: Sequence[Row]) -> str:
-    """The rows as comma-separated values, SI or the unit in the name."""
+    """The rows as CSV in SI units, other units in the column name."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     quantities = shown_quantities(rows)

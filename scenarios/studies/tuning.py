@@ -1,7 +1,7 @@
-"""Tuning of a trailer steering law's parameters on a set of runs, by Optuna; a journal file keeps every trial.
+"""Tune the parameters of a trailer steering law or rover driver with Optuna; a journal file keeps every trial.
 
-Several processes work on one journal, and whoever is killed leaves the finished trials to the next one. The runs that
-a trial is made of are a tuning set; what was found is judged on others.
+Several processes share one journal; finished trials survive a killed process. A trial is a tuning set of runs. The
+result is judged on another set.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 JOURNAL: Final = "journal.log"
 _NAME: Final = "tuning"
-_FAILED: Final = 100.0  # of every objective where a run did not complete: worse than anything that did [m, deg, …]
-_POLL: Final = 0.5  # [s]
+_FAILED: Final = 100.0  # objective of a run that did not complete: worse than that of any completed run [m, deg, …]
+_POLL: Final = 0.5  # period of progress reports [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """Where a parameter is looked for."""
+    """Search range of a parameter."""
 
     low: float
     high: float
@@ -39,18 +39,18 @@ class Range:
 
     @property
     def logarithmic(self) -> bool:
-        """Whether it spans more than a decade on one side of zero."""
+        """True if the range is positive and spans more than a decade."""
         return self.low > 0.0 and self.high / self.low > 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tuning:
-    """What is tuned, on what, and for what."""
+    """A tuning task: law, parameters, objectives, tuning set and judging set."""
 
     law: str
     ranges: Mapping[str, Range]  # by parameter
-    defaults: Mapping[str, float]  # where the law has a default: tried first
-    objectives: tuple[str, ...]  # group.name of the summary, each to be small
+    defaults: Mapping[str, float]  # by parameter, if the law has a default; tried first
+    objectives: tuple[str, ...]  # summary metrics to minimise, as group.name
     tuned_on: Study
     judged_on: Study
 
@@ -67,12 +67,12 @@ class Trial:
 def optimise(
     tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
-    """Run trials until the journal holds at least ``trials`` finished ones; all finished trials."""
+    """Run trials until the journal holds at least ``trials`` finished ones, and return all of those."""
     import time
 
     from scenarios.studies.pool import workers
 
-    _study(tuning, directory, seed)  # one process makes it, the others find it
+    _study(tuning, directory, seed)  # created once, before the workers open it
     with workers(jobs) as pool:
         futures = [pool.submit(work, tuning, directory, trials, seed + k) for k in range(jobs)]
         while not all(future.done() for future in futures):
@@ -84,7 +84,7 @@ def optimise(
 
 
 def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
-    """Makes trials until there are enough of them, with others at the same time; called in a worker."""
+    """Run trials until there are enough, in parallel with other workers; called in a worker."""
     from optuna.study import MaxTrialsCallback
     from optuna.trial import TrialState
 
@@ -97,7 +97,7 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
 
 
 def finished(tuning: Tuning, directory: Path) -> list[Trial]:
-    """The finished trials in the journal, in their order."""
+    """Finished trials of the journal, in order."""
     from optuna.trial import TrialState
 
     complete = _study(tuning, directory, 0).get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
@@ -105,16 +105,13 @@ def finished(tuning: Tuning, directory: Path) -> list[Trial]:
 
 
 def pareto(trials: Sequence[Trial]) -> list[Trial]:
-    """The trials that no other one beats in every objective, by the first objective."""
+    """Pareto-optimal trials, sorted by the first objective."""
     front = [a for a in trials if not any(_beats(b.values, a.values) for b in trials)]
     return sorted(front, key=lambda trial: trial.values)
 
 
 def chosen(trials: Sequence[Trial]) -> Trial:
-    """Of the trials that no other beats, the one that lies nearest to the best of every objective.
-
-    Distances are measured in the spans of the unbeaten trials, so that units do not matter.
-    """
+    """The Pareto-optimal trial nearest to the best value of every objective, each scaled by its span on the front."""
     front = pareto(trials)
     best = [min(values) for values in zip(*(trial.values for trial in front), strict=True)]
     worst = [max(values) for values in zip(*(trial.values for trial in front), strict=True)]
@@ -127,14 +124,14 @@ def chosen(trials: Sequence[Trial]) -> Trial:
 
 
 def with_parameters(study: Study, parameters: Mapping[str, float]) -> Study:
-    """The study with parameters of the tuned part set."""
+    """The study with these parameters of the tuned part."""
     table = subject_of(study.scenario).parameters
-    chosen: Settings = tuple((f"{table}.{name}", repr(value)) for name, value in parameters.items())
-    return Study(scenario=study.scenario, fixed=(*study.fixed, *chosen), axes=study.axes, seeds=study.seeds)
+    settings: Settings = tuple((f"{table}.{name}", repr(value)) for name, value in parameters.items())
+    return Study(scenario=study.scenario, fixed=(*study.fixed, *settings), axes=study.axes, seeds=study.seeds)
 
 
 def objective_means(objectives: Sequence[str], outcomes: Sequence[Outcome]) -> tuple[float, ...]:
-    """Every objective's mean over runs; one that did not complete counts as very bad."""
+    """Mean of every objective over runs; a run that did not complete counts with a large penalty."""
     return tuple(sum(_number(outcome, objective) for outcome in outcomes) / len(outcomes) for objective in objectives)
 
 
@@ -144,7 +141,7 @@ def _number(outcome: Outcome, objective: str) -> float:
 
 
 def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
-    """A trial: the runs of the tuning set with the parameters that it suggests."""
+    """Run the tuning set with the suggested parameters, and return the objectives."""
     from scenarios.loop.run import run_any
     from scenarios.options.scenario import load_any_scenario
     from scenarios.results.summary import summary

@@ -1,15 +1,15 @@
-"""Write a table of hashes of what offtrack computes, or compare with one: the safety net of a change of structure.
+"""Write a table of hashes of computed results, or compare with one, to check that a refactoring changes nothing.
 
     python tests/baselines/fingerprints.py write before.json
     python tests/baselines/fingerprints.py compare before.json
 
-Every shipped scenario is run with exact off-tracking or slip, some again with cameras; one vehicle is assessed, and one
-environment of each kind steps for a while. Everything goes through the command and gymnasium's registry, so the table
-of one version can be compared with that of another, however the code inside has moved. Hashes depend on the machine
-(its processor, its OpenGL); compare tables of one machine only.
+Every shipped scenario runs with exact off-tracking or slip, some also with cameras. One vehicle is assessed, and one
+environment of each kind runs for some steps. All use the command or gymnasium's registry, so tables of different
+versions can be compared even if modules have moved. Hashes depend on the processor and OpenGL: compare only tables of
+the same machine.
 
-A difference is printed as ``case: signal, changed|gone|new``. Exit code 1 if anything changed or is gone. New signals
-and new numbers are listed, and are no failure.
+A difference is printed as ``case: signal, changed|gone|new``. The exit code is 1 if anything changed or is gone. New
+signals and new numbers are listed but are no failure.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ _ASSESSED = "eu_tractor_semitrailer"
 
 
 def cases() -> dict[str, Callable[[Path], Fingerprint]]:
-    """What is computed, by name; each writes into a folder of its own."""
+    """Cases by name; each writes into its own folder."""
     table: dict[str, Callable[[Path], Fingerprint]] = {}
     for name in _scenario_names():
         key = "slip_estimator" if name.startswith("rover") else "off_tracking"
@@ -75,18 +75,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("action", choices=["write", "compare"])
     parser.add_argument("table", type=Path, help="JSON file of hashes")
-    parser.add_argument("--only", default="", help="only cases whose name contains this")
+    parser.add_argument("--only", default="", help="run only cases whose name contains this text")
     chosen = parser.parse_args()
-    found = _fingerprints(chosen.only)
+    current = _fingerprints(chosen.only)
     if chosen.action == "write":
-        chosen.table.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        chosen.table.write_text(json.dumps(current, indent=1) + "\n", encoding="utf-8")
         return 0
     before = json.loads(chosen.table.read_text(encoding="utf-8"))
     worse = 0
-    for case, name, kind in _differences(before, found, chosen.only):
+    for case, name, kind in _differences(before, current, chosen.only):
         worse += kind != "new"
         print(f"{case}: {name}, {kind}")
-    print(f"{len(found)} cases, {sum(map(len, found.values()))} hashes, {worse} changed or gone")
+    print(f"{len(current)} cases, {sum(map(len, current.values()))} hashes, {worse} changed or gone")
     return 1 if worse else 0
 
 
@@ -117,14 +117,14 @@ def _fingerprints(only: str) -> dict[str, Fingerprint]:
 
 
 def _command(*arguments: str) -> str:
-    """What an offtrack command prints; a command that fails is shown and ends the program."""
-    # One thread each: several processes share the cores, and sums keep their order.
-    alone = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
+    """Output of an offtrack command; a failing command ends the program with its error."""
+    # One thread per process: the processes share the cores, and sums keep their order.
+    single_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "1"}
     done = subprocess.run(
         [sys.executable, "-c", "from scenarios.cli import main; main()", *arguments],
         capture_output=True,
         text=True,
-        env=os.environ | alone | {"COLUMNS": "400"},
+        env=os.environ | single_thread | {"COLUMNS": "400"},
     )
     if done.returncode:
         raise SystemExit(f"offtrack {' '.join(arguments)} ended with {done.returncode}\n{done.stderr}")
@@ -142,11 +142,11 @@ def _run_case(name: str, settings: list[str], options: list[str]) -> Callable[[P
         sets = [part for setting in settings for part in ("--set", setting)]
         recorded = ["--record", str(folder / "recording")] if "--record" in options else []
         _command("run", name, "--seed", "7", "--no-video", "--quiet", "--out", str(out), *sets, *recorded)
-        found = _signals(out / "signals.parquet") | _numbers(json.loads((out / "summary.json").read_text()))
-        found["images"] = json.loads((out / "manifest.json").read_text())["frames_sha256"]
+        hashes = _signals(out / "signals.parquet") | _numbers(json.loads((out / "summary.json").read_text()))
+        hashes["images"] = json.loads((out / "manifest.json").read_text())["frames_sha256"]
         if recorded:
-            found["recording"] = _folder_hash(folder / "recording")
-        return found
+            hashes["recording"] = _folder_hash(folder / "recording")
+        return hashes
 
     return case
 
@@ -212,7 +212,7 @@ def _signals(path: Path) -> Fingerprint:
 
 
 def _numbers(summary: Any, prefix: str = "summary") -> Fingerprint:
-    """Every number of a summary by its path, but for times, which are no two runs' alike."""
+    """Every number of a summary by its path, except computing times, which vary between runs."""
     if isinstance(summary, dict):
         return {
             key: value

@@ -25,46 +25,46 @@ def small(baseline: float = 0.5) -> RawStereoRig:
     return rig.raw(BARREL)
 
 
-def calibrated(seed: int, told: list[tuple[int, int]] | None = None) -> BoardCalibration:
+def calibrated(seed: int, reports: list[tuple[int, int]] | None = None) -> BoardCalibration:
     """From fewer pictures than a run takes: a third of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(board_calibration, "_HELD", 14)
         patch.setattr(board_calibration, "_SURVEYED", 6)
 
         def report(done: float, total: float, note: str = "", /) -> None:
-            if told is not None:
-                told.append((int(done), int(total)))
+            if reports is not None:
+                reports.append((int(done), int(total)))
 
         return calibrated_with_boards(small(), noise_std=2.0, rng=np.random.default_rng(seed), progress=report)
 
 
 @pytest.fixture(scope="module")
-def told() -> list[tuple[int, int]]:
-    """What a calibration has told of its progress."""
+def reports() -> list[tuple[int, int]]:
+    """Progress reports of a calibration."""
     return []
 
 
 @pytest.fixture(scope="module")
-def found(told: list[tuple[int, int]]) -> BoardCalibration:
+def calibration(reports: list[tuple[int, int]]) -> BoardCalibration:
     """One calibration for all tests."""
-    return calibrated(1, told)
+    return calibrated(1, reports)
 
 
-def test_the_pose_between_the_cameras_is_found_again(found: BoardCalibration) -> None:
+def test_the_pose_between_the_cameras_is_found_again(calibration: BoardCalibration) -> None:
     """To some 0.03 deg, which self-calibration takes care of later, and a millimetre in 0.5 m: 0.2 % of all depths."""
-    error = inverse(small().X_ClCr) @ found.rig.X_ClCr
-    assert np.abs(rotation_vector(error[:3, :3])).max() < 3.0 * found.rotation_std
-    assert math.degrees(found.rotation_std) < 0.05  # 14 pairs at half the resolution
+    error = inverse(small().X_ClCr) @ calibration.rig.X_ClCr
+    assert np.abs(rotation_vector(error[:3, :3])).max() < 3.0 * calibration.rotation_std
+    assert math.degrees(calibration.rotation_std) < 0.05  # 14 pairs at half the resolution
     assert np.linalg.norm(error[:3, 3]) < 1e-3
-    assert found.rms < 0.15  # corners at a few hundredths of a pixel; misplaced ones would show [px]
+    assert calibration.rms < 0.15  # corners at a few hundredths of a pixel; misplaced ones would show [px]
 
 
-def test_lens_and_mount_together_see_where_things_are(found: BoardCalibration) -> None:
+def test_lens_and_mount_together_see_where_things_are(calibration: BoardCalibration) -> None:
     """A point 20 m behind the trailer is where the calibrated left camera's ray to its true image goes: within 2 cm.
 
     Principal point and pose on the trailer may each be off by more, as long as they make up for one another.
     """
-    true, rig = small(), found.rig
+    true, rig = small(), calibration.rig
     for x, y in ((-34.0, 0.0), (-34.0, 10.0), (-34.0, -10.0)):
         in_camera = inverse(true.X_SC) @ np.array([x, y, 1.0, 1.0])
         ray = rig.left.rays(true.left.project(in_camera[None, :3]))[0]
@@ -73,19 +73,19 @@ def test_lens_and_mount_together_see_where_things_are(found: BoardCalibration) -
         assert abs(seen[2] - 1.0) < 0.03
 
 
-def test_it_is_no_copy_of_the_truth(found: BoardCalibration) -> None:
+def test_it_is_no_copy_of_the_truth(calibration: BoardCalibration) -> None:
     """Corners are noisy, and so is what comes of them."""
-    assert np.abs(found.rig.X_ClCr - small().X_ClCr).max() > 1e-6
-    assert found.rig.left.cx != small().left.cx
-    assert 0.0 < found.rotation_std < math.radians(0.1)
+    assert np.abs(calibration.rig.X_ClCr - small().X_ClCr).max() > 1e-6
+    assert calibration.rig.left.cx != small().left.cx
+    assert 0.0 < calibration.rotation_std < math.radians(0.1)
 
 
-def test_progress_is_told_picture_by_picture(found: BoardCalibration, told: list[tuple[int, int]]) -> None:
+def test_progress_is_reported_picture_by_picture(calibration: BoardCalibration, reports: list[tuple[int, int]]) -> None:
     """Fourteen pairs and six surveyed boards."""
-    assert told == [(k + 1, 20) for k in range(20)]
+    assert reports == [(k + 1, 20) for k in range(20)]
 
 
 def test_a_rig_that_no_board_fits_before_is_refused() -> None:
     """Cameras 5 m apart see nothing of the same board within 4.5 m."""
-    with pytest.raises(ValueError, match="boards: no place found"):
+    with pytest.raises(ValueError, match="boards: no position found"):
         calibrated_with_boards(small(baseline=5.0), noise_std=2.0, rng=np.random.default_rng(1))

@@ -164,7 +164,7 @@ def test_faults_of_images_need_images() -> None:
 
 
 def test_a_calibration_with_boards_is_what_the_estimator_works_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the boards say: here a focal length of 1 % too much, and a camera that is bent only afterwards."""
+    """The calibration has a focal length 1 % too long, and one camera is bent afterwards."""
     taken: list[RawStereoRig] = []
 
     def said(true: RawStereoRig, **_: object) -> BoardCalibration:

@@ -33,15 +33,15 @@ pytestmark = pytest.mark.usefixtures("worlds")
 
 @cache
 def driven(name: str, *settings: str) -> RunResult:
-    """The run of the first seed; the same one for all who ask for it."""
+    """The run of the first seed, cached."""
     return run(load_scenario(name, settings), 1)
 
 
 def assert_safe(result: RunResult) -> None:
     """It comes to the end, nothing is lifted or jackknifed, and no demand is beyond what the axles can do."""
     assert result.outcome == "completed"
-    for name in result.steer_signals():
-        demand = result.log[f"{name}_command"][::2]  # a demand stands for 20 ms, two rows
+    for name in result.steer_signals(demands=True):
+        demand = result.log[name][::2]  # a demand is held for 20 ms, two rows
         assert np.abs(demand).max() <= STEER_LIMIT + 1e-9
         assert np.abs(np.diff(demand)).max() <= STEER_RATE * 0.02 + 1e-9
 

@@ -102,7 +102,7 @@ def test_the_seed_decides_roughness_and_potholes() -> None:
 
 
 def test_a_resolved_scenario_runs_again_from_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is written out reads back as the same scenario, with the image's full path."""
+    """A written scenario reads back unchanged, with the image's full path."""
     monkeypatch.chdir(tmp_path)
     settings = ("surface.friction_left=0.2", "surface.roughness=B", "surface.friction_image=ice.png")
     scenario: Scenario = load_scenario(written(tmp_path, PATCHES), settings)
@@ -153,5 +153,5 @@ def test_an_image_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"^surface.friction_image = .*nothing.png: No such file or directory$"):
         surface(f"surface.friction_image={tmp_path / 'nothing.png'}")
     (tmp_path / "text.png").write_text("no image")
-    with pytest.raises(ValueError, match=r"^surface.friction_image = .*text.png: not an image that can be read"):
+    with pytest.raises(ValueError, match=r"^surface.friction_image = .*text.png: not a readable image"):
         surface(f"surface.friction_image={tmp_path / 'text.png'}")

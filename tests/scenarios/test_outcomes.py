@@ -1,4 +1,4 @@
-"""How runs go wrong: jackknifed, rolled over, left the road."""
+"""Mishaps of runs: jackknifed, rolled over, left the road."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ def test_a_recording_that_does_not_fit_is_one_line(
     [
         (["slip_estimator=ftrce"], "unknown name 'ftrce'; did you mean 'ftrace'?"),
         (["vehicle=el_dorado_ii_skid"], "slip_compensation = crab needs steered wheels"),
-        (["surface.soil=none"], "hard ground (surface.soil = none) takes no trace"),
+        (["surface.soil=none"], "hard ground (surface.soil = none) shows no wheel trace"),
         (["surface.soil=toyota_sand"], "toyoura_sand"),
         (["world.terrain=rippels"], "ripples"),
         (["speed_kmh=5"], "speed_kmh = 5 must be less than or equal to 1.08 [km/h]"),

@@ -96,7 +96,10 @@ def test_standstills_leave_path_preview_as_it_was() -> None:
     [
         (["driver.stops=[{station=1000.0}]"], "driver.stops.0: station = 1000 m must be beyond 0 m"),
         (["driver.stops=[{station=50.0, back=60.0}]"], "driver.stops.0: back = 60 m must be between 0 and the station"),
-        (["driver.trace=drive.csv"], "driver.stops and driver.trace: a recorded drive has its own stops"),
+        (
+            ["driver.trace=drive.csv"],
+            "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops",
+        ),
         (["vehicle=rigid_truck"], "rigid_truck"),
     ],
 )

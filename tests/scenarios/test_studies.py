@@ -35,7 +35,7 @@ def test_a_grid_has_every_combination_once() -> None:
 
 
 def test_a_run_is_the_same_in_whatever_study() -> None:
-    """What is fixed in one study may be an axis of another."""
+    """A fixed setting of one study may be an axis of another."""
     fixed = Case(scenario="cambered-road", fixed=(*SHORT, ("speed_kmh", "60")), axes=(), seed=1)
     axis = Case(scenario="cambered-road", fixed=SHORT, axes=(("speed_kmh", "60.0"),), seed=1)
     assert fixed.identity() == axis.identity()

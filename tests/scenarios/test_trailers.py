@@ -107,7 +107,7 @@ def test_the_driver_slows_down_to_the_lateral_acceleration_allowed() -> None:
         ("time_s,speed_kmh\n0,9\n", "'steer_deg' is missing"),
         ("time_s,steer_deg\n0,9\n", "'speed_kmh' or 'acceleration' is missing"),
         ("time_s,steer_deg,speed_kmh\n0,0\n", "line 2 has 2 values for 3 columns"),
-        ("time_s,steer_deg,speed_kmh\n0,0,9\n1,left,9\n", "line 3: steer_deg = 'left' is no finite number"),
+        ("time_s,steer_deg,speed_kmh\n0,0,9\n1,left,9\n", "line 3: steer_deg = 'left' is not a finite number"),
         ("time_s,steer_deg,speed_kmh\n0,0,9\n0,0,9\n", "increase"),
         ("", "'time_s' is missing"),
     ],

@@ -59,7 +59,7 @@ def test_another_question_does_not_go_into_the_same_journal(tmp_path: Path) -> N
     (tmp_path / "tuning.toml").write_text('law = "another"\n')
     result = CliRunner().invoke(app, arguments(tmp_path, 2))
     assert result.exit_code == 2
-    assert "is of another tuning" in result.stderr
+    assert "belongs to another tuning task" in result.stderr
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_another_question_does_not_go_into_the_same_journal(tmp_path: Path) -> N
     [
         (["--range", "gian=0:1"], "path_preview has no such parameter; did you mean 'gain'?"),
         (["--range", "gain=1:0"], "--range gain=1:0: expected LOW:HIGH"),
-        (["--objectives", "off_tracking.true_rms"], "no such number of the summary"),
+        (["--objectives", "off_tracking.true_rms"], "no such summary metric"),
     ],
 )
 def test_what_can_not_be_tuned_is_one_line(changed: list[str], said: str, tmp_path: Path) -> None:
