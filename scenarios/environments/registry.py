@@ -26,7 +26,7 @@ _REPEAT: Final = "action_repeat"
 
 
 def single(name: str, render_mode: RenderMode | None = None, **options: Any) -> SingleEnv:
-    """One environment of this name; besides its options, ``action_repeat`` repeats each action for so many steps.
+    """One environment of this name; besides its options, ``action_repeat`` repeats each action for that many steps.
 
     Raises:
         ValueError: one line, if an option is unknown or does not fit.

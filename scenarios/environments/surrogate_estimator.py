@@ -41,7 +41,7 @@ class SurrogateOffTracking:
     def __init__(
         self, follow_distance: float, rng: np.random.Generator, parameters: SurrogateParameters | None = None
     ) -> None:
-        """For a follow point ``follow_distance`` [m] behind the hitch; the shipped parameters unless others are told.
+        """For a follow point ``follow_distance`` [m] behind the hitch; by default with the shipped parameters.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive.

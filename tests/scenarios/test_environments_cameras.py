@@ -101,7 +101,7 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
 
 
 def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None) -> None:
-    """Ten a second, age told; interleaved renderers draw what each draws alone; reduced pictures are means of them.
+    """Ten images a second with their age; interleaved renderers draw what each draws alone; reduced images are means.
 
     A pickled copy, which has no renderer yet, repeats an episode to the bit.
     """
@@ -160,7 +160,7 @@ def test_a_spawned_process_has_cameras_of_its_own() -> None:
 
 
 def test_an_episodes_seed_decides_its_world() -> None:
-    """Other circumstances stay those of the same seed, whatever is observed."""
+    """The other circumstances follow from the seed too, for any observation."""
     built: list[int] = []
 
     def noting(*arguments: Any) -> World:
@@ -253,7 +253,7 @@ def test_pictures_are_reduced_by_means() -> None:
         (TRAILER, {"observation": "estimate", "sensing": "rig.rate_hz=8"}, "multiple of the control step, 0.02 s"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
+def test_wrong_options_are_refused_in_one_line(name: str, given: dict[str, Any], words: str) -> None:
     """When the environment is made."""
     sensing = given.get("sensing", "")
     made: str | Scenario = load_scenario("roundabout", [sensing]) if "=" in sensing else sensing

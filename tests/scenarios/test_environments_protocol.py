@@ -236,7 +236,7 @@ def test_who_starts_again_leaves_the_others_as_they_would_have_been() -> None:
         (ROVER, {"soils": ("butter",)}, "butter"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(name: str, options: dict[str, Any], words: str) -> None:
+def test_wrong_options_are_refused_in_one_line(name: str, options: dict[str, Any], words: str) -> None:
     """Errors come when the environment is made, not during training."""
     with pytest.raises(ValueError, match=words) as error:
         gymnasium.make(name, **options)
@@ -253,7 +253,7 @@ def test_wrong_options_are_told_in_one_line(name: str, options: dict[str, Any], 
         ({"course": 99}, "must be 0 .. 12"),
     ],
 )
-def test_wrong_reset_options_are_told_in_one_line(options: dict[str, Any], words: str) -> None:
+def test_wrong_reset_options_are_refused_in_one_line(options: dict[str, Any], words: str) -> None:
     """Reset options are checked when an episode begins."""
     with pytest.raises(ValueError, match=words):
         vector(TRAILER, 1).reset(options=options)

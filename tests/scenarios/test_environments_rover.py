@@ -16,7 +16,7 @@ AHEAD = np.array([0.5, 0.5], dtype=np.float32)  # half of twice the set speed
 
 
 def driven(steps: int, action: Any = AHEAD, **options: Any) -> tuple[Any, list[Any], dict[str, Any]]:
-    """The environment, its observations, and the last info, after so many steps of the same action."""
+    """The environment, its observations and the last info after ``steps`` of the same action."""
     env = gymnasium.make("offtrack/RoverSteering-v0", observation=options.pop("observation", "truth"))
     seen, _ = env.reset(seed=1, options={**LEVEL, **options})
     told = [seen]

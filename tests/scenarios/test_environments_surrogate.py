@@ -113,7 +113,7 @@ def test_a_fitted_file_is_read_again(tmp_path: Path) -> None:
     assert 0.0 < load_surrogate().drift < 0.05
 
 
-def test_what_can_not_be_fitted_to_is_told_in_one_line(tmp_path: Path) -> None:
+def test_unsuitable_runs_are_refused_in_one_line(tmp_path: Path) -> None:
     """A directory that is no run, a run without cameras, no run at all."""
     with pytest.raises(ValueError, match="not a run directory"):
         run_errors(tmp_path)
@@ -197,7 +197,7 @@ def test_in_a_scenario_its_errors_are_the_same() -> None:
 
 
 def test_in_a_scenario_the_path_and_the_value_belong_together() -> None:
-    """The path that is told passes the follow point where the value says; its tangent is turned as the path is."""
+    """The estimated path passes the follow point at the estimated value; its tangent turns with the path."""
     estimate = run_of(replace(PERFECT, bias=0.1, velocity_noise=0.01), 3, 5)[-1]
     assert abs(estimate.value) > 0.01
     assert np.interp(10.0, -estimate.path[:, 0], estimate.path[:, 1]) == pytest.approx(estimate.value)

@@ -1,4 +1,4 @@
-"""The physics of environments: that of the scenarios, whatever the number of vehicles."""
+"""Physics of environments: that of the scenarios, for any number of vehicles."""
 
 from __future__ import annotations
 
@@ -154,24 +154,24 @@ def test_off_tracking_beside_a_circle_is_the_closed_form() -> None:
     paths = HitchPaths(1, 14.0)
     paths.begin(np.arange(1), poses[:1], np.array([length]))
     for pose in poses[1:]:
-        beside = paths.step(pose[None])
-    assert beside.offset[0] == pytest.approx(radius - math.sqrt(radius**2 - length**2), abs=3e-5)
-    assert beside.direction[0] == pytest.approx(
+        offsets = paths.step(pose[None])
+    assert offsets.offset[0] == pytest.approx(radius - math.sqrt(radius**2 - length**2), abs=3e-5)
+    assert offsets.direction[0] == pytest.approx(
         -math.asin(length / radius), abs=1e-3
     )  # 0.01 mm over a chord of 0.1 m, ten times
 
 
 def test_two_trailers_remember_paths_of_their_own() -> None:
-    """Straight ahead nothing lies beside, whatever the other does and wherever it goes."""
+    """On a straight path the offset is zero, for any motion of the other lane."""
     paths = HitchPaths(2, 14.0)
     paths.begin(np.arange(2), np.zeros((2, 3)), np.array([14.0, 10.0]))
     for k in range(1, 400):
         turned = 0.01 * k
-        beside = paths.step(
+        offsets = paths.step(
             np.array([[0.1 * k, 0.0, 0.0], [10.0 * math.sin(turned), 10.0 - 10.0 * math.cos(turned), turned]])
         )
-    assert beside.offset[0] == pytest.approx(0.0, abs=1e-12)
-    assert abs(beside.offset[1]) > 3.0
+    assert offsets.offset[0] == pytest.approx(0.0, abs=1e-12)
+    assert abs(offsets.offset[1]) > 3.0
 
 
 def test_options_narrow_the_domain_without_changing_the_rest_of_the_draw() -> None:
@@ -215,7 +215,7 @@ def moment(**values: Any) -> Moment:
     return fine._replace(**values)
 
 
-def test_rewards_cost_nothing_where_all_is_well_and_are_told_in_their_units() -> None:
+def test_rewards_cost_nothing_at_best_and_have_their_units() -> None:
     """Each part by hand; a left turn whose path lies left of the follow point has it outside."""
     for part in (rewards.follow_error, rewards.outside_path, rewards.kerb, rewards.steer_effort):
         assert part(moment())[0] == 0.0

@@ -84,7 +84,7 @@ def test_errors_of_the_estimate_reach_the_law() -> None:
     assert info["off_tracking"][0] == pytest.approx(-bias, abs=0.03)
 
 
-def test_a_path_is_told_as_it_was_at_its_moment() -> None:
+def test_a_path_is_returned_as_it_was_at_its_mark() -> None:
     """Points of a circle, seen from where the trailer was half a second ago, not from where it is now."""
     radius, paths = 20.0, HitchPaths(1, 14.0)
 
