@@ -21,6 +21,7 @@ from scenarios.commands import (
     validate,
     vehicle,
 )
+from scenarios.commands.console import lines
 
 app = typer.Typer(
     name="offtrack",
@@ -53,19 +54,19 @@ def _offtrack(
 
 
 app.command()(listing.scenarios)
-app.command(epilog=listing.PARTS_EXAMPLES)(listing.parts)
-app.command(epilog=listing.KEYS_EXAMPLES)(listing.keys)
-app.command(epilog=run.EXAMPLES)(run.run)
-app.command(epilog=vehicle.EXAMPLES)(vehicle.vehicle)
-app.command(epilog=assess.EXAMPLES)(assess.assess)
+app.command(epilog=lines(listing.PARTS_EXAMPLES))(listing.parts)
+app.command(epilog=lines(listing.KEYS_EXAMPLES))(listing.keys)
+app.command(epilog=lines(run.EXAMPLES))(run.run)
+app.command(epilog=lines(vehicle.EXAMPLES))(vehicle.vehicle)
+app.command(epilog=lines(assess.EXAMPLES))(assess.assess)
 app.command()(validate.validate)
-app.command(epilog=calibrate.EXAMPLES)(calibrate.calibrate)
-app.command(epilog=study.COMPARE_EXAMPLES)(study.compare)
-app.command(epilog=study.SWEEP_EXAMPLES)(study.sweep)
-app.command(epilog=tune.EXAMPLES)(tune.tune)
-app.command(epilog=train.EXAMPLES)(train.train)
-app.command(epilog=reproduce.EXAMPLES)(reproduce.reproduce)
-app.command(name="fit-surrogate", epilog=fit_surrogate.EXAMPLES)(fit_surrogate.fit_surrogate)
+app.command(epilog=lines(calibrate.EXAMPLES))(calibrate.calibrate)
+app.command(epilog=lines(study.COMPARE_EXAMPLES))(study.compare)
+app.command(epilog=lines(study.SWEEP_EXAMPLES))(study.sweep)
+app.command(epilog=lines(tune.EXAMPLES))(tune.tune)
+app.command(epilog=lines(train.EXAMPLES))(train.train)
+app.command(epilog=lines(reproduce.EXAMPLES))(reproduce.reproduce)
+app.command(name="fit-surrogate", epilog=lines(fit_surrogate.EXAMPLES))(fit_surrogate.fit_surrogate)
 app.add_typer(estimate.app, name="estimate")
 
 

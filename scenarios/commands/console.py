@@ -69,3 +69,8 @@ def progress_bar(display: ProgressDisplay, title: str) -> Progress:
         display.update(tasks[0], completed=done, total=total, detail=note)
 
     return report
+
+
+def lines(examples: str) -> str:
+    """Epilog of a help text with every example on a line of its own; three spaces separate them."""
+    return "\b\n" + examples.replace("Examples: ", "Examples:   ", 1).replace("   ", "\n  ")

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import INTERRUPTED, Quiet, lines, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from estimators.context import OffTrackingSource
@@ -38,7 +38,7 @@ def _estimate() -> None:
     """Run estimators on recorded images."""
 
 
-@app.command("off-tracking", epilog=EXAMPLES)
+@app.command("off-tracking", epilog=lines(EXAMPLES))
 def off_tracking(
     directory: Annotated[
         Path,
@@ -125,7 +125,7 @@ def off_tracking(
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
 
 
-@app.command("slip", epilog=SLIP_EXAMPLES)
+@app.command("slip", epilog=lines(SLIP_EXAMPLES))
 def slip(
     directory: Annotated[
         Path,
