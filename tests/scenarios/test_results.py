@@ -48,7 +48,7 @@ def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunRe
     for run in (camera_run, blind_run):
         numbers = summary(run)
         assert list(numbers) == ["outcome", "scenario", "seed", *NAMES]
-        assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # the isinstance parallel it makes it a dict
+        assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # a dict, says the filter
 
 
 def test_the_summary_tells_the_truth(camera_run: RunResult) -> None:
@@ -177,7 +177,7 @@ def test_timing_adds_up() -> None:
     timing = Timing(simulated_s=10.0, wall_s=5.0, physics_s=1.0, render_s=2.0, odometry_s=0.5)
     assert timing.rest_s == pytest.approx(1.5)
     parallel = dataclasses.replace(timing, odometry_parallel_s=0.4)
-    assert parallel.rest_s == pytest.approx(1.9)  # what ran parallel the loop took no time from it
+    assert parallel.rest_s == pytest.approx(1.9)  # what ran parallel to the loop took no time from it
     assert timing.realtime_factor == 2.0
     assert math.isnan(dataclasses.replace(timing, wall_s=0.0).realtime_factor)
 
