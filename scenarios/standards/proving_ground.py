@@ -69,7 +69,7 @@ class ManoeuvreJudge:
         return 0.0
 
     def outcome(self, truth: Truth) -> str | None:
-        """How the drive has ended; None if it continues."""
+        """Outcome of the drive; None if it continues."""
         self._lifted, mishap = self._referee.step(self._lifted, truth)
         if mishap is not None:
             return mishap
