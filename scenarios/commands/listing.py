@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,6 +13,9 @@ from rich.syntax import Syntax
 from rich.table import Table
 
 from scenarios.commands.console import one_line_errors
+
+if TYPE_CHECKING:
+    from scenarios.listing import Key
 
 PARTS_EXAMPLES = "Examples: offtrack parts   offtrack parts trailer_steering   offtrack parts fault --json"
 KEYS_EXAMPLES = "Examples: offtrack keys roundabout   offtrack keys rover-slope   offtrack keys roundabout --find sun"
@@ -63,16 +66,14 @@ def parts(
         if as_json:
             typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
             return
-        table = Table(box=None, pad_edge=False)
-        for column in ("kind", "name", "parameter", "default", "unit", "range", "meaning"):
-            table.add_column(column, overflow="fold", no_wrap=column in ("kind", "name"))
-        last = None
-        for part in matches:
-            table.add_row("" if part.kind == last else part.kind, part.name, "", "", "", "", escape(part.meaning))
-            last = part.kind
-            for key in part.parameters:
-                table.add_row("", "", *map(escape, (key.name, key.default, key.unit, key.range, key.meaning)))
-        Console().print(table)
+        console, kinds = Console(), dict.fromkeys(part.kind for part in matches)
+        for heading in kinds:
+            table = _table("part", "value", "range", "meaning", title=heading)
+            for part in (part for part in matches if part.kind == heading):
+                table.add_row(part.name, "", "", escape(part.meaning))
+                for key in part.parameters:
+                    table.add_row(f"  {key.name}", *map(escape, (_value(key), key.range, key.meaning)))
+            console.print(table)
 
 
 def keys(
@@ -94,9 +95,19 @@ def keys(
         if as_json:
             typer.echo(json.dumps([asdict(key) for key in matches], indent=2, ensure_ascii=False))
             return
-        table = Table(box=None, pad_edge=False)
-        for column in ("key", "default" if scenario is None else "value", "unit", "range", "meaning"):
-            table.add_column(column, overflow="fold", no_wrap=column == "key")
+        table = _table("key", "default" if scenario is None else "value", "range", "meaning")
         for key in matches:
-            table.add_row(*map(escape, (key.name, key.default, key.unit, key.range, key.meaning)))
+            table.add_row(*map(escape, (key.name, _value(key), key.range, key.meaning)))
         Console().print(table)
+
+
+def _table(*columns: str, title: str | None = None) -> Table:
+    """A table without lines whose first column is never broken."""
+    table = Table(box=None, pad_edge=False, title=title, title_justify="left", title_style="bold")
+    for k, column in enumerate(columns):
+        table.add_column(column, overflow="fold", no_wrap=k == 0)
+    return table
+
+
+def _value(key: Key) -> str:
+    return key.default if key.unit == "-" else f"{key.default} {key.unit}"

@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Final, get_args
 
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
@@ -30,6 +30,7 @@ from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
 from vehicle.parameter_file import nearest, read_toml
 
+_NAMED: Final = ("driver", "traffic")  # tables that the name of their kind may stand for
 Table = dict[str, Any]  # parsed TOML; only this module uses it
 Parameter = bool | int | float | str
 
@@ -173,6 +174,8 @@ def _apply(table: Table, setting: str) -> None:
         raise ValueError(f"--set {setting}: expected KEY=VALUE, for example --set surface.friction=0.3")
     *parents, last = key.strip().split(".")
     for parent in parents:
+        if parent in _NAMED and isinstance(table.get(parent), str):
+            table[parent] = {"kind": table[parent]}
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
             raise ValueError(f"--set {setting}: '{parent}' is a value, not a table")
