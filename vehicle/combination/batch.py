@@ -162,8 +162,9 @@ class PlantBatch:
         if not (np.abs(self._u[:, last]) == 1.0).all():
             raise ValueError("gear must be 1 (forward) or -1 (backward) for every vehicle")
         self._state = self._advance(self._state, self._u, ticks)
-        commands = self._u[:, : self._n_command]
-        self._state[~np.isfinite(commands).all(axis=1)] = np.nan  # the actuators' limits would hide such a command
+        finite = np.isfinite(self._u[:, : self._n_command])
+        if not finite.all():
+            self._state[~finite.all(axis=1)] = np.nan  # the actuators' limits would hide such a command
         return self.observe()
 
     def observe(self) -> BatchMotion:

@@ -16,7 +16,7 @@ from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover
 from vehicle.rover.functions import load_function, numbers, step_function
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
-from vehicle.rover.posture import posture, slip_angles, slip_ratios
+from vehicle.rover.posture import Undercarriage, slip_angles, slip_ratios
 from vehicle.rover.settled import settled_sinkage
 from vehicle.rover.soil import Soil
 from vehicle.rover.terrain import Terrain
@@ -38,6 +38,7 @@ class RoverPlant:
         # Loads are seldom asked for, and compiling costs more than it saves.
         self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
         self._wheels = rover.wheel_places
+        self._undercarriage = Undercarriage(rover)
         self._steered = np.array([wheel.steered for wheel in rover.wheels])
         self._in_state = RoverState(*slices(state_sizes(len(rover.wheels))))
         self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
@@ -91,7 +92,7 @@ class RoverPlant:
     def observe(self, state: FloatArray, tick: int) -> RoverTruth:
         """Ground truth of this state."""
         rover, s = self._rover, RoverState(*(state[span] for span in self._in_state))
-        at = posture(rover, self._terrain, s)
+        at = self._undercarriage.posture(self._terrain, s)
         rim = rover.radius * s.wheel_speed
         return RoverTruth(
             tick=tick,

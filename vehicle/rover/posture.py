@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vehicle.frames import FloatArray, Pose2, cross, transform
 from vehicle.rover.description import Rover
@@ -24,19 +25,54 @@ class Posture:
     wheel_velocities: FloatArray  # (n, 2) along and across each wheel's heading [m/s]
 
 
-def posture(rover: Rover, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
-    """Posture in a state: the body is parallel to the least-squares plane of the wheels' lowest points."""
-    p, origin = rover.wheel_places, np.array([s.x[0], s.y[0]])
-    flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
-    for _ in range(2):  # an inclined body covers less of the map than a level one
-        lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
-        R_WB = _attitude(p, lowest)
-        flat = p @ R_WB[:2, :2].T + origin
-    return Posture(
-        X_WB=transform(R_WB, np.mean(lowest, axis=0)),
-        wheels=np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage]),
-        wheel_velocities=_wheel_velocities(p, s),
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sum:
+    """Weighted sum of the wheels' points, in the order of falling weights."""
+
+    order: NDArray[np.intp]  # (n,)
+    weights: FloatArray  # (n, 1) in that order
+
+    @classmethod
+    def along(cls, coordinate: FloatArray) -> _Sum:
+        """Sum that gives the direction in which this coordinate (n,) of the wheels grows."""
+        weights = coordinate / coordinate.max()
+        order = np.argsort(-weights, kind="stable")
+        return cls(order, weights[order, None])
+
+    def of(self, points: FloatArray) -> FloatArray:
+        """Sum of points (n, 3): (3,)."""
+        total: FloatArray = (self.weights * points[self.order]).sum(axis=0)
+        return total
+
+
+class Undercarriage:
+    """Wheels of a rover as they stand on terrain."""
+
+    def __init__(self, rover: Rover) -> None:
+        self._places = rover.wheel_places
+        self._forward, self._leftward = (_Sum.along(self._places[:, k]) for k in (0, 1))
+
+    def posture(self, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
+        """Posture in a state: the body is parallel to the least-squares plane of the wheels' lowest points."""
+        p, origin = self._places, np.array([s.x[0], s.y[0]])
+        flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
+        for _ in range(2):  # an inclined body covers less of the map than a level one
+            lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
+            R_WB = self._attitude(lowest)
+            flat = p @ R_WB[:2, :2].T + origin
+        return Posture(
+            X_WB=transform(R_WB, np.mean(lowest, axis=0)),
+            wheels=np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage]),
+            wheel_velocities=_wheel_velocities(p, s),
+        )
+
+    def _attitude(self, lowest: FloatArray) -> FloatArray:
+        """R_WB of the body from the wheels' lowest points in W (n, 3)."""
+        forward, leftward = self._forward.of(lowest), self._leftward.of(lowest)
+        e_x = forward / np.linalg.norm(forward)
+        up = cross(e_x, leftward)
+        e_z = up / np.linalg.norm(up)
+        return np.column_stack([e_x, cross(e_z, e_x), e_z])
 
 
 def slip_ratios(rim: FloatArray, v_x: FloatArray) -> FloatArray:
@@ -52,22 +88,6 @@ def slip_angles(velocities: FloatArray) -> FloatArray:
     """Directions of travel of wheels relative to their headings [rad], from velocities (n, 2); 0 at rest."""
     angles = np.arctan2(velocities[:, 1], velocities[:, 0])
     return np.where(np.hypot(velocities[:, 0], velocities[:, 1]) > _AT_REST, angles, 0.0)
-
-
-def _attitude(p: FloatArray, lowest: FloatArray) -> FloatArray:
-    """R_WB of a body with wheels at p (n, 2) in R, from the wheels' lowest points in W (n, 3)."""
-    forward, leftward = (_weighted(lowest, p[:, k] / p[:, k].max()) for k in (0, 1))
-    e_x = forward / np.linalg.norm(forward)
-    up = cross(e_x, leftward)
-    e_z = up / np.linalg.norm(up)
-    return np.column_stack([e_x, cross(e_z, e_x), e_z])
-
-
-def _weighted(points: FloatArray, weights: FloatArray) -> FloatArray:
-    """Weighted sum of points, in the order of falling weights."""
-    order = np.argsort(-weights, kind="stable")
-    total: FloatArray = (weights[:, None] * points)[order].sum(axis=0)
-    return total
 
 
 def _wheel_velocities(p: FloatArray, s: RoverState[FloatArray]) -> FloatArray:
