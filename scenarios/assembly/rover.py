@@ -14,6 +14,7 @@ from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
 from estimators.rover_geometry import RoverGeometry
+from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.rover_sensors import (
     ReadOnce,
     RoverMountContext,
@@ -22,7 +23,7 @@ from scenarios.assembly.rover_sensors import (
     opened_rover_sensor,
 )
 from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, check_declared, constructed, resolve
-from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions, TraceRigOptions
+from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions
 from scenarios.randomness import stream
 from sensors.faults.faulty_sensor import with_faults
 from sensors.instruments.rover_navigation import LaserTracker, RoverInstruments
@@ -30,7 +31,7 @@ from sensors.sand.rig import nominal_rig
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
 from sensors.sensor import Message, Sensor
-from vehicle.clock import TICK, Schedule
+from vehicle.clock import Schedule
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap, load_height_map
 from vehicle.rover.plant import RoverPlant
@@ -112,7 +113,7 @@ def rover_mount(
     scale = signal_noise * scenario.signals.noise
     return RoverMountContext(
         rover=rover,
-        schedule=trace_schedule(scenario.rig),
+        schedule=rig_schedule(scenario.rig, PERIOD),
         rng=stream(seed, "sensor"),
         options=scenario.sensing,
         scenario=scenario,
@@ -232,16 +233,3 @@ def sand_world(options: SandOptions, rng: np.random.Generator, rover: Rover, ter
         sun = Sun(azimuth=math.radians(90.0 - azimuth), elevation=math.radians(elevation))
     route = path.points(_ROUTE)
     return SandWorld(options.terrain, rng=rng, rover=rover, terrain=terrain, route=route, sun=sun)
-
-
-def trace_schedule(options: TraceRigOptions) -> Schedule:
-    """Schedule of the camera.
-
-    Raises:
-        ValueError: one line, if period or latency is not a multiple of the loop's period.
-    """
-    schedule = Schedule.at_rate(options.rate_hz, latency=options.latency, name="rig.rate_hz")
-    for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
-        if ticks % PERIOD:
-            raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {PERIOD * TICK:g} s")
-    return schedule

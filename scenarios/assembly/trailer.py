@@ -14,16 +14,16 @@ from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry,
 from scenarios.assembly.drivers import OpenedDriver, opened_driver
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
+from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.sensing import Sensing, opened_sensing, opened_sensor
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.assembly.views import Views, built_world, traffic_around
 from scenarios.courses import Course
-from scenarios.options.rig import RigOptions
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
 from sensors.instruments.combination import CombinationSensors
-from vehicle.clock import TICK, Schedule
+from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
 
 LOG_PERIOD = 10  # period of the log and of one integration call; all events are on its multiples [ticks]
@@ -112,7 +112,7 @@ def assemble(
     laws = {unit: _law(scenario, nominal, unit, geometry) for unit, geometry in geometries.items()}
     plant = opened_plant(scenario, simulated, surface)
     driver = None if plant_kind(scenario) == "constant_slip" else opened_driver(scenario, nominal, course)
-    schedule = _schedule(scenario.rig)
+    schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     last = units[-1]
     traffic = traffic_around(scenario.traffic, nominal.units[last], geometries[last], surface, stream(seed, "traffic"))
     views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")), traffic)
@@ -189,11 +189,3 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
             raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
         parameters["path"] = scenario.policy.path
     return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)
-
-
-def _schedule(rig: RigOptions) -> Schedule:
-    schedule = Schedule.at_rate(rig.rate_hz, latency=rig.latency, name="rig.rate_hz")
-    for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
-        if ticks % LOG_PERIOD:
-            raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of {LOG_PERIOD * TICK:g} s")
-    return schedule

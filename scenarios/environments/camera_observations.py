@@ -14,13 +14,13 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
+from scenarios.assembly.rig_schedule import check_schedule, rig_schedule
 from scenarios.courses import Course
 from scenarios.environments.core import Observation, observation_space, within
 from scenarios.environments.hitch_paths import PathOffset
 from scenarios.environments.images import ImageObservation
 from scenarios.environments.observations import EpisodeStart
-from scenarios.environments.sensed import check_schedule
-from scenarios.environments.sensed_trailer import SensedTrailer, camera_schedule
+from scenarios.environments.sensed_trailer import SensedTrailer
 from scenarios.environments.trailer_features import features, own_features
 from scenarios.environments.trailer_view import stereo_view
 from scenarios.options.scenario import Scenario
@@ -71,7 +71,7 @@ class CameraObservations:
             )
         else:
             self.features = features(vehicle, n_steered)
-        check_schedule(camera_schedule(scenario), step)
+        check_schedule(rig_schedule(scenario.rig), step, step_name="the control step, ")
         self._space = observation_space(self.features)
         self.observation_space: spaces.Space[Any] = self._images.space if self._images else self._space
         self._vehicle, self._fleet, self._courses, self._scenario = vehicle, fleet, courses, scenario

@@ -63,14 +63,3 @@ class SensedChannel(Generic[TruthT, ImageT, EstimateT]):
     def image_age(self, tick: int, *, without: float) -> float:
         """Age of the newest image [s]; ``without`` an image, this value."""
         return without if self.image is None else (tick - self.image.tick) * TICK
-
-
-def check_schedule(schedule: Schedule, step: int) -> None:
-    """Refuse a camera that is not synchronous with control steps of this many ticks.
-
-    Raises:
-        ValueError: one line.
-    """
-    for name, ticks in (("1/rig.rate_hz", schedule.period), ("rig.latency", schedule.latency)):
-        if ticks % step:
-            raise ValueError(f"{name} = {ticks * TICK:g} s must be a multiple of the control step, {step * TICK:g} s")

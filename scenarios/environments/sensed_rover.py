@@ -9,8 +9,9 @@ import numpy as np
 
 from controllers.path import Path
 from estimators.estimates import SlipAngle
-from scenarios.assembly.rover import rover_mount, rover_sensing, trace_schedule
-from scenarios.environments.sensed import SensedChannel, check_schedule
+from scenarios.assembly.rig_schedule import check_schedule, rig_schedule
+from scenarios.assembly.rover import PERIOD, rover_mount, rover_sensing
+from scenarios.environments.sensed import SensedChannel
 from scenarios.loop.channel import InLine
 from scenarios.options.rover import RoverScenario
 from scenarios.report.canvas import ESTIMATED, SOFT, Picture, blank, write
@@ -116,4 +117,4 @@ def check_slip_sensing(scenario: RoverScenario, *, estimates: bool, step: int) -
     """
     if estimates and scenario.slip_estimator == "truth":
         raise ValueError(f"sensing: scenario {scenario.name} has slip_estimator = truth; use observation = 'truth'")
-    check_schedule(trace_schedule(scenario.rig), step)
+    check_schedule(rig_schedule(scenario.rig, PERIOD), step, step_name="the control step, ")

@@ -14,6 +14,7 @@ import numpy as np
 from controllers.trailer_steering.policy import AHEAD, estimate_features, signal_features
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.assembly.mount import MountContext
+from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.sensing import opened_sensing, opened_sensor
 from scenarios.assembly.trailer import trailer_stream
 from scenarios.assembly.views import Views, built_world
@@ -25,7 +26,7 @@ from scenarios.randomness import stream
 from scenarios.results.trailer_signals import Estimate
 from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame
-from vehicle.clock import TICK, Schedule
+from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -86,7 +87,7 @@ class SensedTrailer:
             surface=surface,
             views=self._views,
             nominal=vehicle,
-            schedule=camera_schedule(scenario),
+            schedule=rig_schedule(scenario.rig),
             rng=own("sensor"),
             options=scenario.sensing,
             scenario=scenario,
@@ -157,15 +158,6 @@ class SensedTrailer:
 def distance_to_fill(follow_distance: float) -> float:
     """Distance that a trailer drives until its buffered path reaches back to the follow point [m]."""
     return follow_distance + _MARGIN
-
-
-def camera_schedule(scenario: Scenario) -> Schedule:
-    """Schedule of the scenario's cameras, with the latency of estimates.
-
-    Raises:
-        ValueError: one line, if a period is no whole number of ticks.
-    """
-    return Schedule.at_rate(scenario.rig.rate_hz, latency=scenario.rig.latency, name="rig.rate_hz")
 
 
 def _with_approach(course: Course, distance: float) -> Course:
