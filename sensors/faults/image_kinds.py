@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import ClassVar
 
@@ -16,7 +17,7 @@ from sensors.sensor import Message, Sensor, image_fields
 from vehicle.option import Option
 
 
-class ImageFault:
+class ImageFault(ABC):
     """Base of fault kinds that degrade each image by itself; the colour picture for people is left out meanwhile."""
 
     options: ClassVar[tuple[Option, ...]] = ()
@@ -27,9 +28,9 @@ class ImageFault:
         """Any message with images will do."""
         return len(image_fields(message)) > 0
 
+    @abstractmethod
     def degraded(self, image: GreyImage, camera: int) -> GreyImage:
         """The faulty image of a camera: 0 for a single or left one, 1 for the right one."""
-        raise NotImplementedError
 
     def sample(self, sensor: Sensor[T, Message], truth: T, active: bool) -> Message | None:
         """The message with degraded images."""
