@@ -6,28 +6,67 @@ A number is written plain or as ``{ value = 8000.0, source = "weighed" }``; mode
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from vehicle.user_file import MAX_NESTING, FileKind, read_text
+
 Model = TypeVar("Model", bound=BaseModel)
+_PART: Final = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY: Final = re.compile(  # takes tomllib quadratic time
+    rf"(?:^|[{{,])[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_NESTING}}}", re.MULTILINE
+)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path, kind: FileKind = FileKind.PARAMETERS) -> dict[str, Any]:
     """Contents of a TOML file, sources included.
 
     Raises:
-        ValueError: if the file is missing or is not TOML.
+        ValueError: one line, if the file cannot be read or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return parsed_toml(read_text(path, kind))
+    except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path}: not a TOML file: {error}") from error
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """Tables of a TOML text.
+
+    Raises:
+        TOMLDecodeError: one line, if it is not TOML, or nested deeper than ``MAX_NESTING``.
+    """
+    deep = f"tables and lists must be nested at most {MAX_NESTING} deep"
+    if _LONG_KEY.search(text):
+        raise tomllib.TOMLDecodeError(f"a key has more than {MAX_NESTING} parts")
+    try:
+        table = tomllib.loads(text)
+    except RecursionError:
+        raise tomllib.TOMLDecodeError(deep) from None
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # an integer of thousands of digits
+        raise tomllib.TOMLDecodeError(str(error).partition(";")[0]) from None
+    if _depth(table) > MAX_NESTING:
+        raise tomllib.TOMLDecodeError(deep)
+    return table
+
+
+def _depth(node: Any) -> int:
+    """Depth of nesting, counted without recursion."""
+    depth, level = 0, [node]
+    while level := [child for one in level for child in _children(one)]:
+        depth += 1
+    return depth
+
+
+def _children(node: Any) -> Iterable[Any]:
+    return node.values() if isinstance(node, dict) else node if isinstance(node, list) else ()
 
 
 def without_sources(node: Any) -> Any:

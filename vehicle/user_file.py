@@ -1,0 +1,118 @@
+"""Reader of all files that a user names: regular files of limited size; anything else is refused in one line.
+
+``FileKind`` and the numbers below it are the table of all limits on such files.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from enum import Enum
+from pathlib import Path
+from typing import Final
+
+_MB: Final = 1_000_000
+
+
+class FileKind(Enum):
+    """A kind of file that a user can give: its noun in messages and its largest size [bytes]."""
+
+    PARAMETERS = "a parameter file", 1 * _MB
+    SCENARIO = "a scenario file", 1 * _MB
+    STUDY = "a study file", 2 * _MB
+    CALIBRATION = "a calibration file", 1 * _MB
+    TABLE = "a table of numbers", 64 * _MB
+    IMAGE = "an image", 256 * _MB
+    ARRAY = "an array of numbers", 256 * _MB
+    NETWORK = "a trained network", 16 * _MB
+    SIGNALS = "a file of signals", 512 * _MB
+    CHECKPOINT = "a checkpoint of a training", 256 * _MB
+    RECORD = "a record of an earlier command", 64 * _MB
+
+    def __init__(self, noun: str, limit: int) -> None:
+        self.noun, self.limit = noun, limit
+
+
+MAX_PIXELS: Final = 64 * _MB  # of an image
+MAX_NUMBERS: Final = 16 * _MB  # of a table or an array
+MAX_NUMBER_TEXT: Final = 100  # characters of a number in a table
+MAX_NESTING: Final = 32  # of tables and lists in each other, and of the parts of a dotted key
+MAX_MEMBERS: Final = 1_000  # of an archive
+
+_UNUSUAL: Final = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+_REASONS: Final = {
+    errno.ELOOP: "its symbolic links form a circle",
+    errno.ENAMETOOLONG: "its name is too long",
+}
+
+
+def read_bytes(path: Path, kind: FileKind) -> bytes:
+    """Content of a regular file; never waits for a pipe and opens no device.
+
+    Raises:
+        ValueError: one line, if there is no such file, it is not a regular one, or it is larger than the kind's limit.
+    """
+    full_path(path)
+    try:
+        _check(path, os.stat(path), kind)
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with open(descriptor, "rb") as file:
+            _check(path, os.fstat(descriptor), kind)  # the name may stand for another file by now
+            content = file.read(kind.limit + 1) or b""  # None: a file of the system that has nothing yet
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {reason(error)}") from None
+    if len(content) > kind.limit:  # it grows, or it is a file of the system that states no size
+        raise _too_large(path, f"more than {_size(kind.limit)}", kind)
+    return content
+
+
+def read_text(path: Path, kind: FileKind) -> str:
+    """Content of a text file in UTF-8, with or without a byte order mark; line ends are not translated.
+
+    Raises:
+        ValueError: one line, as ``read_bytes``, or if it is not UTF-8.
+    """
+    try:
+        return read_bytes(path, kind).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte = error.object[error.start]
+        raise ValueError(f"{path}: not a text in UTF-8: byte 0x{byte:02x} at {error.start}; save it as UTF-8") from None
+
+
+def full_path(path: str | Path) -> str:
+    """Absolute path without symbolic links.
+
+    Raises:
+        ValueError: if it contains a null character.
+    """
+    if "\0" in str(path):
+        raise ValueError(f"{str(path)!r}: a path must not contain a null character")
+    return os.path.realpath(path)  # Path.resolve raises RuntimeError for links in a circle
+
+
+def reason(error: OSError) -> str:
+    """The system's reason in plain words."""
+    return _REASONS.get(error.errno or 0) or error.strerror or type(error).__name__
+
+
+def _check(path: Path, status: os.stat_result, kind: FileKind) -> None:
+    for is_kind, noun in _UNUSUAL:
+        if is_kind(status.st_mode):
+            raise ValueError(f"{path} is {noun}: {kind.noun} must be a regular file")
+    if status.st_size > kind.limit:
+        raise _too_large(path, _size(status.st_size), kind)
+
+
+def _too_large(path: Path, amount: str, kind: FileKind) -> ValueError:
+    return ValueError(f"{path} has {amount}: {kind.noun} must have at most {_size(kind.limit)}")
+
+
+def _size(count: int) -> str:
+    return f"{count / _MB:.4g} MB"
