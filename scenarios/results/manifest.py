@@ -9,6 +9,7 @@ import cv2
 
 from scenarios.results.rover import RoverResult
 from scenarios.results.run_result import RunResult
+from vehicle.engine.compiler import engine_name
 
 
 def manifest(result: RunResult | RoverResult) -> dict[str, object]:
@@ -23,6 +24,6 @@ def manifest(result: RunResult | RoverResult) -> dict[str, object]:
 
 
 def versions() -> dict[str, str]:
-    """Versions of the software that determines a run's numbers."""
+    """Versions of the software that determines a run's numbers, and the engine of its vehicle model."""
     installed = {name: importlib.metadata.version(name) for name in ("offtrack", "numpy", "casadi")}
-    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__}
+    return {"python": platform.python_version(), **installed, "opencv": cv2.__version__, "engine": engine_name()}

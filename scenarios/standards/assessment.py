@@ -21,6 +21,8 @@ from scenarios.standards.theory import linear_figures
 from scenarios.standards.tilt import tilt
 from scenarios.standards.turn import turn
 from vehicle.combination.description import Vehicle
+from vehicle.engine.compiler import warn_if_interpreted
+from vehicle.engine.library_cache import silence
 
 MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # in the order of the report
 _LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
@@ -106,7 +108,9 @@ def _driven(vehicle: Vehicle, trailer_steering: str, processes: int) -> Iterator
     if processes == 1:
         yield from (_one(*task) for task in tasks)
         return
-    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+    warn_if_interpreted()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context, initializer=silence) as pool:
         yield from (future.result() for future in as_completed([pool.submit(_one, *task) for task in tasks]))
 
 

@@ -18,6 +18,8 @@ from loky import ProcessPoolExecutor
 
 from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Case, Outcome
+from vehicle.engine.compiler import warn_if_interpreted
+from vehicle.engine.library_cache import silence
 
 TaskT = TypeVar("TaskT")
 OutputT = TypeVar("OutputT")
@@ -103,9 +105,10 @@ def as_finished(
 @contextmanager
 def workers(count: int) -> Iterator[ProcessPoolExecutor]:
     """Worker processes that ignore interrupts; an error or interrupt here stops them at once."""
+    warn_if_interpreted()
     # Several processes use the cores better than the threads of the renderer in each of them.
     environment = {"LP_NUM_THREADS": "1"} if count > 1 else {}
-    pool = ProcessPoolExecutor(max(1, count), initializer=_ignore_interrupts, env=environment)
+    pool = ProcessPoolExecutor(max(1, count), initializer=_start_worker, env=environment)
     try:
         yield pool
     except BaseException:
@@ -114,8 +117,9 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
     pool.shutdown()
 
 
-def _ignore_interrupts() -> None:
+def _start_worker() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    silence()
 
 
 def default_jobs() -> int:

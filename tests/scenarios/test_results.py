@@ -18,6 +18,7 @@ from scenarios.results.run_directory import appearing_at_once, check_run_directo
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 from scenarios.results.timing import Timing
+from vehicle.engine.compiler import engine_name
 
 NAMES = {
     "off_tracking": [
@@ -103,7 +104,8 @@ def test_a_run_directory_is_complete(camera_run: RunResult, tmp_path: Path) -> N
     manifest = json.loads((directory / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["signals_sha256"] == short.log.sha256()
     assert manifest["frames_sha256"] == "0" * 64
-    assert set(manifest["versions"]) == {"python", "offtrack", "numpy", "casadi", "opencv"}
+    assert set(manifest["versions"]) == {"python", "offtrack", "numpy", "casadi", "opencv", "engine"}
+    assert manifest["versions"]["engine"] == engine_name()
     assert json.loads((directory / "summary.json").read_text(encoding="utf-8")) == summary(short)
     assert (directory / "scenario.toml").read_text(encoding="utf-8") == short.scenario_toml
     assert told[-1][0] == told[-1][1] > 0

@@ -14,6 +14,7 @@ from scenarios.studies.case import Case, Outcome, listed, seeds_of
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import rows_of, table_csv
+from vehicle.engine.library_cache import warn_once
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
 
@@ -64,6 +65,18 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
     assert str(outcome.numbers["outcome"]).endswith("at tick 0 (0 s) it raised RuntimeError: no idea")
     assert str(outcome.numbers["outcome"]).startswith("failed: ")
     assert not list((tmp_path / "cells").glob("*.json"))
+
+
+def test_that_the_model_is_interpreted_is_said_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """By the command, not by each of its processes."""
+    monkeypatch.setenv("OFFTRACK_COMPILER", "none")
+    warn_once.cache_clear()
+    outcomes = run_cases(study(speed_kmh=("60",)).cases(), tmp_path, jobs=2)
+    assert [outcome.numbers["outcome"] for outcome in outcomes] == ["completed", "completed"]
+    assert len([message for message in caplog.messages if "vehicle models are interpreted" in message]) == 1
+    assert "interpreted" not in capfd.readouterr().err
 
 
 def test_rows_are_root_mean_squares_and_largest_values_over_the_seeds() -> None:

@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
+import os
+import re
+import stat
 import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from vehicle.engine.compiler import Compiler, CompilerError, compiler, library
+from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, library, warn_if_interpreted
+from vehicle.engine.library_cache import warn_once
 
 SOURCE = "int answer(void) { return ANSWER; }"
 
 
 @pytest.fixture
 def gcc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Compiler:
-    monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
     found = compiler()
     if found is None:
         pytest.skip("no C compiler here")
+    monkeypatch.setenv("OFFTRACK_CACHE", str(tmp_path / "cache"))
+    warn_once.cache_clear()
     return found
 
 
 def kept(tmp_path: Path) -> list[Path]:
-    return sorted((tmp_path / "cache").iterdir())
+    return sorted(path for path in (tmp_path / "cache").iterdir() if path.name != "secret")
 
 
 def test_a_library_is_compiled_once(gcc: Compiler, tmp_path: Path) -> None:
@@ -48,19 +54,155 @@ def test_each_source_macro_flag_and_compiler_has_its_own(gcc: Compiler, tmp_path
 
 
 @pytest.mark.parametrize("content", [b"", b"cut short", None])
-def test_a_damaged_or_exchanged_file_is_made_anew(gcc: Compiler, tmp_path: Path, content: bytes | None) -> None:
-    """A name says what is inside: after a full disk, or with another library's content, it is not believed."""
+def test_a_damaged_or_exchanged_file_is_made_anew(
+    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture, content: bytes | None
+) -> None:
+    """After a full disk, or with another library's content under its name, a file is not believed."""
     library(SOURCE, ["ANSWER=5"], gcc)
     (wrong,) = kept(tmp_path)
     library(SOURCE, ["ANSWER=6"], gcc)
     (right,) = (path for path in kept(tmp_path) if path != wrong)
-    damaged = right.read_bytes() if content is None else content
-    wrong.unlink()  # not written in place: this process has it open
-    wrong.write_bytes(damaged)
-    script = f"from vehicle.engine.compiler import *; print(library({SOURCE!r}, ['ANSWER=5'], compiler()).answer())"
-    elsewhere = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert elsewhere.stdout == "5\n"
-    assert wrong.read_bytes() != damaged
+    good = wrong.read_bytes()
+    wrong.write_bytes(right.read_bytes() if content is None else content)
+    assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert wrong.read_bytes() == good
+    (warning,) = caplog.messages
+    assert re.match(rf"offtrack: cached code is not used.*{wrong} is damaged", warning)
+
+
+def planted_as_before(wrong: Path, source: Path) -> None:
+    """A file whose name holds the hash of its own content, as any user can make it."""
+    content = source.read_bytes()
+    wrong.write_bytes(content + hashlib.sha256(content).digest())
+
+
+def open_to_all(wrong: Path, source: Path) -> None:
+    wrong.chmod(0o666)
+
+
+def a_link(wrong: Path, source: Path) -> None:
+    elsewhere = wrong.rename(wrong.parents[1] / "elsewhere.so")
+    wrong.symlink_to(elsewhere)
+
+
+def a_pipe(wrong: Path, source: Path) -> None:
+    wrong.unlink()
+    os.mkfifo(wrong)
+
+
+def a_readable_secret(wrong: Path, source: Path) -> None:
+    wrong.with_name("secret").chmod(0o644)
+
+
+@pytest.mark.parametrize(
+    ("plant", "reason"),
+    [
+        (planted_as_before, "is damaged, or was not written by offtrack"),
+        (open_to_all, r"is open to other users \(mode 666\). Set OFFTRACK_CACHE .* or run: chmod"),
+        (a_link, "symbolic link"),
+        (a_pipe, "is no regular file"),
+        (a_readable_secret, r"is open to other users \(mode 644\). .* chmod go= "),
+    ],
+)
+def test_a_planted_file_is_not_loaded(
+    gcc: Compiler,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    plant: Callable[[Path, Path], None],
+    reason: str,
+) -> None:
+    """One line says which file, why, and what to do; the code is compiled and computes."""
+    library(SOURCE, ["ANSWER=5"], gcc)
+    (wrong,) = kept(tmp_path)
+    evil = tmp_path / "evil.so"
+    text = f'#include <stdio.h>\n__attribute__((constructor)) void f(void) {{ fclose(fopen("{tmp_path}/run", "w")); }}'
+    subprocess.run([gcc.path, "-shared", "-fPIC", "-x", "c", "-", "-o", str(evil)], input=text.encode(), check=True)
+    plant(wrong, evil)
+    for _ in range(2):
+        assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert not (tmp_path / "run").exists()
+    (warning,) = caplog.messages
+    assert re.fullmatch(rf".*{tmp_path}/cache/.*{reason}.*", warning)
+
+
+def test_a_folder_that_others_may_write_is_not_used(
+    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whether the folder itself or one above it is open: nothing is read from it or written to it."""
+    library(SOURCE, ["ANSWER=5"], gcc)
+    before = (tmp_path / "cache" / "secret").read_bytes(), kept(tmp_path)
+    for folder in (tmp_path, tmp_path / "cache"):
+        mode = stat.S_IMODE(folder.stat().st_mode)
+        folder.chmod(0o777)
+        assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+        assert library(SOURCE, ["ANSWER=6"], gcc).answer() == 6
+        folder.chmod(mode)
+    assert len(caplog.messages) == 2
+    for folder, warning in zip((tmp_path, tmp_path / "cache"), caplog.messages, strict=True):
+        assert f"{folder} is open to other users (mode 777). Set OFFTRACK_CACHE" in warning
+    assert before == ((tmp_path / "cache" / "secret").read_bytes(), kept(tmp_path))
+
+
+def test_a_sticky_folder_above_the_cache_is_trusted(
+    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As /tmp is: there nobody can rename what is not his own."""
+    tmp_path.chmod(0o1777)
+    assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    assert len(kept(tmp_path)) == 1
+    assert caplog.messages == []
+
+
+def test_the_files_of_another_user_are_not_used(
+    gcc: Compiler, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """For somebody else this cache is a stranger's."""
+    library(SOURCE, ["ANSWER=5"], gcc)
+    somebody = os.geteuid() + 1000
+    monkeypatch.setattr(os, "geteuid", lambda: somebody)
+    assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    (warning,) = caplog.messages
+    assert re.search(r" belongs to user \d+, not to you \(user \d+\). Set OFFTRACK_CACHE to a folder", warning)
+
+
+def test_whatever_the_umask_the_cache_is_private(
+    gcc: Compiler, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Also the folders above it that have to be made; otherwise it would refuse itself the next time."""
+    before = os.umask(0)
+    try:
+        for _ in range(2):
+            assert library(SOURCE, ["ANSWER=5"], gcc).answer() == 5
+    finally:
+        os.umask(before)
+    assert [stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "cache", *kept(tmp_path))] == [0o700, 0o600]
+    assert caplog.messages == []
+
+
+def test_what_killed_builds_left_is_removed(gcc: Compiler, tmp_path: Path) -> None:
+    """After an hour; a file that is being written stays."""
+    folder = tmp_path / "cache"
+    (folder / "build-of-a-former-version").mkdir(parents=True, mode=0o700)
+    (folder / "build-of-a-former-version" / "source.c").touch()
+    for name in ("build-old", "build-new"):
+        (folder / name).touch()
+    folder.chmod(0o700)
+    for name in ("build-of-a-former-version", "build-old"):
+        os.utime(folder / name, (0.0, 0.0))
+    library(SOURCE, ["ANSWER=5"], gcc)
+    assert [path.name for path in kept(tmp_path) if path.suffix != ".so"] == ["build-new"]
+
+
+def test_without_memory_files_a_library_is_loaded_from_a_private_folder(
+    gcc: Compiler, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some systems forbid code from memory."""
+
+    def forbidden(name: str) -> int:
+        raise PermissionError(name)
+
+    monkeypatch.setattr(os, "memfd_create", forbidden)
+    assert [library(SOURCE, [f"ANSWER={k}"], gcc).answer() for k in (1, 2)] == [1, 2]
 
 
 def answer_of_a_slow_source() -> int:
@@ -89,14 +231,41 @@ def test_a_cache_that_can_not_be_written_does_no_harm(
 
 
 def test_what_the_compiler_refuses_is_told(gcc: Compiler, tmp_path: Path) -> None:
-    """With its own words; and nothing is left behind."""
-    with pytest.raises(CompilerError, match="error"):
+    """With its own words, in one line; and nothing is left behind."""
+    with pytest.raises(CompilerError, match=r"^gcc [\d.]+ failed: .*error") as refusal:
         library("int answer(void) { return }", [], gcc)
-    assert kept(tmp_path) == []
+    assert "\n" not in str(refusal.value)
+    assert not (tmp_path / "cache").exists() or kept(tmp_path) == []
 
 
-@pytest.mark.parametrize("wanted", ["none", "NONE", "a-compiler-that-nobody-has"])
-def test_no_compiler_is_none(wanted: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A compiler that is switched off or missing counts as none."""
+@pytest.mark.parametrize(
+    ("wanted", "reason"),
+    [
+        ("none", "OFFTRACK_COMPILER is none"),
+        ("NONE", "OFFTRACK_COMPILER is none"),
+        ("a-compiler-that-nobody-has", "OFFTRACK_COMPILER = a-compiler-that-nobody-has is no C compiler"),
+    ],
+)
+def test_no_compiler_is_none(
+    wanted: str, reason: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A compiler that is switched off or missing counts as none; one line says what that costs and what to do."""
     monkeypatch.setenv("OFFTRACK_COMPILER", wanted)
+    warn_once.cache_clear()
     assert compiler() is None
+    assert engine_name() == f"interpreted ({reason})"
+    warn_if_interpreted()
+    warn_if_interpreted()
+    (warning,) = caplog.messages
+    assert warning.startswith(f"offtrack: vehicle models are interpreted ({reason}): each of their steps takes about 5")
+    assert "Install gcc or clang" in warning
+
+
+def test_the_engine_names_its_compiler(gcc: Compiler) -> None:
+    """With the version, which clang gives along with that of an old gcc."""
+    assert engine_name() == f"compiled by {gcc.name}"
+    macros = "#define __GNUC__ 4\n#define __GNUC_MINOR__ 2\n#define __GNUC_PATCHLEVEL__ 1\n"
+    assert Compiler("/usr/bin/cc", (), macros).name == "gcc 4.2.1"
+    own = "".join(f"#define __clang_{part}__ {n}\n" for part, n in (("major", 14), ("minor", 0), ("patchlevel", 6)))
+    assert Compiler("/usr/bin/cc", (), macros + own).name == "clang 14.0.6"
+    assert Compiler("/opt/tcc", (), "").name == "/opt/tcc"

@@ -1,15 +1,15 @@
 """Shared libraries from C source, cached by the hash of source, flags and compiler.
 
-``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang is used. Libraries
-are cached in ``$OFFTRACK_CACHE``, else in ``offtrack`` under the user's cache directory.
+``$OFFTRACK_COMPILER`` names the compiler, or is ``none``; without it the first of cc, gcc and clang that works is used.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
-import logging
+import itertools
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-_LOG = logging.getLogger(__name__)
+from vehicle.engine.library_cache import cached, store, warn_once
 
 # Relaxations of IEEE arithmetic that change no relevant result. Not -ffast-math: in a shared library, it makes the
 # processor flush denormal numbers to zero in the whole process.
@@ -32,6 +32,11 @@ _FOR_THIS_MACHINE: Final[tuple[tuple[str, ...], ...]] = (
     ("-mcpu=native",),
     (),
 )
+_VERSIONS: Final = {  # macros of the version; clang has those of an old gcc as well
+    "clang": ("clang_major", "clang_minor", "clang_patchlevel"),
+    "gcc": ("GNUC", "GNUC_MINOR", "GNUC_PATCHLEVEL"),
+}
+_COUNT: Final = itertools.count(1)  # of loaded libraries
 
 
 class Compiler(NamedTuple):
@@ -41,21 +46,65 @@ class Compiler(NamedTuple):
     flags: tuple[str, ...]
     identity: str  # its macros: version, and the processor's features
 
+    @property
+    def name(self) -> str:
+        """Name and version, such as "gcc 12.2.0"."""
+        macros = dict(re.findall(r"^#define __(\w+?)__ (\d+)$", self.identity, re.MULTILINE))
+        for name, parts in _VERSIONS.items():
+            if parts[0] in macros:
+                return f"{name} {'.'.join(macros[part] for part in parts)}"
+        return self.path
+
 
 class CompilerError(Exception):
     """A source could not be compiled or loaded."""
 
 
 def compiler() -> Compiler | None:
-    """The C compiler to use; None if there is none."""
-    wanted = os.environ.get("OFFTRACK_COMPILER", "")
-    if wanted.lower() == "none":
-        return None
-    paths = (shutil.which(name) for name in ([wanted] if wanted else ["cc", "gcc", "clang"]))
-    return next((usable for path in paths if path and (usable := _probed(path))), None)
+    """The C compiler to use; None if there is none that works."""
+    found = _compiler_or_reason()
+    return found if isinstance(found, Compiler) else None
+
+
+def engine_name() -> str:
+    """Engine of the vehicle models in one line, for manifests and for the identity of runs.
+
+    It is for example "compiled by gcc 12.2.0" or "interpreted (no C compiler found)".
+    """
+    found = _compiler_or_reason()
+    return f"compiled by {found.name}" if isinstance(found, Compiler) else f"interpreted ({found})"
+
+
+def warn_if_interpreted() -> None:
+    """Warn in one line, once in a process, if vehicle models are interpreted."""
+    if compiler() is None:
+        warn_once(
+            f"vehicle models are {engine_name()}: each of their steps takes about 5 times as long as a compiled one. "
+            "Install gcc or clang, or name a C compiler in OFFTRACK_COMPILER."
+        )
+
+
+def _compiler_or_reason() -> Compiler | str:
+    return _choice(os.environ.get("OFFTRACK_COMPILER", ""))
 
 
 @cache
+def _choice(wanted: str) -> Compiler | str:
+    """The compiler to use, or the reason why there is none."""
+    if wanted.lower() == "none":
+        return "OFFTRACK_COMPILER is none"
+    reason = f"OFFTRACK_COMPILER = {wanted} is no C compiler" if wanted else "no C compiler found"
+    for path in (shutil.which(name) for name in ([wanted] if wanted else ["cc", "gcc", "clang"])):
+        if path and (usable := _probed(path)):
+            try:
+                library("int works(void) { return 1; }", [], usable)
+            except CompilerError as error:
+                reason = str(error)
+            else:
+                return usable
+    return reason
+
+
 def _probed(path: str) -> Compiler | None:
     for machine in _FOR_THIS_MACHINE:
         flags = (*_FLAGS, *machine)
@@ -66,63 +115,54 @@ def _probed(path: str) -> Compiler | None:
 
 
 def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.CDLL:
-    """Compile the source with macros defined (``NAME=VALUE``), and load the library.
+    """Load the library of a source with macros defined (``NAME=VALUE``), from the cache or compiled.
 
     Raises:
-        CompilerError: if the compiler fails, or the library cannot be stored or loaded.
+        CompilerError: one line, if the compiler fails, or the library cannot be loaded.
     """
     flags = (*using.flags, *(f"-D{definition}" for definition in definitions))
     identity = "\0".join([using.path, using.identity, *flags, source])
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
-    directory = _directory()
     try:
-        return ctypes.CDLL(str(_cached(directory, key) or _make(source, flags, using, directory, key)))
-    except OSError as error:  # a full disk, or a directory from which nothing may be executed
-        raise CompilerError(f"no library in {directory}: {error}") from error
+        content = cached(key)
+        if content is None:
+            content = _compiled(source, flags, using)
+            store(key, content)
+        return _loaded(content)
+    except OSError as error:  # a full disk, or a system that runs nothing but installed programs
+        raise CompilerError(f"{using.name} made no usable code: {error}") from error
 
 
-def _cached(directory: Path, key: str) -> Path | None:
-    """Cached library of this key; None if there is none, or its content does not have the hash in its name."""
-    return next((path for path in directory.glob(f"{key}-*.so") if path.stem == f"{key}-{_digest(path)}"), None)
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:32]
-
-
-def _make(source: str, flags: tuple[str, ...], using: Compiler, directory: Path, key: str) -> Path:
-    """Compile to a temporary file and rename it, so that another process sees a whole library or none."""
-    with tempfile.TemporaryDirectory(dir=directory, prefix="build-") as folder:
-        text, built = Path(folder, "source.c"), Path(folder, "built.so")
-        text.write_text(source, encoding="utf-8")
-        result = _run([using.path, *flags, str(text), "-o", str(built), "-lm"])
+def _compiled(source: str, flags: tuple[str, ...], using: Compiler) -> bytes:
+    """Content of the library's file; compiled in a temporary folder that only this user can enter."""
+    with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+        built = Path(folder, "built.so")
+        result = _run([using.path, *flags, "-x", "c", "-", "-o", str(built), "-lm"], source)
         if result.returncode != 0:
-            raise CompilerError(f"{using.path} failed: {result.stderr.strip()[:2000]}")
-        cached = directory / f"{key}-{_digest(built)}.so"
-        built.replace(cached)
-    _LOG.info("compiled %s", cached)
-    return cached
+            raise CompilerError(f"{using.name} failed: {' '.join(result.stderr.split())[:500]}")
+        return built.read_bytes()
 
 
-def _run(command: list[str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def _directory() -> Path:
-    """Directory of the cache; a temporary one of this process if that cannot be written."""
+def _loaded(content: bytes) -> ctypes.CDLL:
+    """Load a library from these very bytes: from memory, or else from a temporary folder of this user alone."""
     try:
-        chosen = Path(os.environ.get("OFFTRACK_CACHE") or _user_cache() / "offtrack")
-        chosen.mkdir(mode=0o700, parents=True, exist_ok=True)
-    except OSError as error:
-        _LOG.info("%s: compiled code is not cached", error)
-        return Path(_own_directory().name)
-    return chosen if os.access(chosen, os.W_OK) else Path(_own_directory().name)
+        return _loaded_from_memory(content)
+    except (AttributeError, OSError):  # not Linux, or forbidden
+        with tempfile.TemporaryDirectory(prefix="offtrack-") as folder:
+            path = Path(folder, "built.so")
+            path.write_bytes(content)
+            return ctypes.CDLL(str(path))
 
 
-def _user_cache() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+def _loaded_from_memory(content: bytes) -> ctypes.CDLL:
+    with open(os.memfd_create("offtrack"), "wb") as file:
+        file.write(content)
+        file.flush()
+        # The loader takes a name that it knows for the library that it knows, but descriptors are used again. The count
+        # in binary, written as "./" and ".//", makes each name new and leads to the same file.
+        new = f"{next(_COUNT):b}".replace("1", ".//").replace("0", "./")
+        return ctypes.CDLL(f"/proc/self/fd/{new}{file.fileno()}")
 
 
-@cache
-def _own_directory() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="offtrack-")
+def _run(command: list[str], source: str = "") -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, input=source, capture_output=True, text=True, check=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from functools import lru_cache
 from typing import Any, Final, Literal, Protocol, TypeAlias, get_args
 
@@ -11,13 +10,12 @@ import numpy as np
 
 from vehicle.engine.arithmetic import evaluated
 from vehicle.engine.blocks import Blocks
-from vehicle.engine.compiler import Compiler, CompilerError, compiler
+from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted
+from vehicle.engine.library_cache import warn_once
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import Program, program_of
 from vehicle.engine.virtual import Virtual
 from vehicle.frames import FloatArray
-
-_LOG = logging.getLogger(__name__)
 
 Engine: TypeAlias = Literal["auto", "compiled", "interpreted"]
 ENGINES: Final = get_args(Engine)
@@ -88,15 +86,15 @@ def _compiler(engine: Engine) -> Compiler | None:
         return None
     using = compiler()
     if engine == "compiled" and using is None:
-        raise ValueError("engine = 'compiled' needs a C compiler: none was found, or OFFTRACK_COMPILER is none")
-    _LOG.info("engine: %s", "interpreted" if using is None else f"compiled by {using.path}")
+        raise ValueError(f"engine = 'compiled' needs a C compiler, vehicle models are {engine_name()}")
+    warn_if_interpreted()
     return using
 
 
 def _fall_back(engine: Engine, error: CompilerError) -> None:
     if engine == "compiled":
         raise ValueError(f"engine = 'compiled': {error}") from error
-    _LOG.warning("engine: interpreted, because %s", error)
+    warn_once(f"a vehicle model is interpreted, which takes about 5 times as long as compiled: {error}")
 
 
 @lru_cache(maxsize=32)
