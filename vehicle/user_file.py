@@ -27,7 +27,7 @@ class FileKind(Enum):
     ARRAY = "an array of numbers", 256 * _MB
     NETWORK = "a trained network", 16 * _MB
     SIGNALS = "a file of signals", 512 * _MB
-    CHECKPOINT = "a checkpoint of a training", 256 * _MB
+    CHECKPOINT = "a checkpoint of a training", 64 * _MB
     RECORD = "a record of an earlier command", 64 * _MB
 
     def __init__(self, noun: str, limit: int) -> None:
@@ -36,7 +36,7 @@ class FileKind(Enum):
 
 MAX_PIXELS: Final = 64 * _MB  # of an image
 MAX_NUMBERS: Final = 16 * _MB  # of a table or an array
-MAX_NUMBER_TEXT: Final = 100  # characters of a number in a table
+MAX_FIELD: Final = 131_072  # characters between two commas of a table: the limit of the csv module
 MAX_NESTING: Final = 32  # of tables and lists in each other, and of the parts of a dotted key
 MAX_MEMBERS: Final = 1_000  # of an archive
 
@@ -100,6 +100,12 @@ def full_path(path: str | Path) -> str:
 def reason(error: OSError) -> str:
     """The system's reason in plain words."""
     return _REASONS.get(error.errno or 0) or error.strerror or type(error).__name__
+
+
+def shown(text: str, length: int = 120) -> str:
+    """Text from a file for an error message: in one line, cut after a number of characters."""
+    printable = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text[: length + 1])
+    return printable if len(printable) <= length else f"{printable[:length]}..."
 
 
 def _check(path: Path, status: os.stat_result, kind: FileKind) -> None:

@@ -12,8 +12,6 @@ The output of the last layer, clipped to -1 .. 1, is the demanded angle over the
 
 from __future__ import annotations
 
-import math
-import zipfile
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -26,12 +24,15 @@ from controllers.trailer_steering.limits import check_steered, reachable
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
+from vehicle.array_file import read_arrays
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 from vehicle.polyline import arc_length
+from vehicle.user_file import FileKind, shown
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
+_LARGEST: Final = 1e9  # number of a network: its outputs cannot overflow then
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: points on the path from the follow point to the hitch
 
 
@@ -69,15 +70,18 @@ def load_network(path: Path) -> Network:
         ValueError: one line, if there is none, or its arrays do not fit together.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise ValueError(f"policy {path}: can not be read as .npz: {error}") from error
+        arrays = read_arrays(path, FileKind.NETWORK)
+    except ValueError as error:
+        raise ValueError(f"policy {error}") from error
     n = sum(name.startswith("W") for name in arrays)
     needed = ["mean", "scale", "features", *(f"{kind}{k}" for k in range(max(n, 1)) for kind in "Wb")]
     missing = [name for name in needed if name not in arrays]
     if missing:
         raise ValueError(f"policy {path}: has no {', '.join(missing)}")
+    for name in needed:
+        expected = "U" if name == "features" else "biuf"
+        if arrays[name].dtype.kind not in expected or (arrays[name].ndim != 1 and not name.startswith("W")):
+            raise ValueError(f"policy {path}: {name} must be a row of {'words' if expected == 'U' else 'numbers'}")
     network = Network(
         tuple(arrays[f"W{k}"].astype(np.float64) for k in range(n)),
         tuple(arrays[f"b{k}"].astype(np.float64) for k in range(n)),
@@ -128,7 +132,9 @@ class Policy(SteeringLaw[PolicyMemory]):
         self._trailer, self._network = trailer, load_network(network_file(path))
         names = feature_names(len(trailer.steered_distances), [unit.name for unit in combination.vehicle.units])
         if self._network.features != names:
-            raise ValueError(f"policy {path}: is for {', '.join(self._network.features)}, not for {', '.join(names)}")
+            raise ValueError(
+                f"policy {path}: is for {shown(', '.join(self._network.features))}, not for {', '.join(names)}"
+            )
         if len(self._network.biases[-1]) != len(trailer.steered_distances):
             raise ValueError(f"policy {path}: steers {len(self._network.biases[-1])} axles")
 
@@ -193,12 +199,12 @@ def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
 def _check(network: Network, path: Path) -> None:
     """Refuse layers that do not fit together, and numbers that are not finite."""
     size = len(network.features)
-    if network.mean.shape != (size,) or network.scale.shape != (size,) or not np.all(network.scale > 0.0):
-        raise ValueError(f"policy {path}: mean and scale must be of {size} numbers, scale above 0")
+    if network.mean.shape != (size,) or network.scale.shape != (size,) or not np.all(network.scale > 1.0 / _LARGEST):
+        raise ValueError(f"policy {path}: mean and scale must be of {size} numbers, scale above {1.0 / _LARGEST:g}")
     for k, (weights, biases) in enumerate(zip(network.weights, network.biases, strict=True)):
         if weights.ndim != 2 or weights.shape != (len(biases), size):
             raise ValueError(f"policy {path}: W{k} of shape {weights.shape} must be ({len(biases)}, {size})")
         size = len(biases)
     numbers = (*network.weights, *network.biases, network.mean, network.scale)
-    if not all(math.isfinite(float(np.sum(array))) for array in numbers):
-        raise ValueError(f"policy {path}: has numbers that are not finite")
+    if not all(np.all(np.abs(array) <= _LARGEST) for array in numbers):
+        raise ValueError(f"policy {path}: has numbers that are not finite, or above {_LARGEST:g}")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
 
+from scenarios.image_file import read_grey
 from scenarios.options.surface import CircleOptions, RectangleOptions, SurfaceOptions
 from vehicle.frames import FloatArray
 from vehicle.surface import Friction, FrictionImage, PatchedFriction, SplitFriction, circle, rectangle
@@ -37,13 +38,11 @@ def ground_friction(options: SurfaceOptions, centreline: FloatArray) -> Friction
 def _image_values(path: str, black: float, white: float) -> FloatArray:
     """Friction coefficients (ny, nx) of an image's grey values."""
     try:
-        with Image.open(path) as image:
-            grey = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
-    except UnidentifiedImageError:
-        raise ValueError(f"surface.friction_image = {path}: not a readable image (PNG, JPEG, ...)") from None
-    except OSError as error:
-        raise ValueError(f"surface.friction_image = {path}: {error.strerror or error}") from None
-    return black + (white - black) * grey
+        grey = read_grey(Path(path))
+    except ValueError as error:
+        raise ValueError(f"surface.friction_image = {error}") from None
+    levels: FloatArray = black + (white - black) * (np.arange(256) / 255.0)
+    return levels[grey]
 
 
 def _patch(table: CircleOptions | RectangleOptions) -> Patch:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tomli_w
 
 from estimators.calibration.board_views import BoardView, board_view
 from estimators.calibration.single_camera import CameraCalibration
+from scenarios.image_file import read_grey_upright
 from scenarios.progress import Progress
 from sensors.camera.calibration_target import Checkerboard
-from sensors.messages import GreyImage
 
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff")
 
@@ -40,7 +40,7 @@ def _images(given: Sequence[Path]) -> list[Path]:
             if not inside:
                 raise ValueError(f"{path} contains no images ({', '.join(_SUFFIXES)})")
             images += inside
-        elif path.is_file():
+        elif os.path.lexists(path):
             images.append(path)
         else:
             raise ValueError(f"{path}: no such file or folder")
@@ -67,16 +67,9 @@ def views_of(paths: Sequence[Path], board: Checkerboard, progress: Progress) -> 
     """
     views = []
     for done, path in enumerate(paths, start=1):
-        views.append(board_view(f"{path.parent.name}/{path.name}", _read(path), board))
+        views.append(board_view(f"{path.parent.name}/{path.name}", read_grey_upright(path), board))
         progress(done, len(paths), path.name)
     return views
-
-
-def _read(path: Path) -> GreyImage:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise ValueError(f"{path} can not be read as an image")
-    return np.asarray(image, dtype=np.uint8)
 
 
 def camera_text(calibration: CameraCalibration) -> str:

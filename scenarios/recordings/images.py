@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-from PIL import Image
-
+from scenarios.image_file import pixel_size, read_grey
 from scenarios.recordings.sequence import FrameFiles, StereoSequence
 from sensors.messages import GreyImage, StereoFrame
 
 _AHEAD = 4  # frames that are read in advance: reading then costs no time in the odometry's thread
-# Raised by Pillow for files that are not images, are truncated or corrupt.
-_UNREADABLE: Final = (
-    OSError,
-    ValueError,
-    SyntaxError,
-    EOFError,
-    zlib.error,
-    struct.error,
-    Image.DecompressionBombError,
-)
 
 
 class Dropped(NamedTuple):
@@ -34,21 +20,6 @@ class Dropped(NamedTuple):
 
     files: FrameFiles
     reason: str  # one line that names the file
-
-
-def read_grey(path: Path) -> GreyImage:
-    """Read an image (height, width) as 8-bit grey levels: the luminance of colours, the upper 8 of 16 bits.
-
-    Raises:
-        ValueError: one line, if the file is missing or is not a complete image.
-    """
-    try:
-        with Image.open(path) as image:
-            if image.mode.startswith("I"):  # 16 bits
-                return (np.asarray(image, dtype=np.uint32) >> 8).astype(np.uint8)
-            return np.asarray(image.convert("L"))
-    except _UNREADABLE as error:
-        raise ValueError(f"{path} {_reason(error)}") from error
 
 
 def image_size(sequence: StereoSequence) -> tuple[int, int]:
@@ -60,7 +31,7 @@ def image_size(sequence: StereoSequence) -> tuple[int, int]:
     first = ""
     for files in sequence.frames:
         try:
-            left, right = (_header(path) for path in (files.left, files.right))
+            left, right = (pixel_size(path) for path in (files.left, files.right))
         except ValueError as error:
             first = first or str(error)
             continue
@@ -71,22 +42,6 @@ def image_size(sequence: StereoSequence) -> tuple[int, int]:
             )
         return left
     raise ValueError(f"{sequence.directory}: no pair of images can be read. First reason: {first}")
-
-
-def _header(path: Path) -> tuple[int, int]:
-    try:
-        with Image.open(path) as image:
-            return image.size
-    except _UNREADABLE as error:
-        raise ValueError(f"{path} {_reason(error)}") from error
-
-
-def _reason(error: BaseException) -> str:
-    if isinstance(error, FileNotFoundError):
-        return "is missing"
-    if isinstance(error, OSError) and error.strerror:
-        return f"cannot be read: {error.strerror}"
-    return "is corrupt or not an image"
 
 
 def stream(frames: Sequence[FrameFiles], size: tuple[int, int]) -> Iterator[tuple[FrameFiles, StereoFrame | Dropped]]:

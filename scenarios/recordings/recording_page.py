@@ -8,9 +8,9 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
+from scenarios.image_file import read_grey
 from scenarios.recordings import recording_figures as figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
-from scenarios.recordings.images import read_grey
 from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import number_cards, number_table
 from scenarios.report.page import Items, Page, Section, outcome_verdict, software_section

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
+from scenarios.image_file import read_grey_upright
 from scenarios.recordings.rover_format import IMAGES, READINGS, RIG, SLIP, SLIP_COLUMNS, columns, load_rig
-from sensors.messages import GreyImage, RoverView
+from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -30,17 +30,17 @@ class RoverRecording:
 
     def view(self, k: int) -> RoverView | str:
         """The k-th view, or the reason why it can not be used."""
-        image = cv2.imread(str(self.images[k]), cv2.IMREAD_GRAYSCALE) if self.images[k].is_file() else None
+        try:
+            image = read_grey_upright(self.images[k])
+        except ValueError as error:
+            return str(error)
         size = (self.rig.camera.height, self.rig.camera.width)
-        if image is None:
-            return f"{self.images[k].name} is missing or not an image"
         if image.shape != size:
             return f"{self.images[k].name} is {image.shape[1]}x{image.shape[0]} px, the rig {size[1]}x{size[0]}"
         row, n = self.readings[k], len(self.rig.wheels)
-        grey: GreyImage = np.asarray(image, dtype=np.uint8)
         return RoverView(
             tick=round(row[0] / TICK),
-            image=grey,
+            image=image,
             heading=math.radians(row[1]),
             wheel_speeds=row[2 : 2 + n].copy(),
             steer=np.radians(row[2 + n :]),

@@ -103,7 +103,7 @@ def broken(**change: Any) -> Network:
     ("wrong", "words"),
     [
         (broken(weights=(np.zeros((2, 3)),)), r"W0 of shape \(2, 3\) must be \(2, 18\)"),
-        (broken(scale=np.zeros(len(NAMES))), "scale above 0"),
+        (broken(scale=np.zeros(len(NAMES))), "scale above 1e-09"),
         (broken(biases=(np.array([np.nan, 0.0]),)), "not finite"),
         (broken(features=NAMES[:-1], mean=np.zeros(17), scale=np.ones(17), weights=(np.zeros((2, 17)),)), "is for"),
         (broken(weights=(np.zeros((1, 18)),), biases=(np.zeros(1),)), "steers 1 axles"),
@@ -120,7 +120,7 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> Non
     """One that is not there, and one of something else."""
     (tmp_path / "text.npz").write_text("not one")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    for name, words in (("none.npz", "can not be read"), ("text.npz", "can not be read"), ("other.npz", "has no mean")):
+    for name, words in (("none.npz", "cannot be read"), ("text.npz", "cannot be read"), ("other.npz", "has no mean")):
         with pytest.raises(ValueError, match=words):
             load_network(tmp_path / name)
 

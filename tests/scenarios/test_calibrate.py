@@ -111,7 +111,7 @@ def test_what_can_not_work_is_refused_in_one_line(photos: Path, tmp_path: Path) 
     for arguments, reason in (
         ([tmp_path / "nowhere", *GIVEN], "no such file or folder"),
         ([empty, *GIVEN], "contains no images"),
-        ([broken, *GIVEN], "can not be read as an image"),
+        ([broken, *GIVEN], "is corrupt or not an image"),
         ([*some, *GIVEN], "only 4 of 4 images can be used; at least 8 are needed"),
         ([*some, small, *GIVEN], "all images must come from one camera at one resolution"),
         ([*some, "--board", "9by6"], "expected COLUMNSxROWS"),

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.recordings.images import Dropped, image_size, read_grey, stream
+from scenarios.image_file import read_grey
+from scenarios.recordings.images import Dropped, image_size, stream
 from scenarios.recordings.sequence import LAYOUTS, Layout, find_sequence
 from sensors.messages import GreyImage
 

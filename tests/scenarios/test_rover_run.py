@@ -147,7 +147,7 @@ def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_pat
     arguments = ["estimate", "slip", str(copy), "--estimator", "ftrace", "--no-video", "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.stderr
-    assert "Image 3 dropped: 000003.png is missing or not an image" in result.stdout
+    assert f"Image 3 dropped: {copy}/images/000003.png is corrupt or not an image" in result.stdout
     rows = list(csv.DictReader((tmp_path / "out" / "slip.csv").read_text().splitlines()))
     assert rows[3]["health"] == "dropped"
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from vehicle.array_file import read_array
 from vehicle.frames import FloatArray
+from vehicle.user_file import MAX_NUMBERS, FileKind, read_text, shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -63,10 +65,22 @@ def load_height_map(path: str, spacing: float, *, x: float = 0.0, y: float = 0.0
     """Load a height map: heights [m] in rows of growing y, as ``.npy`` or as comma-separated text.
 
     Raises:
-        ValueError: if the file is missing or is not a table of numbers.
+        ValueError: one line, if the file cannot be read or is not a table of numbers.
     """
+    file = Path(path)
+    heights = read_array(file) if file.suffix == ".npy" else _from_text(file)
     try:
-        heights = np.load(path) if Path(path).suffix == ".npy" else np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
+        return HeightMap(heights=heights.astype(np.float64), spacing=spacing, x=x, y=y)
+    except ValueError as error:
         raise ValueError(f"{path}: not a table of heights: {error}") from error
-    return HeightMap(heights=np.asarray(heights, dtype=np.float64), spacing=spacing, x=x, y=y)
+
+
+def _from_text(path: Path) -> FloatArray:
+    lines = [line for line in read_text(path, FileKind.TABLE).splitlines() if line.partition("#")[0].strip()]
+    count = len(lines) + sum(line.count(",") for line in lines)
+    if not 0 < count <= MAX_NUMBERS:
+        raise ValueError(f"{path}: not a table of heights: has {count} numbers, must have 1 to {MAX_NUMBERS}")
+    try:
+        return np.loadtxt(lines, delimiter=",", ndmin=2)
+    except ValueError as error:
+        raise ValueError(f"{path}: not a table of heights: {shown(str(error))}") from error

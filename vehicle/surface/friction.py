@@ -98,7 +98,7 @@ class FrictionImage:
         for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
             check_friction(name, float(value))
         check_friction("outside", outside)
-        self._values = np.pad(values[::-1].astype(np.float64), 1, mode="edge")
+        self._values = np.pad(np.asarray(values[::-1], dtype=np.float64), 1, mode="edge")
         self._cell, self._corner, self._outside = cell, corner, outside
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:

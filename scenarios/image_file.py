@@ -1,0 +1,131 @@
+"""Images that a user gives: photograph and bitmap formats only, their size checked before they are decoded."""
+
+from __future__ import annotations
+
+import io
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Final
+
+import cv2
+import numpy as np
+from PIL.BmpImagePlugin import BmpImageFile
+from PIL.ImageFile import ImageFile
+from PIL.JpegImagePlugin import JpegImageFile
+from PIL.PngImagePlugin import PngImageFile
+from PIL.PpmImagePlugin import PpmImageFile
+from PIL.TiffImagePlugin import TiffImageFile
+
+from sensors.messages import GreyImage
+from vehicle.user_file import MAX_PIXELS, FileKind, read_bytes
+
+# First bytes of a file, and the reader of its format. Pillow's other readers never see a file: one starts Ghostscript.
+_FORMATS: Final = (
+    (b"\x89PNG\r\n\x1a\n", PngImageFile),
+    (b"\xff\xd8\xff", JpegImageFile),
+    (b"BM", BmpImageFile),
+    (b"II", TiffImageFile),
+    (b"MM", TiffImageFile),
+    (b"P4", PpmImageFile),
+    (b"P5", PpmImageFile),
+    (b"P6", PpmImageFile),
+)
+_PLAIN: Final = (b"P1", b"P2", b"P3")  # numbers as text, which Pillow reads at a megapixel per second
+_STDERR: Final = threading.Lock()  # images are read in several threads
+
+
+def pixel_size(path: Path) -> tuple[int, int]:
+    """Width and height [px], from the header.
+
+    Raises:
+        ValueError: as ``read_grey``, except for damage behind the header.
+    """
+    return _opened(path, _content(path)).size
+
+
+def read_grey(path: Path) -> GreyImage:
+    """Read an image (height, width) as 8-bit grey levels: the luminance of colours, the upper 8 of 16 bits.
+
+    Raises:
+        ValueError: one line, if the file is missing, is not a complete image, or has more than ``MAX_PIXELS``.
+    """
+    image = _decoded(path, _content(path))
+    if image.mode.startswith("I"):  # 16 bits
+        return (np.asarray(image, dtype=np.uint32) >> 8).astype(np.uint8)
+    return np.asarray(image.convert("L"))
+
+
+def read_grey_upright(path: Path) -> GreyImage:
+    """Read an image as ``read_grey``, turned as the EXIF data of a photograph say; grey levels are those of OpenCV.
+
+    Raises:
+        ValueError: as ``read_grey``.
+    """
+    content = _content(path)
+    _decoded(path, content)  # OpenCV fills what is missing in an incomplete file
+    with _silent_stderr():
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise _damaged(path)
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _content(path: Path) -> bytes:
+    if not os.path.lexists(path):
+        raise ValueError(f"{path} is missing")
+    return read_bytes(path, FileKind.IMAGE)
+
+
+def _opened(path: Path, content: bytes) -> ImageFile:
+    """Image with only its header decoded."""
+    reader = next((reader for start, reader in _FORMATS if content.startswith(start)), None)
+    if content.startswith(_PLAIN):
+        raise ValueError(f"{path} has its pixels as text: save it in a binary format, for example PNG")
+    if reader is None:
+        raise _damaged(path)
+    try:
+        with _quiet(reader):
+            image: ImageFile = reader(io.BytesIO(content))
+    except Exception as error:  # a damaged file raises almost anything
+        raise _damaged(path) from error
+    width, height = image.size
+    if width * height > MAX_PIXELS:
+        raise ValueError(
+            f"{path} has {width}x{height} px: an image must have at most {MAX_PIXELS // 10**6} megapixels; reduce it"
+        )
+    return image
+
+
+def _decoded(path: Path, content: bytes) -> ImageFile:
+    image = _opened(path, content)
+    try:
+        with _quiet(type(image)):
+            image.load()
+    except Exception as error:
+        raise _damaged(path) from error
+    return image
+
+
+def _damaged(path: Path) -> ValueError:
+    return ValueError(f"{path} is corrupt or not an image")
+
+
+def _quiet(reader: type[ImageFile]) -> AbstractContextManager[None]:
+    return _silent_stderr() if reader is TiffImageFile else nullcontext()  # only its library writes to the terminal
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Discard what libraries in C write to the terminal about a damaged file."""
+    with _STDERR:
+        kept = os.dup(2)
+        try:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+                yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)

@@ -1,0 +1,95 @@
+"""Arrays and archives that a user gives: sizes are checked before anything is unpacked, and nothing is unpickled."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from vehicle.user_file import MAX_MEMBERS, MAX_NUMBERS, FileKind, read_bytes, shown
+
+_MAX_HEADER: Final = 4096  # [bytes]
+_HEADERS: Final[dict[tuple[int, int], Callable[..., Any]]] = {
+    (1, 0): npy.read_array_header_1_0,
+    (2, 0): npy.read_array_header_2_0,
+}
+_ENCRYPTED: Final = 0x1  # flag of a member
+_METHODS: Final = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """Array of numbers or words in a ``.npy`` file, read-only.
+
+    Raises:
+        ValueError: one line, if the file cannot be read or is not such an array.
+    """
+    return _array(read_bytes(path, FileKind.ARRAY), str(path))
+
+
+def read_arrays(path: Path, kind: FileKind) -> dict[str, NDArray[Any]]:
+    """Arrays of a ``.npz`` file by name, read-only.
+
+    Raises:
+        ValueError: one line, if the file cannot be read or has members that are not such arrays.
+    """
+    members = read_archive(path, kind)
+    return {name.removesuffix(".npy"): _array(content, f"{path}, {name}") for name, content in members.items()}
+
+
+def read_archive(path: Path, kind: FileKind) -> dict[str, bytes]:
+    """Members of a zip file by name; all together must not exceed the limit of the kind.
+
+    Raises:
+        ValueError: one line, if the file cannot be read, is damaged or encrypted, or unpacks to more.
+    """
+    content = read_bytes(path, kind)
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = archive.infolist()
+            refusal = _refusal(members, kind)
+            unpacked = {} if refusal else {member.filename: _unpacked(archive, member) for member in members}
+    except Exception as error:  # a damaged archive raises almost anything
+        raise ValueError(f"{path} cannot be read as .npz or .zip: it is damaged or of another kind") from error
+    if refusal:
+        raise ValueError(f"{path} {refusal}")
+    return unpacked
+
+
+def _refusal(members: list[zipfile.ZipInfo], kind: FileKind) -> str:
+    """Reason why members must not be unpacked; empty if there is none."""
+    total = sum(member.file_size for member in members)
+    if len(members) > MAX_MEMBERS:
+        return f"has {len(members)} members: {kind.noun} must have at most {MAX_MEMBERS}"
+    if total > kind.limit:
+        return f"unpacks to {total / 1e6:.4g} MB: {kind.noun} must have at most {kind.limit / 1e6:g} MB"
+    if any(member.flag_bits & _ENCRYPTED or member.compress_type not in _METHODS for member in members):
+        return f"is encrypted or packed by an unusual method: {kind.noun} must be stored or deflated"
+    return ""
+
+
+def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    with archive.open(member) as file:
+        return file.read(member.file_size)  # with a count, so that a member that states too little is not unpacked
+
+
+def _array(content: bytes, name: str) -> NDArray[Any]:
+    stream = io.BytesIO(content)
+    try:
+        shape, by_columns, kind = _HEADERS[npy.read_magic(stream)](stream, max_header_size=_MAX_HEADER)
+    except Exception as error:  # the header is a Python expression
+        raise ValueError(f"{name} cannot be read as .npy: its header is damaged or of another kind") from error
+    if not (kind.kind in "biu" or kind.char in "efdU") or not kind.itemsize:
+        raise ValueError(f"{name} has elements of type {shown(str(kind))}: they must be numbers or words")
+    count, left = math.prod(shape), len(content) - stream.tell()
+    if any(n < 0 for n in shape) or count > MAX_NUMBERS:
+        raise ValueError(f"{name} has the shape {shown(str(shape))}: an array must have at most {MAX_NUMBERS} elements")
+    if count * kind.itemsize > left:
+        raise ValueError(f"{name} has {left} bytes for {count} elements of type {kind}: it is not complete")
+    return np.frombuffer(content, kind, count, stream.tell()).reshape(shape, order="F" if by_columns else "C")
