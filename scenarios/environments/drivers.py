@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -59,6 +59,7 @@ class Drivers:
         self._u = np.zeros((n, len(_Inputs._fields) + len(PathPiece._fields)))
         self._inputs = _Inputs(*(self._u[:, k] for k in range(len(_Inputs._fields))))
         self._memory = np.zeros((n, len(DriverState._fields)))
+        self.state = DriverState(*self._memory.T)  # state and demands of all drivers, (n,) each
         for column in (self._inputs.speed, self._inputs.gain, self._inputs.x_ref):
             column[:] = 1.0
 
@@ -66,11 +67,6 @@ class Drivers:
     def course(self) -> NDArray[np.intp]:
         """Indices of the courses, (n,)."""
         return self._course
-
-    @property
-    def state(self) -> DriverState[FloatArray]:
-        """State and demands of all drivers, (n,) each."""
-        return DriverState(*self._memory.T)
 
     def begin(self, lanes: NDArray[np.intp], course: NDArray[np.intp], speed: FloatArray) -> None:
         """Start these drivers on courses at set speeds [m/s]."""
@@ -92,11 +88,8 @@ class Drivers:
         near += self._memory[:, 0]
         self._u[:, len(_Inputs._fields) :] = self._tracks.pieces(self._course, near)
         self._memory = self._step(self._memory, self._u)
-        return self._memory[:, _DEMAND], self._memory[:, _ACCELERATION]
-
-
-_DEMAND: Final = DriverState._fields.index("demand")
-_ACCELERATION: Final = DriverState._fields.index("acceleration")
+        self.state = DriverState(*self._memory.T)
+        return self.state.demand, self.state.acceleration
 
 
 def _function(t: TractorGeometry) -> ca.Function:

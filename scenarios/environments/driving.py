@@ -141,7 +141,9 @@ class TractorTrailerDriving:
 
     def info(self) -> Info:
         """Distance and heading error of the end from its goal."""
-        goal = np.nan_to_num(self._relative_goal)
+        goal = self._relative_goal
+        if not np.isfinite(goal).all():
+            goal = np.nan_to_num(goal)
         return {"distance_m": np.hypot(goal[:, 0], goal[:, 1]), "heading_error_deg": np.degrees(np.abs(goal[:, 2]))}
 
     def picture(self, lane: int) -> Picture:
@@ -162,11 +164,12 @@ class TractorTrailerDriving:
         c, s = np.cos(psi), np.sin(psi)
         d_x, d_y = self._goal[:, 0] - x, self._goal[:, 1] - y
         turned = self._goal[:, 2] - psi
-        turned = turned - math.tau * np.round(turned / math.tau)
+        turned = turned - math.tau * np.rint(turned / math.tau)
         return np.column_stack([c * d_x + s * d_y + self._ends, c * d_y - s * d_x, turned])
 
     def _judged(self, before: FloatArray, demand: FloatArray) -> Result:
         now, goal = self._now, self._relative_goal
+        psi = now.poses[:, :, 2]
         distance = np.hypot(goal[:, 0], goal[:, 1])
         at_goal = (distance < _ARRIVAL_DISTANCE) & (np.abs(goal[:, 2]) < _ARRIVAL_ANGLE)
         arrived = (
@@ -175,7 +178,7 @@ class TractorTrailerDriving:
         outcome = np.full(self.n, "", dtype=object)
         mishaps = {
             "lost": distance > _LOST[self._options.task],
-            "jackknifed": (np.abs(np.diff(now.poses[:, :, 2], axis=1)) >= FOLDED).any(axis=1),
+            "jackknifed": (np.abs(psi[:, 1:] - psi[:, :-1]) >= FOLDED).any(axis=1),
             "rolled over": (np.abs(now.load_transfer) >= LIFTED).any(axis=1),
             "diverged": ~np.isfinite(distance),
         }
@@ -188,7 +191,7 @@ class TractorTrailerDriving:
         terminated = failed | arrived
         truncated = (self._elapsed >= self._time - 1e-9) & ~terminated
         outcome[truncated] = "timed out"
-        nearer = _cost_to_go(before) - _cost_to_go(goal) - 0.001 * np.sum(demand**2, axis=1)
+        nearer = _cost_to_go(before) - _cost_to_go(goal) - 0.001 * (demand * demand).sum(axis=1)
         reward = np.where(np.isfinite(nearer), nearer, 0.0) + _MISHAP * failed + _ARRIVED * arrived
         return Result(reward, terminated, truncated, outcome)
 

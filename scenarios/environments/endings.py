@@ -17,13 +17,13 @@ _ROAD = 4.5  # half the width of a course's road [m]
 
 def jackknifed(moment: Moment) -> NDArray[np.bool_]:
     """True at an articulation of 90 deg or more."""
-    folded: NDArray[np.bool_] = np.any(np.abs(moment.articulation) >= FOLDED, axis=1)
+    folded: NDArray[np.bool_] = np.logical_or.reduce(np.abs(moment.articulation) >= FOLDED, axis=1)
     return folded
 
 
 def rolled_over(moment: Moment) -> NDArray[np.bool_]:
     """True if all load of a unit is on one side's wheels; a scenario waits half a second longer."""
-    lifted: NDArray[np.bool_] = np.any(np.abs(moment.load_transfer) >= LIFTED, axis=1)
+    lifted: NDArray[np.bool_] = np.logical_or.reduce(np.abs(moment.load_transfer) >= LIFTED, axis=1)
     return lifted
 
 

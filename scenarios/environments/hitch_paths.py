@@ -97,7 +97,7 @@ class HitchPaths:
         before = self._distance.copy()
         self._distance = before + distance
         while True:
-            full = np.flatnonzero(self._distance >= _SPACING)
+            (full,) = (self._distance >= _SPACING).nonzero()
             if not len(full):
                 break
             part = (_SPACING - before[full]) / distance[full]

@@ -132,11 +132,11 @@ class Surrogate:
 
     def step(self, truth: Estimate) -> Estimate:
         """Estimates delivered by now, one control step later."""
-        due = np.flatnonzero(self._steps % self._period == 0)
+        (due,) = (self._steps % self._period == 0).nonzero()
         if len(due):
             self._capture(due, truth)
         if self._latency < self._period:
-            self._deliver(np.flatnonzero(self._steps % self._period == self._latency))
+            self._deliver((self._steps % self._period == self._latency).nonzero()[0])
         self._steps += 1
         self._delivered.age[:] += self._step
         return self._delivered

@@ -136,7 +136,7 @@ class PlantBatch:
         acceleration: ArrayLike,
         trailer_steer: FloatArray,
         ticks: int,
-        gear: ArrayLike = 1.0,
+        gear: ArrayLike | None = None,
     ) -> BatchMotion:
         """Step all vehicles over whole ticks under held commands.
 
@@ -145,7 +145,7 @@ class PlantBatch:
             acceleration: (n,) above 0 drives the way the gear does, below 0 brakes [m/s2].
             trailer_steer: (n, n_steered) of the trailer axles [rad].
             ticks: at least 1.
-            gear: (n,) +1 forward, -1 backward.
+            gear: (n,) +1 forward, -1 backward; None: all forward.
 
         Raises:
             ValueError: if the number of ticks, the shape of ``trailer_steer`` or a gear does not fit.
@@ -158,8 +158,9 @@ class PlantBatch:
                 f"{self._vehicle.name} steers {self._n_trailer} trailer axles"
             )
         last = self._n_command - 1
-        self._u[:, 0], self._u[:, 1], self._u[:, 2:last], self._u[:, last] = steer, acceleration, trailer_steer, gear
-        if not (np.abs(self._u[:, last]) == 1.0).all():
+        self._u[:, 0], self._u[:, 1], self._u[:, 2:last] = steer, acceleration, trailer_steer
+        self._u[:, last] = 1.0 if gear is None else gear
+        if gear is not None and not (np.abs(self._u[:, last]) == 1.0).all():
             raise ValueError("gear must be 1 (forward) or -1 (backward) for every vehicle")
         self._state = self._advance(self._state, self._u, ticks)
         finite = np.isfinite(self._u[:, : self._n_command])

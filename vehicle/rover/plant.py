@@ -39,7 +39,7 @@ class RoverPlant:
         self._loads = kernel_for_one(load_function(rover, soil), values, "interpreted")
         self._wheels = rover.wheel_places
         self._undercarriage = Undercarriage(rover)
-        self._steered = np.array([wheel.steered for wheel in rover.wheels])
+        self._unsteered = np.array([not wheel.steered for wheel in rover.wheels])
         self._in_state = RoverState(*slices(state_sizes(len(rover.wheels))))
         self._in_input = RoverInput(*slices(input_sizes(len(rover.wheels))))
         self._everywhere = self._look(Pose2(0.0, 0.0, 0.0)) if terrain.is_uniform else None
@@ -128,9 +128,9 @@ class RoverPlant:
     def _demands(self, command: RoverCommand) -> FloatArray:
         demands = np.array([*command.wheel_speed, *command.steer])
         n = len(self._wheels)
-        if demands.shape != (2 * n,) or len(command.steer) != n or not np.all(np.isfinite(demands)):
+        if demands.shape != (2 * n,) or len(command.steer) != n or not np.isfinite(demands).all():
             raise ValueError(f"{command} must have {n} finite wheel speeds [rad/s] and {n} finite angles [rad]")
-        if np.any(demands[n:][~self._steered] != 0.0):
+        if demands[n:][self._unsteered].any():
             which = "no wheel" if not self._rover.steered else "not all wheels"
             raise ValueError(f"steer = {command.steer} rad must be 0: {self._rover.name} steers {which}")
         return demands

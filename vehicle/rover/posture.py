@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vehicle.frames import FloatArray, Pose2, cross, transform
 from vehicle.rover.description import Rover
@@ -25,54 +25,45 @@ class Posture:
     wheel_velocities: FloatArray  # (n, 2) along and across each wheel's heading [m/s]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sum:
-    """Weighted sum of the wheels' points, in the order of falling weights."""
-
-    order: NDArray[np.intp]  # (n,)
-    weights: FloatArray  # (n, 1) in that order
-
-    @classmethod
-    def along(cls, coordinate: FloatArray) -> _Sum:
-        """Sum that gives the direction in which this coordinate (n,) of the wheels grows."""
-        weights = coordinate / coordinate.max()
-        order = np.argsort(-weights, kind="stable")
-        return cls(order, weights[order, None])
-
-    def of(self, points: FloatArray) -> FloatArray:
-        """Sum of points (n, 3): (3,)."""
-        total: FloatArray = (self.weights * points[self.order]).sum(axis=0)
-        return total
-
-
 class Undercarriage:
     """Wheels of a rover as they stand on terrain."""
 
     def __init__(self, rover: Rover) -> None:
         self._places = rover.wheel_places
-        self._forward, self._leftward = (_Sum.along(self._places[:, k]) for k in (0, 1))
+        # Weighted sums of the wheels' points, in the order of falling weights, point forward and to the left.
+        weights = (self._places / self._places.max(axis=0)).T
+        self._order = np.argsort(-weights, axis=1, kind="stable")  # (2, n)
+        self._weights = np.take_along_axis(weights, self._order, axis=1)[:, :, None]  # (2, n, 1)
 
     def posture(self, terrain: Terrain, s: RoverState[FloatArray]) -> Posture:
         """Posture in a state: the body is parallel to the least-squares plane of the wheels' lowest points."""
         p, origin = self._places, np.array([s.x[0], s.y[0]])
         flat = Pose2(float(s.x[0]), float(s.y[0]), float(s.psi[0])).apply(p)
         for _ in range(2):  # an inclined body covers less of the map than a level one
-            lowest = np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage])
+            lowest = _lowest(flat, terrain, s)
             R_WB = self._attitude(lowest)
             flat = p @ R_WB[:2, :2].T + origin
         return Posture(
-            X_WB=transform(R_WB, np.mean(lowest, axis=0)),
-            wheels=np.column_stack([flat, terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage]),
+            X_WB=transform(R_WB, lowest.mean(axis=0)),
+            wheels=_lowest(flat, terrain, s),
             wheel_velocities=_wheel_velocities(p, s),
         )
 
     def _attitude(self, lowest: FloatArray) -> FloatArray:
         """R_WB of the body from the wheels' lowest points in W (n, 3)."""
-        forward, leftward = self._forward.of(lowest), self._leftward.of(lowest)
-        e_x = forward / np.linalg.norm(forward)
+        forward, leftward = (self._weights * lowest[self._order]).sum(axis=1)
+        e_x = forward / math.sqrt(forward @ forward)
         up = cross(e_x, leftward)
-        e_z = up / np.linalg.norm(up)
+        e_z = up / math.sqrt(up @ up)
         return np.column_stack([e_x, cross(e_z, e_x), e_z])
+
+
+def _lowest(flat: FloatArray, terrain: Terrain, s: RoverState[FloatArray]) -> FloatArray:
+    """Lowest points (n, 3) of wheels above these points (n, 2) of the map [m]."""
+    points = np.empty((len(flat), 3))
+    points[:, :2] = flat
+    points[:, 2] = terrain.height(flat[:, 0], flat[:, 1]) - s.sinkage
+    return points
 
 
 def slip_ratios(rim: FloatArray, v_x: FloatArray) -> FloatArray:
