@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import sys
 from typing import Annotated
 
 import typer
@@ -21,7 +22,8 @@ from scenarios.commands import (
     validate,
     vehicle,
 )
-from scenarios.commands.console import lines
+from scenarios.commands.console import INTERRUPTED, lines
+from scenarios.interrupts import TERMINATED, interrupt_on_termination, terminated
 
 app = typer.Typer(
     name="offtrack",
@@ -72,7 +74,13 @@ app.add_typer(estimate.app, name="estimate")
 
 def main() -> None:
     """Entry point of the command."""
-    app()
+    interrupt_on_termination()
+    try:
+        app()
+    except SystemExit as end:
+        if end.code == INTERRUPTED and terminated():
+            sys.exit(TERMINATED)
+        raise
 
 
 if __name__ == "__main__":

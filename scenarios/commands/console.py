@@ -28,10 +28,26 @@ def one_line_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError, RendererUnavailableError) as error:
-        typer.echo(f"offtrack: {error}", file=sys.stderr)
+        remark(str(error))
         raise typer.Exit(BAD_INPUT) from error
     except KeyboardInterrupt as interrupt:
+        remark("interrupted; what is finished is kept")
         raise typer.Exit(INTERRUPTED) from interrupt
+
+
+def remark(line: str) -> None:
+    """Print a line on standard error."""
+    typer.echo(f"offtrack: {line}", file=sys.stderr)
+
+
+def check_number(option: str, value: float | None, low: float, high: float) -> None:
+    """Refuse a number outside its limits; None is accepted.
+
+    Raises:
+        ValueError: one line with value and limits.
+    """
+    if value is not None and not low <= value <= high:  # also NaN
+        raise ValueError(f"{option} {value}: must be from {low:g} to {high:g}")
 
 
 class LazyDisplay(ProgressDisplay):

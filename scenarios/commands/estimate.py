@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from scenarios.commands.console import INTERRUPTED, Quiet, lines, one_line_errors, progress_bar, progress_display
+from scenarios.interrupts import postponed_interrupts
 
 if TYPE_CHECKING:
     from estimators.context import OffTrackingSource
@@ -113,14 +114,14 @@ def off_tracking(
         )
         recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
         name, source = _source(recording, odometry, self_calibration=self_calibration)
-        with progress_display(shown=not (quiet or as_json)) as display:
-            estimation = estimate(recording, source, progress_bar(display, "off-tracking"))
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            estimation = estimate(recording, source, checked(progress_bar(display, "off-tracking")))
             numbers = write_estimation(
                 estimation,
                 name,
                 results,
                 video=video and estimation.outcome == "completed",
-                progress=progress_bar(display, "video"),
+                progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)
 
@@ -168,13 +169,13 @@ def slip(
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR)
         recording = open_rover_recording(directory, rig)
         source = part.of(RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={}))
-        with progress_display(shown=not (quiet or as_json)) as display:
-            estimation = estimate_slip(recording, estimator, source, progress_bar(display, "slip angle"))
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
+            estimation = estimate_slip(recording, estimator, source, checked(progress_bar(display, "slip angle")))
             numbers = write_slip_estimation(
                 estimation,
                 results,
                 video=video and estimation.outcome == "completed",
-                progress=progress_bar(display, "video"),
+                progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _SLIP_GROUPS, quiet=quiet, as_json=as_json)
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from scenarios.commands.console import INTERRUPTED, Quiet, ScenarioName, one_line_errors, progress_bar, progress_display
+from scenarios.interrupts import postponed_interrupts
 from scenarios.options.scenario import load_any_scenario
 
 EXAMPLES = (
@@ -37,7 +38,11 @@ def run(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the world and all noise.")] = 1,
     out: Annotated[
-        Path | None, typer.Option(help="Run directory; must be new or empty.", show_default="runs/SCENARIO-N")
+        Path | None,
+        typer.Option(
+            help="Run directory: new, empty, or an interrupted run, which is replaced.",
+            show_default="runs/SCENARIO-N",
+        ),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
@@ -47,7 +52,7 @@ def run(
     """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_apart, check_run_directory, next_run_directory
     from scenarios.results.summary import summary
 
     with one_line_errors():
@@ -56,16 +61,18 @@ def run(
         check_run_directory(directory)
         if record:
             check_run_directory(record)
-        with progress_display(shown=not (quiet or as_json)) as display:
+            check_apart(directory, record)
+        with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = run_any(
                 chosen,
                 seed,
                 keep_frames=True,
                 record=record,
-                progress=progress_bar(display, f"{chosen.name}, seed {seed}"),
-                calibration_progress=progress_bar(display, "calibration boards"),
+                progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
+                calibration_progress=checked(progress_bar(display, "calibration boards")),
             )
-            write_run(result, directory, video=video, progress=progress_bar(display, "video"))
+            video = video and result.outcome != "interrupted"
+            write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
         numbers = summary(result)
         if as_json:
             typer.echo(json.dumps(numbers, indent=2))

@@ -15,10 +15,13 @@ from scenarios.commands.console import (
     CHECK_FAILED,
     Quiet,
     ScenarioName,
+    check_number,
     one_line_errors,
     progress_bar,
     progress_display,
+    remark,
 )
+from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
     from scenarios.studies.study import Study
@@ -32,7 +35,7 @@ COMPARE_EXAMPLES = (
 )
 SWEEP_EXAMPLES = "Example of a STUDY.toml: the study.toml that offtrack compare writes."
 
-Jobs = Annotated[int | None, typer.Option(min=1, help="Number of parallel runs.", show_default="one per core")]
+Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Out = Annotated[
     Path | None,
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
@@ -120,21 +123,27 @@ def _short(scenario: str) -> str:
 
 def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
     """Run the study, write its directory and print its table."""
-    from scenarios.studies.files import check_study_directory, opened_study, write_study
-    from scenarios.studies.pool import default_jobs, run_cases
+    from scenarios.processes import default_jobs
+    from scenarios.studies.files import CELLS, check_study_directory, opened_study, write_study
+    from scenarios.studies.pool import run_cases
+    from scenarios.studies.study import FILE
     from scenarios.studies.table import rows_of
 
     directory = out or Path("runs") / title
     with one_line_errors():
+        check_number("--jobs", jobs, 1, MOST_JOBS)
         check_study_directory(directory)
         cases = study.cases()
         for case in cases:
             case.identity()  # refuse invalid scenarios before anything is written
-        cells = opened_study(study, directory)
-        with progress_display(shown=not (quiet or as_json)) as bar:
-            outcomes = run_cases(cases, cells, jobs=jobs or default_jobs(), progress=progress_bar(bar, title))
-        rows = rows_of(outcomes)
-        write_study(title, study, outcomes, rows, directory)
+        with opened_study(directory, FILE, study.to_toml()):
+            with progress_display(shown=not (quiet or as_json)) as bar:
+                progress = progress_bar(bar, title)
+                outcomes = run_cases(
+                    cases, directory / CELLS, jobs=jobs or default_jobs(), progress=progress, remark=remark
+                )
+            rows = rows_of(outcomes)
+            write_study(title, study, outcomes, rows, directory)
     if as_json:
         typer.echo(json.dumps([_plain(row) for row in rows], indent=2))
     elif not quiet:

@@ -12,7 +12,16 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import Quiet, ScenarioName, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import (
+    Quiet,
+    ScenarioName,
+    check_number,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
     from scenarios.studies.tuning import Trial, Tuning
@@ -24,6 +33,7 @@ EXAMPLES = (
     "--objectives off_tracking.true_rms_m,steer.max_rate_deg_s --vary surface.friction=0.8,0.2 "
     "--judge-vary surface.friction=0.5,0.3   Then: offtrack run runs/tune-roundabout-path_preview/tuned.toml"
 )
+_FILE = "tuning.toml"  # identifies the task of a directory
 
 
 def tune(
@@ -34,7 +44,7 @@ def tune(
             help="Trailer steering law or rover driver, or package.module:Name.", show_default="path_preview; path"
         ),
     ] = None,
-    trials: Annotated[int, typer.Option(min=1, help="Total number of finished trials, including earlier ones.")] = 40,
+    trials: Annotated[int, typer.Option(help="Total number of finished trials, including earlier ones.")] = 40,
     objectives: Annotated[
         str | None,
         typer.Option(
@@ -69,10 +79,8 @@ def tune(
         ),
     ] = None,
     judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Number of parallel trials.", show_default="one per core")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed of the search.")] = 1,
+    jobs: Annotated[int | None, typer.Option(help="Number of parallel trials.", show_default="one per core")] = None,
+    seed: Annotated[int, typer.Option(help="Random seed of the search.")] = 1,
     out: Annotated[
         Path | None,
         typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
@@ -85,13 +93,18 @@ def tune(
     Finished trials are saved at once: repeat the command to continue an interrupted search. Writes tuned.toml (a
     scenario to run), journal.log, trials.csv, and report.html with the trade-off between the objectives.
     """
-    from scenarios.studies.files import check_study_directory, replaced
-    from scenarios.studies.pool import default_jobs, run_cases
+    from scenarios.processes import default_jobs
+    from scenarios.results.files import replaced
+    from scenarios.studies.files import CELLS, check_study_directory, opened_study
+    from scenarios.studies.pool import run_cases
     from scenarios.studies.subject import subject_of
-    from scenarios.studies.tuning import JOURNAL, chosen, finished, objective_means, optimise, with_parameters
+    from scenarios.studies.tuning import JOURNAL, chosen, finished, former, objective_means, optimise, with_parameters
     from scenarios.studies.tuning_page import tuning_page
 
     with one_line_errors():
+        check_number("--trials", trials, 1, 100_000)
+        check_number("--jobs", jobs, 1, MOST_JOBS)
+        check_number("--seed", seed, 0, 2**31)
         if importlib.util.find_spec("optuna") is None:
             raise ValueError("tuning needs Optuna; install it with: pip install 'offtrack[tune]'")
         subject = subject_of(scenario)
@@ -101,27 +114,29 @@ def tune(
         tuning = _tuning(scenario, controller, names, ranges or [], settings or [], sets)
         directory = out or Path("runs") / f"tune-{Path(scenario).stem}-{controller.rpartition(':')[2]}"
         if not (directory / JOURNAL).is_file():
-            check_study_directory(directory)
+            check_study_directory(directory, _FILE)
         description = _description(tuning)
-        _check_same(directory / "tuning.toml", description)
-        directory.mkdir(parents=True, exist_ok=True)
-        replaced(directory / "tuning.toml", description)
-        workers = jobs or default_jobs()
-        with progress_display(shown=not (quiet or as_json)) as bar:
-            progress = progress_bar(bar, f"tune {controller}")
-            results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
-            progress(trials, trials)
-            best, judged = chosen(results), {}
-            candidates = {"defaults": {}, "tuned": best.parameters}
-            judging = progress_bar(bar, "judge")
-            for done, (name, parameters) in enumerate(candidates.items()):
-                judging(done, len(candidates))
-                cases = with_parameters(tuning.judged_on, parameters).cases()
-                outcomes = run_cases(cases, directory / "cells", jobs=workers)
-                judged[name] = objective_means(tuning.objectives, outcomes)
-            judging(len(candidates), len(candidates))
-        _write(tuning, finished(tuning, directory), best, directory)
-        replaced(directory / "report.html", tuning_page(tuning, results, best, judged))
+        _check_same(directory / _FILE, description)
+        with opened_study(directory, _FILE, description):
+            unusable = former(tuning, directory)
+            if unusable:
+                remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
+            workers = jobs or default_jobs()
+            with progress_display(shown=not (quiet or as_json)) as bar:
+                progress = progress_bar(bar, f"tune {controller}")
+                results = optimise(tuning, directory, trials=trials, jobs=workers, seed=seed, progress=progress)
+                progress(trials, trials)
+                best, judged = chosen(results), {}
+                candidates = {"defaults": {}, "tuned": best.parameters}
+                judging = progress_bar(bar, "judge")
+                for done, (name, parameters) in enumerate(candidates.items()):
+                    judging(done, len(candidates))
+                    cases = with_parameters(tuning.judged_on, parameters).cases()
+                    outcomes = run_cases(cases, directory / CELLS, jobs=workers, remark=remark)
+                    judged[name] = objective_means(tuning.objectives, outcomes)
+                judging(len(candidates), len(candidates))
+            _write(tuning, finished(tuning, directory), best, directory)
+            replaced(directory / "report.html", tuning_page(tuning, results, best, judged))
     if as_json:
         typer.echo(json.dumps(_plain(tuning, best, judged), indent=2))
     elif not quiet:
@@ -174,6 +189,7 @@ def _tuning(
         objectives=names,
         tuned_on=studies[0],
         judged_on=studies[1],
+        identity=studies[0].identity(),
     )
 
 
@@ -203,7 +219,7 @@ def _check_same(path: Path, description: str) -> None:
 
 def _write(tuning: Tuning, trials: list[Trial], best: Trial, directory: Path) -> None:
     from scenarios.options.scenario import load_any_scenario
-    from scenarios.studies.files import replaced
+    from scenarios.results.files import replaced
     from scenarios.studies.tuning import with_parameters
 
     case = with_parameters(tuning.judged_on, best.parameters).cases()[0]

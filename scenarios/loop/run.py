@@ -84,6 +84,8 @@ def run(
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
         session = cleanup.enter_context(TrailerSession(parts, keep_frames=keep_frames, recorder=recorder))
         session.run(progress)
+        if recorder:
+            recorder.end(interrupted=session.outcome == "interrupted")
         return _result(session)
 
 
@@ -105,6 +107,8 @@ def run_rover(
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
         session = cleanup.enter_context(RoverSession(parts, keep_frames=keep_frames, recorder=recorder))
         session.run(progress)
+        if recorder:
+            recorder.end(interrupted=session.outcome == "interrupted")
         return RoverResult(
             scenario=scenario.name,
             scenario_toml=scenario.to_toml(),

@@ -12,7 +12,7 @@ from scenarios.recordings.table import csv_text, estimate_log
 from scenarios.recordings.trajectory import kitti_text, tum_text
 from scenarios.results.log import write_log
 from scenarios.results.manifest import versions
-from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 
 
 def write_estimation(
@@ -47,4 +47,6 @@ def write_estimation(
         manifest = {"recording": numbers["recording"], "odometry": odometry, "versions": versions()}
         (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+        if numbers["outcome"] == "interrupted":
+            mark_interrupted(folder)
     return numbers

@@ -14,7 +14,7 @@ from scenarios.recordings.slip_estimation import ROW_WORDS, SlipEstimation, slip
 from scenarios.recordings.slip_page import report_page
 from scenarios.recordings.slip_video import write_video
 from scenarios.results.log import Log, write_log
-from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 
 
 def write_slip_estimation(
@@ -31,8 +31,13 @@ def write_slip_estimation(
         write_log(estimation.log, folder / "slip.parquet")
         (folder / "report.html").write_text(report_page(estimation, numbers), encoding="utf-8")
         if video and len(estimation.log) > 1:
-            write_video(estimation, folder / "video", progress=progress)
+            try:
+                write_video(estimation, folder / "video", progress=progress)
+            except KeyboardInterrupt:
+                numbers["outcome"] = "interrupted"
         (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        if numbers["outcome"] == "interrupted":
+            mark_interrupted(folder)
     return numbers
 
 

@@ -9,12 +9,11 @@ camera's pose on the trailer and the trailer's follow point. KITTI's projections
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 
 from scenarios.recordings.png import write_png
-from scenarios.results.run_directory import check_run_directory
+from scenarios.recordings.recording_folder import RecordingFolder
 from sensors.camera.lens import RawStereoRig
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -22,54 +21,33 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse
 
 
-class RecordingWriter:
-    """Writes frames into ``<directory>.recording``, which is renamed to ``directory`` at the end.
-
-    Used as a context manager. Every frame is complete on disk before the next one: the part that an interrupted run
-    leaves under the working name can be used. Not frozen, as it represents growing files.
-
-    Raises:
-        ValueError: if the directory exists and is not empty.
-    """
+class RecordingWriter(RecordingFolder):
+    """Writes a recording frame by frame."""
 
     def __init__(self, directory: Path, calibration: StereoCalibration | RawStereoRig, follow_distance: float) -> None:
-        check_run_directory(directory)
-        self._directory = directory.resolve()
-        self._unfinished = self._directory.with_name(f"{directory.resolve().name}.recording")
-        check_run_directory(self._unfinished)
-        self._X_SC = calibration.X_SC
+        super().__init__(directory)
+        self._calibration, self._follow_distance = calibration, follow_distance
         self._X_C0W: FloatArray | None = None  # inverse of the first camera pose
         self._count = 0
+
+    def _begin(self) -> None:
         for side in (0, 1):
-            (self._unfinished / f"image_{side}").mkdir(parents=True)
-        if isinstance(calibration, StereoCalibration):
-            (self._unfinished / "calib.txt").write_text(calibration_text(calibration), encoding="utf-8")
-        (self._unfinished / "rig.toml").write_text(rig_text(calibration, follow_distance), encoding="utf-8")
+            (self._folder / f"image_{side}").mkdir()
+        if isinstance(self._calibration, StereoCalibration):
+            (self._folder / "calib.txt").write_text(calibration_text(self._calibration), encoding="utf-8")
+        rig = rig_text(self._calibration, self._follow_distance)
+        (self._folder / "rig.toml").write_text(rig, encoding="utf-8")
 
     def add(self, frame: StereoFrame, X_WB: FloatArray) -> None:
         """Append a stereo pair and the true pose (4, 4) of the trailer body at its capture."""
-        X_WC = X_WB @ self._X_SC
+        X_WC = X_WB @ self._calibration.X_SC
         if self._X_C0W is None:
             self._X_C0W = inverse(X_WC)
         for side, image in enumerate((frame.left, frame.right)):
-            write_png(self._unfinished / f"image_{side}" / f"{self._count:06d}.png", image)
+            write_png(self._folder / f"image_{side}" / f"{self._count:06d}.png", image)
         self._append("times.txt", f"{frame.tick * TICK:.3f}")
         self._append("poses.txt", _numbers((self._X_C0W @ X_WC)[:3]))
         self._count += 1
-
-    def _append(self, name: str, line: str) -> None:
-        with (self._unfinished / name).open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-
-    def __enter__(self) -> RecordingWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Rename the recording to its final name; after an error it stays under the working name."""
-        if kind is None:
-            self._unfinished.rename(self._directory)
 
 
 def calibration_text(calibration: StereoCalibration) -> str:

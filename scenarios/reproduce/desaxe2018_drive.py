@@ -29,12 +29,12 @@ from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import load_scenario
+from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
 from scenarios.results import metrics
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log
-from scenarios.studies.pool import as_finished, default_jobs
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK

@@ -12,10 +12,11 @@ from typing import Any, Final
 import matplotlib
 from matplotlib.figure import Figure
 
+from scenarios.interrupts import postponed_interrupts
 from scenarios.report.plots import STYLE
 from scenarios.results.log import Log, write_log
 from scenarios.results.manifest import versions
-from scenarios.results.run_directory import appearing_at_once
+from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 
 _DPI: Final = 150
 
@@ -81,10 +82,12 @@ def write_reproduction(reproduction: Reproduction, directory: Path, settings: Ma
     Raises:
         ValueError: if the directory exists and is not empty.
     """
-    with appearing_at_once(directory) as folder:
+    with postponed_interrupts(), appearing_at_once(directory) as folder:
         with matplotlib.rc_context(STYLE):
             reproduction.draw().savefig(folder / f"{reproduction.name}.png", dpi=_DPI)
         write_log(reproduction.data, folder / f"{reproduction.name}.parquet")
         content = {**reproduction.as_plain(), **settings, "versions": versions()}
         text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
         (folder / f"{reproduction.name}.json").write_text(text + "\n", encoding="utf-8")
+        if reproduction.interrupted:
+            mark_interrupted(folder)

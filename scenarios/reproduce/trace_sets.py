@@ -16,12 +16,12 @@ from estimators.context import RoverContext, SlipEstimator
 from estimators.estimates import SlipAngle
 from scenarios.assembly.rover import rover_geometry
 from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress
 from scenarios.randomness import stream
 from scenarios.reproduce.figure import Comparison, Reproduction
 from scenarios.reproduce.trace_statistics import Judgement, TraceStatistics, judged, statistics
 from scenarios.results.log import Log, Signal
-from scenarios.studies.pool import as_finished, default_jobs
 from sensors.sand.rig import nominal_rig
 from sensors.sand.rover_pass import SlipProfile
 from sensors.sand.sequence import labelled_sequence

@@ -1,12 +1,24 @@
-"""Run directories: each appears complete or not at all."""
+"""Run directories: each appears complete or not at all.
+
+Results of an interrupted command carry a hidden list of their files. As long as they are as listed, the next command
+may replace the directory.
+"""
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
+
+from scenarios.interrupts import postponed_interrupts
+from scenarios.results.files import locked
+
+_INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results
 
 
 def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
@@ -19,11 +31,11 @@ def check_run_directory(directory: Path) -> None:
     """Refuse a directory that can not receive a complete run; call this before a long run.
 
     Raises:
-        ValueError: if it is a file, is not empty, can not be replaced, or can not be made.
+        ValueError: if it is a file, contains anything but interrupted results, can not be replaced, or can not be made.
     """
     if directory.exists() and not directory.is_dir():
         raise ValueError(f"{directory} is a file: choose another name")
-    if directory.is_dir() and any(directory.iterdir()):
+    if directory.is_dir() and any(directory.iterdir()) and not _is_interrupted(directory):
         raise ValueError(f"directory {directory} is not empty: choose another, or remove it first")
     if directory.is_dir() and (directory.is_mount() or directory.resolve() == Path.cwd()):
         raise ValueError(f"directory {directory} can not be replaced as a whole: name a new folder inside it")
@@ -32,16 +44,95 @@ def check_run_directory(directory: Path) -> None:
         raise ValueError(f"directory {directory} can not be made: no permission to write in {parent}")
 
 
+def check_apart(first: Path, second: Path) -> None:
+    """Refuse two directories for results of which one is or contains the other.
+
+    Raises:
+        ValueError: one line.
+    """
+    one, other = first.resolve(), second.resolve()
+    if one.is_relative_to(other) or other.is_relative_to(one):
+        raise ValueError(f"directories {first} and {second}: one contains the other; choose two apart from each other")
+
+
+def mark_interrupted(folder: Path) -> None:
+    """Mark the results in a folder as those of an interrupted command, which may be replaced."""
+    (folder / _INTERRUPTED).write_text(json.dumps(_files(folder)), encoding="utf-8")
+
+
 @contextmanager
 def appearing_at_once(directory: Path) -> Iterator[Path]:
-    """Yield a hidden folder next to ``directory``; on success it takes that name, otherwise it is removed."""
+    """Yield a hidden folder next to ``directory``; on success it takes that name, otherwise it is removed.
+
+    It takes the place of an empty directory or of interrupted results. What killed processes left of this directory's
+    hidden folders is removed.
+
+    Raises:
+        ValueError: if the directory has been filled meanwhile; the results then are in one of a similar name.
+    """
     check_run_directory(directory)
     directory = directory.resolve()
     directory.parent.mkdir(parents=True, exist_ok=True)
+    _remove_left(directory)
     unfinished = directory.with_name(f".{directory.name}.{os.getpid()}.unfinished")
     unfinished.mkdir()
+    descriptor = os.open(unfinished, os.O_RDONLY)
+    locked(descriptor)  # others see that it is in use
     try:
         yield unfinished
-        unfinished.rename(directory)  # replaces an empty directory, refuses one that has been filled meanwhile
+        with postponed_interrupts():
+            _rename(unfinished, directory)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+        os.close(descriptor)
+
+
+def _rename(unfinished: Path, directory: Path) -> None:
+    if directory.is_dir() and _is_interrupted(directory):
+        shutil.rmtree(directory)
+    try:
+        unfinished.rename(directory)  # replaces an empty directory, refuses one that has been filled meanwhile
+    except OSError:
+        kept = next_run_directory(directory.name, directory.parent)
+        unfinished.rename(kept)
+        raise ValueError(f"directory {directory} has been filled meanwhile: the results are in {kept}") from None
+
+
+def _is_interrupted(directory: Path) -> bool:
+    """True if a directory holds nothing but the unchanged results of an interrupted command."""
+    try:
+        listed = json.loads((directory / _INTERRUPTED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return bool(listed == _files(directory))
+
+
+def _files(folder: Path) -> dict[str, list[int]]:
+    """Size and modification time by name of all files but the list of interrupted results."""
+    status = {path.relative_to(folder).as_posix(): path.lstat() for path in folder.rglob("*") if not path.is_dir()}
+    status.pop(_INTERRUPTED, None)
+    return {name: [one.st_size, one.st_mtime_ns] for name, one in status.items()}
+
+
+def _remove_left(directory: Path) -> None:
+    """Remove hidden folders that killed processes have left of a directory."""
+    pattern = re.compile(rf"\.{re.escape(directory.name)}\.(\d+)\.unfinished")
+    for folder in directory.parent.iterdir():
+        match = pattern.fullmatch(folder.name)
+        if match and folder.is_dir() and not folder.is_symlink() and not _is_alive(int(match[1])):
+            descriptor = os.open(folder, os.O_RDONLY)
+            if locked(descriptor):  # not in use on another machine
+                shutil.rmtree(folder, ignore_errors=True)
+            os.close(descriptor)
+
+
+def _is_alive(process: int) -> bool:
+    if process == os.getpid():  # left by an earlier process of this number
+        return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True

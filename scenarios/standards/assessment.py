@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from typing import Any, Final
 
+from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress
 from scenarios.standards.lane_change import lane_change
 from scenarios.standards.levels import Judgement, judged
@@ -21,8 +18,6 @@ from scenarios.standards.theory import linear_figures
 from scenarios.standards.tilt import tilt
 from scenarios.standards.turn import turn
 from vehicle.combination.description import Vehicle
-from vehicle.engine.compiler import warn_if_interpreted
-from vehicle.engine.library_cache import silence
 
 MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # in the order of the report
 _LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
@@ -91,7 +86,8 @@ def assess(
     """
     done: dict[str, Manoeuvre] = {}
     progress(0, len(MANOEUVRES))
-    for manoeuvre in _driven(vehicle, trailer_steering, processes or os.cpu_count() or 1):
+    tasks = [(key, vehicle, trailer_steering) for key in _LONGEST_FIRST]
+    for _, manoeuvre in as_finished(_driven, tasks, jobs=processes or default_jobs()):
         done[manoeuvre.key] = manoeuvre
         progress(len(done), len(MANOEUVRES), manoeuvre.title)
     return Assessment(
@@ -102,19 +98,8 @@ def assess(
     )
 
 
-def _driven(vehicle: Vehicle, trailer_steering: str, processes: int) -> Iterator[Manoeuvre]:
-    """Drive all manoeuvres and yield each as soon as it is finished."""
-    tasks = [(key, vehicle, trailer_steering) for key in _LONGEST_FIRST]
-    if processes == 1:
-        yield from (_one(*task) for task in tasks)
-        return
-    warn_if_interpreted()
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=silence) as pool:
-        yield from (future.result() for future in as_completed([pool.submit(_one, *task) for task in tasks]))
-
-
-def _one(key: str, vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+def _driven(task: tuple[str, Vehicle, str]) -> Manoeuvre:
+    key, vehicle, trailer_steering = task
     return tilt(vehicle) if key == "tilt" else _DRIVEN[key](vehicle, trailer_steering)
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Final
 
-from scenarios.options.scenario import load_any_scenario
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.numbers import number_at
+from scenarios.studies.identity import identity
 
+MOST_CASES: Final = 100_000  # of a study
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
 
@@ -33,14 +37,21 @@ class Case:
         """Values on the axes and the seed, which identify the run in its study."""
         return " ".join([*(f"{key}={value}" for key, value in self.axes), f"seed={self.seed}"])
 
+    def resolved(self) -> Scenario | RoverScenario:
+        """The scenario with all settings.
+
+        Raises:
+            ValueError: one line, if it is not valid with these settings.
+        """
+        return load_any_scenario(self.scenario, self.settings)
+
     def identity(self) -> str:
-        """Hash of the resolved scenario and seed; equal for the same run in any study.
+        """Hash of all that the run depends on; equal for the same run in any study.
 
         Raises:
             ValueError: one line, if the scenario is not valid with these settings.
         """
-        resolved = load_any_scenario(self.scenario, self.settings).to_toml()
-        return hashlib.sha256(f"{resolved}\nseed = {self.seed}".encode()).hexdigest()[:20]
+        return identity(self.resolved().model_dump(exclude_none=True), self.seed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +60,7 @@ class Outcome:
 
     case: Case
     numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it has none
+    signals: Path | None = None  # file of its signals
 
     def number(self, path: str) -> float | None:
         """The number ``group.name`` of the summary; None if there is none."""
@@ -61,7 +73,14 @@ class Outcome:
 
 
 def cases_of(scenario: str, fixed: Settings, axes: Mapping[str, Sequence[str]], seeds: Sequence[int]) -> Iterator[Case]:
-    """Every combination of the axes' values, each with every seed."""
+    """Every combination of the axes' values, each with every seed.
+
+    Raises:
+        ValueError: one line, if there are too many.
+    """
+    count = math.prod(map(len, axes.values())) * len(seeds)
+    if count > MOST_CASES:
+        raise ValueError(f"{count} runs: a study has at most {MOST_CASES}; use fewer values or seeds")
     for values in itertools.product(*axes.values()):
         for seed in seeds:
             yield Case(scenario=scenario, fixed=fixed, axes=tuple(zip(axes, values, strict=True)), seed=seed)
@@ -95,8 +114,11 @@ def seeds_of(text: str) -> tuple[int, ...]:
     seeds: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdigit() or (dash and not last.isdigit()) or int(last or first) < int(first):
+        if not first.isdecimal() or (dash and not last.isdecimal()) or int(last or first) < int(first):
             raise ValueError(f"--seeds {text}: expected whole numbers such as 3, 1,2,5 or 1-5")
+        count = len(seeds) + int(last or first) - int(first) + 1
+        if count > MOST_CASES:
+            raise ValueError(f"--seeds {text}: {count} seeds; a study has at most {MOST_CASES} runs")
         seeds.extend(range(int(first), int(last or first) + 1))
     if len(set(seeds)) != len(seeds):
         raise ValueError(f"--seeds {text}: a seed is named twice")

@@ -2,50 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from scenarios.results.files import replaced, replacing, sole_user, unfinished_files
 from scenarios.studies.case import Outcome
 from scenarios.studies.study import FILE, Study
 from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
 
+CELLS: Final = "cells"  # folder of the runs
 
-def check_study_directory(directory: Path) -> None:
-    """Refuse a directory that is not empty and does not hold a study.
+
+def check_study_directory(directory: Path, file: str = FILE) -> None:
+    """Refuse a directory that is not empty and does not hold a study, which has a file of this name.
 
     Raises:
         ValueError: one line.
     """
     if directory.exists() and not directory.is_dir():
         raise ValueError(f"{directory} is a file: choose another name")
-    if directory.is_dir() and any(directory.iterdir()) and not (directory / FILE).is_file():
-        raise ValueError(f"directory {directory} is not empty and holds no {FILE}: choose another")
+    if not directory.is_dir() or (directory / file).is_file():
+        return
+    if set(directory.iterdir()) - set(unfinished_files(directory)):
+        raise ValueError(f"directory {directory} is not empty and holds no {file}: choose another")
 
 
-def opened_study(study: Study, directory: Path) -> Path:
-    """Write the study file, and return the folder for the runs."""
-    cells = directory / "cells"
-    cells.mkdir(parents=True, exist_ok=True)
-    replaced(directory / FILE, study.to_toml())
-    return cells
+@contextmanager
+def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
+    """Lock the directory of a study, write its file, and remove what killed processes have left.
+
+    Raises:
+        ValueError: one line, if another process works in it.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    with sole_user(directory):
+        replaced(directory / file, content)
+        for folder in (directory, directory / CELLS):
+            for path in unfinished_files(folder) if folder.is_dir() else ():
+                path.unlink()
+        yield
 
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
     """Write the table (CSV, Parquet) and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
     _write_parquet(rows, directory / "table.parquet")
-    replaced(directory / "report.html", study_page(title, study, outcomes, rows, directory / "cells"))
-
-
-def replaced(path: Path, text: str) -> None:
-    """Write a text file atomically: complete or not at all."""
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
+    replaced(directory / "report.html", study_page(title, study, outcomes, rows))
 
 
 def _write_parquet(rows: Sequence[Row], path: Path) -> None:
@@ -54,6 +62,5 @@ def _write_parquet(rows: Sequence[Row], path: Path) -> None:
     }
     columns |= {"runs": [row.runs for row in rows], "completed": [row.completed for row in rows]}
     columns |= {q.column: [row.numbers[q.path] for row in rows] for q in shown_quantities(rows)}
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    pq.write_table(pa.table(columns), unfinished)
-    unfinished.replace(path)
+    with replacing(path) as unfinished:
+        pq.write_table(pa.table(columns), unfinished)

@@ -1,34 +1,37 @@
-"""Worker processes for the runs of a study; every finished run is saved at once and not repeated.
+"""Runs of a study in worker processes; every finished run is saved at once and not repeated.
 
-Workers are never forked: a child of a process with an OpenGL context hangs.
+A run is saved as ``<identity>.json`` (summary, and digests of the files that it opened without being named) and
+``<identity>.parquet`` (signals).
 """
 
 from __future__ import annotations
 
 import json
-import os
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, as_completed, wait
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from loky import ProcessPoolExecutor
-
+from scenarios.processes import workers
 from scenarios.progress import Progress, no_progress
+from scenarios.results.files import digest, replacing
 from scenarios.studies.case import Case, Outcome
-from vehicle.engine.compiler import warn_if_interpreted
-from vehicle.engine.library_cache import silence
+from scenarios.studies.identity import unnamed_files, watch_files
 
-TaskT = TypeVar("TaskT")
-OutputT = TypeVar("OutputT")
+_SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 
 
-def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progress = no_progress) -> list[Outcome]:
+def run_cases(
+    cases: Sequence[Case],
+    cells: Path,
+    *,
+    jobs: int,
+    progress: Progress = no_progress,
+    remark: Callable[[str], None] = lambda line: None,
+) -> list[Outcome]:
     """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
 
-    An interrupt keeps the finished runs.
+    An interrupt keeps the finished runs. ``remark`` receives a line on every damaged file, whose run is repeated.
 
     Raises:
         ValueError: one line, for the first invalid scenario, before any run.
@@ -37,7 +40,9 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progre
     identities = [case.identity() for case in cases]
     cells.mkdir(parents=True, exist_ok=True)
     missing = {
-        identity: case for identity, case in zip(identities, cases, strict=True) if not _file(cells, identity).is_file()
+        identity: case
+        for identity, case in zip(identities, cases, strict=True)
+        if not _is_saved(cells, identity, remark)
     }
     done, failed = len(cases) - len(missing), dict[str, str]()
     progress(done, len(cases), "from an earlier run" if done else "")
@@ -54,74 +59,68 @@ def run_cases(cases: Sequence[Case], cells: Path, *, jobs: int, progress: Progre
 
 
 def run_case(case: Case, cells: Path, identity: str) -> None:
-    """Make one run and save its summary and signals; called in a worker."""
+    """Make one run and save its summary and signals; called in a worker.
+
+    Raises:
+        ValueError: one line, if a file that it depends on has changed meanwhile.
+    """
     from scenarios.loop.run import run_any
-    from scenarios.options.scenario import load_any_scenario
     from scenarios.results.log import write_log
     from scenarios.results.summary import summary
 
-    result = run_any(load_any_scenario(case.scenario, case.settings), case.seed)
-    write_log(result.log, cells / f"{identity}.parquet")
-    unfinished = cells / f".{identity}.{os.getpid()}"
-    unfinished.write_text(json.dumps(summary(result), allow_nan=False), encoding="utf-8")
-    unfinished.rename(_file(cells, identity))  # atomic: a file of that name is complete
+    watch_files()
+    scenario = case.resolved()
+    result = run_any(scenario, case.seed)
+    if case.identity() != identity:
+        raise ValueError("its files have changed while the study ran: repeat the command")
+    opened = unnamed_files(scenario.model_dump(exclude_none=True))
+    signals = _signals(cells, identity)
+    with replacing(signals) as path:
+        write_log(result.log, path)
+    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened}
+    with replacing(_summary(cells, identity)) as path:  # the last: a run with a summary is complete
+        path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
 
 
-def kept_signals(cells: Path, case: Case) -> Path:
-    """File of the signals of a finished run."""
-    return cells / f"{case.identity()}.parquet"
-
-
-def _file(cells: Path, identity: str) -> Path:
+def _summary(cells: Path, identity: str) -> Path:
     return cells / f"{identity}.json"
+
+
+def _signals(cells: Path, identity: str) -> Path:
+    return cells / f"{identity}.parquet"
+
+
+def _is_saved(cells: Path, identity: str, remark: Callable[[str], None]) -> bool:
+    """True if a run is saved completely, and all files that it opened are as they were."""
+    path = _summary(cells, identity)
+    if not path.is_file():
+        return False
+    try:
+        numbers = _read(path)
+        files = dict(numbers[_FILES])
+        damaged = "" if digest(_signals(cells, identity)) == numbers[_SIGNALS] else _signals(cells, identity)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        damaged, files = path, {}
+    if damaged:
+        remark(f"{damaged} is damaged: its run is repeated")
+    return not damaged and all(digest(Path(file)) == known for file, known in files.items())
+
+
+def _read(path: Path) -> dict[str, Any]:
+    numbers: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(numbers.get("outcome") if isinstance(numbers, dict) else None, str):
+        raise ValueError(f"{path}: is not the summary of a run")
+    return numbers
 
 
 def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> Outcome:
     if identity in failed:
         return Outcome(case=case, numbers={"outcome": f"failed: {failed[identity]}"})
-    numbers: dict[str, Any] = json.loads(_file(cells, identity).read_text(encoding="utf-8"))
-    return Outcome(case=case, numbers=numbers)
+    numbers = {key: value for key, value in _read(_summary(cells, identity)).items() if key not in (_SIGNALS, _FILES)}
+    return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity))
 
 
 def _problem(future: Future[None]) -> str:
     """The error of a run in one line, empty if there is none; a study continues after an error in a single run."""
     error = future.exception()
     return "" if error is None else f"{type(error).__name__}: {error}".splitlines()[0]
-
-
-def as_finished(
-    work: Callable[[TaskT], OutputT], tasks: Sequence[TaskT], *, jobs: int
-) -> Iterator[tuple[TaskT, OutputT]]:
-    """Each task with its output in order of completion, in ``jobs`` processes; one job runs in this process."""
-    if jobs <= 1:
-        yield from ((task, work(task)) for task in tasks)
-        return
-    with workers(jobs) as pool:
-        futures = {pool.submit(work, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-@contextmanager
-def workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes that ignore interrupts; an error or interrupt here stops them at once."""
-    warn_if_interpreted()
-    # Several processes use the cores better than the threads of the renderer in each of them.
-    environment = {"LP_NUM_THREADS": "1"} if count > 1 else {}
-    pool = ProcessPoolExecutor(max(1, count), initializer=_start_worker, env=environment)
-    try:
-        yield pool
-    except BaseException:
-        pool.shutdown(kill_workers=True)
-        raise
-    pool.shutdown()
-
-
-def _start_worker() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    silence()
-
-
-def default_jobs() -> int:
-    """Number of cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,6 +38,14 @@ class Study:
             for case in cases
             if dict(case.axes).get("off_tracking") in (None, *sources[:1]) or _uses_off_tracking(case)
         ]
+
+    def identity(self) -> str:
+        """Hash of the identities of all runs.
+
+        Raises:
+            ValueError: one line, for the first invalid scenario.
+        """
+        return hashlib.sha256(" ".join(case.identity() for case in self.cases()).encode()).hexdigest()[:20]
 
     def to_toml(self) -> str:
         """The study as TOML for `offtrack sweep`."""

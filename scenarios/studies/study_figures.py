@@ -14,7 +14,6 @@ from scenarios.report.page import Figure
 from scenarios.report.plots import INK, drawn, plan_drawn, zero_line
 from scenarios.results.log import read_log
 from scenarios.studies.case import Outcome, Settings
-from scenarios.studies.pool import kept_signals
 from scenarios.studies.table import Quantity, Row
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
@@ -37,7 +36,7 @@ class Drive:
     off_tracking: FloatArray  # (n,) [m], NaN where there is none
 
 
-def drives_of(outcomes: Sequence[Outcome], cells: Path) -> list[Drive]:
+def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
     """The first seed's runs, one for each law and off-tracking source; all other keys have their first value."""
     first = outcomes[0].case
     named = [key for key in ("trailer_steering", "off_tracking") if key in dict(first.axes)]
@@ -47,14 +46,14 @@ def drives_of(outcomes: Sequence[Outcome], cells: Path) -> list[Drive]:
         if outcome.case.seed == first.seed
         and [pair for pair in outcome.case.axes if pair[0] not in named]
         == [pair for pair in first.axes if pair[0] not in named]
-        and not str(outcome.numbers["outcome"]).startswith("failed")
+        and outcome.signals
     ]
     distinct = [key for key in named if len({dict(outcome.case.axes)[key] for outcome in alike}) > 1]
-    return [_drive(outcome, cells, distinct) for outcome in alike[:_MOST_LINES]]
+    return [_drive(outcome, outcome.signals, distinct) for outcome in alike[:_MOST_LINES] if outcome.signals]
 
 
-def _drive(outcome: Outcome, cells: Path, distinct: Sequence[str]) -> Drive:
-    log = read_log(kept_signals(cells, outcome.case))
+def _drive(outcome: Outcome, signals: Path, distinct: Sequence[str]) -> Drive:
+    log = read_log(signals)
     scenario = load_scenario(outcome.case.scenario, outcome.case.settings)
     trailer = load_vehicle(scenario.vehicle).units[-1]
     x, y, psi = (log[f"{part}_{trailer.name}"] for part in ("x", "y", "psi"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from scenarios.report import page
 from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
@@ -14,7 +13,7 @@ from scenarios.studies.study import Study
 from scenarios.studies.table import Row, shown_quantities, text_of
 
 
-def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], cells: Path) -> str:
+def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
     """The page as HTML."""
     finished = sum(outcome.completed for outcome in outcomes)
     seeds = ", ".join(map(str, study.seeds))
@@ -22,12 +21,12 @@ def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequ
         title=title,
         heading=title,
         subtitle=f"{study.scenario} · {len(outcomes)} runs, {finished} completed · seeds {seeds}",
-        sections=list(_sections(study, outcomes, rows, cells)),
+        sections=list(_sections(study, outcomes, rows)),
         wide=True,
     ).html()
 
 
-def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], cells: Path) -> Iterator[Section]:
+def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
     shown = shown_quantities(rows)
     columns = Items([f"{q.label} [{q.unit}]: {q.meaning}" for q in shown])
     text = (
@@ -35,7 +34,7 @@ def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], ce
         "the others. Bold: the smallest value of its column."
     )
     yield Section("Table", text, [_table(rows), columns])
-    drives = figures.drives_of(outcomes, cells) if _has_off_tracking(rows) else []
+    drives = figures.drives_of(outcomes) if _has_off_tracking(rows) else []
     if drives:
         text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."
         yield Section("Plan view", text, [figures.plan(drives)])

@@ -1,27 +1,34 @@
 """Tune the parameters of a trailer steering law or rover driver with Optuna; a journal file keeps every trial.
 
 Several processes share one journal; finished trials survive a killed process. A trial is a tuning set of runs. The
-result is judged on another set.
+result is judged on another set. Trials with other files, another law or another offtrack are kept, but not used.
 """
 
 from __future__ import annotations
 
+import fcntl
 import math
+import os
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
+from scenarios.processes import workers
 from scenarios.progress import Progress, no_progress
+from scenarios.results.files import digest
 from scenarios.studies.case import Outcome, Settings
+from scenarios.studies.identity import unnamed_files, watch_files
 from scenarios.studies.study import Study
 from scenarios.studies.subject import subject_of
 
 if TYPE_CHECKING:
     import optuna
+    from optuna.trial import FrozenTrial
 
 JOURNAL: Final = "journal.log"
-_NAME: Final = "tuning"
+_FILES: Final = "files_sha256"  # of a trial: digests of files that it opened without being named
 _FAILED: Final = 100.0  # objective of a run that did not complete: worse than that of any completed run [m, deg, …]
 _POLL: Final = 0.5  # period of progress reports [s]
 
@@ -53,6 +60,7 @@ class Tuning:
     objectives: tuple[str, ...]  # summary metrics to minimise, as group.name
     tuned_on: Study
     judged_on: Study
+    identity: str  # of the tuning set
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,11 +76,7 @@ def optimise(
     tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
     """Run trials until the journal holds at least ``trials`` finished ones, and return all of those."""
-    import time
-
-    from scenarios.studies.pool import workers
-
-    _study(tuning, directory, seed)  # created once, before the workers open it
+    _resume(tuning, directory)
     with workers(jobs) as pool:
         futures = [pool.submit(work, tuning, directory, trials, seed + k) for k in range(jobs)]
         while not all(future.done() for future in futures):
@@ -96,8 +100,19 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
         )
 
 
+def former(tuning: Tuning, directory: Path) -> int:
+    """Number of finished trials in the journal that this tuning cannot use, as what they depend on has changed."""
+    from optuna.trial import TrialState
+
+    if not (directory / JOURNAL).is_file():
+        return 0
+    trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
+    own = trials.pop(_name(tuning), [])
+    return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
+
+
 def finished(tuning: Tuning, directory: Path) -> list[Trial]:
-    """Finished trials of the journal, in order."""
+    """Finished trials of this tuning in the journal, in order."""
     from optuna.trial import TrialState
 
     complete = _study(tuning, directory, 0).get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
@@ -143,37 +158,95 @@ def _number(outcome: Outcome, objective: str) -> float:
 def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """Run the tuning set with the suggested parameters, and return the objectives."""
     from scenarios.loop.run import run_any
-    from scenarios.options.scenario import load_any_scenario
     from scenarios.results.summary import summary
 
     parameters = {
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
         for name, range_ in tuning.ranges.items()
     }
-    outcomes = []
+    watch_files()
+    outcomes, files = [], dict[str, str]()
     for case in with_parameters(tuning.tuned_on, parameters).cases():
-        result = run_any(load_any_scenario(case.scenario, case.settings), case.seed)
-        outcomes.append(Outcome(case=case, numbers=summary(result)))
+        scenario = case.resolved()
+        outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
+        files |= unnamed_files(scenario.model_dump(exclude_none=True))
+    if tuning.tuned_on.identity() != tuning.identity:
+        raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
+    trial.set_user_attr(_FILES, files)
     return objective_means(tuning.objectives, outcomes)
 
 
-def _study(tuning: Tuning, directory: Path, seed: int) -> Any:
-    import optuna
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
+def _name(tuning: Tuning) -> str:
+    return f"tuning-{tuning.identity}"
 
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    directory.mkdir(parents=True, exist_ok=True)
-    study = optuna.create_study(
-        study_name=_NAME,
-        storage=JournalStorage(JournalFileBackend(str(directory / JOURNAL))),
+
+def _is_outdated(trial: FrozenTrial) -> bool:
+    return any(digest(Path(file)) != known for file, known in trial.user_attrs[_FILES].items())
+
+
+def _resume(tuning: Tuning, directory: Path) -> None:
+    """Create the study, or clear it of what killed processes left and of trials with other files."""
+    import optuna
+    from optuna.trial import TrialState
+
+    study = _study(tuning, directory, 0)
+    if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
+        optuna.delete_study(study_name=_name(tuning), storage=_storage(directory))
+        study = _study(tuning, directory, 0)
+    for trial in study.get_trials(states=(TrialState.RUNNING,)):
+        study.tell(trial.number, state=TrialState.FAIL)
+        study.enqueue_trial(trial.params)
+    if set(tuning.defaults) == set(tuning.ranges):
+        study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
+
+
+def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
+    import optuna
+
+    return optuna.create_study(
+        study_name=_name(tuning),
+        storage=_storage(directory),
         sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
     )
-    if not study.trials and set(tuning.defaults) == set(tuning.ranges):
-        study.enqueue_trial(dict(tuning.defaults))
-    return study
+
+
+def _studies(directory: Path) -> list[optuna.Study]:
+    import optuna
+
+    storage = _storage(directory)
+    return [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]
+
+
+def _storage(directory: Path) -> optuna.storages.JournalStorage:
+    import optuna
+    from optuna.storages.journal import JournalFileBackend
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    path = directory / JOURNAL
+    return optuna.storages.JournalStorage(JournalFileBackend(str(path), _JournalLock(path)))
+
+
+class _JournalLock:
+    """Lock of a journal that ends with its process; what a killed process left of a line is removed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def acquire(self) -> bool:
+        """Wait for the lock."""
+        self._file = self._path.open("rb+")
+        fcntl.flock(self._file, fcntl.LOCK_EX)
+        size = self._file.seek(0, os.SEEK_END)
+        if size and (self._file.seek(-1, os.SEEK_END), self._file.read(1))[1] != b"\n":
+            self._file.seek(0)
+            self._file.truncate(self._file.read().rfind(b"\n") + 1)
+        return True
+
+    def release(self) -> None:
+        """Release the lock."""
+        self._file.close()
 
 
 def _beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from controllers.trailer_steering.policy import Network, save_network
-from scenarios.studies.files import replaced
+from scenarios.results.files import replaced
 from scenarios.training.curve import Point, draw_curve
 from scenarios.training.evaluation import POLICY, Score, described
 from scenarios.training.plan import Plan

@@ -169,14 +169,14 @@ def study_html(_: RunResult) -> str:
     study = Study(scenario=BAD, fixed=(), axes={"trailer_steering": (BAD,)}, seeds=(1,))
     case = Case(scenario=BAD, fixed=(), axes=(("trailer_steering", BAD), (BAD, "3")), seed=1)
     outcomes = [Outcome(case=case, numbers={"outcome": f"failed: {BAD}", "steer": {"max_deg": 1.0}})]
-    return study_page(BAD, study, outcomes, rows_of(outcomes), Path("cells"))
+    return study_page(BAD, study, outcomes, rows_of(outcomes))
 
 
 def tuning_html(_: RunResult) -> str:
     study = Study(scenario=BAD, fixed=(), axes={BAD: (BAD,)}, seeds=(1,))
     tuning = Tuning(
         law=BAD, ranges={BAD: Range(low=0.0, high=1.0)}, defaults={}, objectives=(BAD, "b"), tuned_on=study,
-        judged_on=study,
+        judged_on=study, identity=BAD,
     )  # fmt: skip
     trials = [Trial(number=k, parameters={BAD: 0.5}, values=(1.0 + k, 2.0 - k)) for k in range(2)]
     return tuning_page(tuning, trials, trials[0], {BAD: (1.0, 2.0)})

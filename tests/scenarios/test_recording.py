@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -103,27 +104,50 @@ def test_a_raw_rig_is_written_whole_and_in_the_place_of_projections(tmp_path: Pa
     np.testing.assert_allclose(poses[1], expected[:3], atol=1e-10)
 
 
-def test_an_interrupted_recording_is_usable_under_its_working_name(
+def test_an_interrupted_recording_is_whole_and_gives_way_to_the_next(
     tmp_path: Path, calibration: StereoCalibration
 ) -> None:
-    """The frames so far, with as many lines in the lists as there are images."""
-    recording = RecordingWriter(tmp_path / "a", calibration, 11.9)
-    recording.add(frame(0), pose(0))
-    recording.add(frame(1), pose(1))
-    with pytest.raises(RuntimeError), recording:
-        raise RuntimeError
-    assert not (tmp_path / "a").exists()
-    left = tmp_path / "a.recording"
-    assert len((left / "times.txt").read_text().splitlines()) == 2
-    assert len((left / "poses.txt").read_text().splitlines()) == 2
-    assert len(list(left.glob("image_*/*.png"))) == 4
-    with pytest.raises(ValueError, match=r"a\.recording is not empty"):
-        RecordingWriter(tmp_path / "a", calibration, 11.9)
+    """The frames so far, with as many lines in the lists as there are images; recording again replaces them."""
+    with RecordingWriter(tmp_path / "a", calibration, 11.9) as recording:
+        recording.add(frame(0), pose(0))
+        recording.add(frame(1), pose(1))
+        recording.end(interrupted=True)
+    assert len((tmp_path / "a" / "times.txt").read_text().splitlines()) == 2
+    assert len((tmp_path / "a" / "poses.txt").read_text().splitlines()) == 2
+    assert len(list((tmp_path / "a").glob("image_*/*.png"))) == 4
+    record(tmp_path / "a", calibration, 3)
+    assert len((tmp_path / "a" / "times.txt").read_text().splitlines()) == 3
+    with pytest.raises(ValueError, match="not empty"):
+        record(tmp_path / "a", calibration, 3)
+
+
+def test_what_a_killed_recording_left_is_in_nobodys_way(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """The folder of a process that is gone is removed; a user's own folder of a similar name is not."""
+    gone = subprocess.run(["sh", "-c", "echo $$"], capture_output=True, text=True, check=True).stdout.strip()
+    (tmp_path / f".a.{gone}.unfinished" / "image_0").mkdir(parents=True)
+    for name in ("a.recording", ".a.mine.unfinished", ".ab.1.unfinished"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine.txt").touch()
+    record(tmp_path / "a", calibration, 1)
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "a.recording", ".a.mine.unfinished", ".ab.1.unfinished"}
+
+
+def test_a_recording_with_an_error_leaves_nothing(tmp_path: Path, calibration: StereoCalibration) -> None:
+    """A full disk, for example."""
+
+    def on_a_full_disk() -> None:
+        with RecordingWriter(tmp_path / "a", calibration, 11.9) as recording:
+            recording.add(frame(0), pose(0))
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        on_a_full_disk()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_directory_with_something_in_it_is_refused(tmp_path: Path, calibration: StereoCalibration) -> None:
     """Before anything is written."""
     (tmp_path / "mine.txt").touch()
     with pytest.raises(ValueError, match="not empty"):
-        RecordingWriter(tmp_path, calibration, 11.9)
+        record(tmp_path, calibration, 1)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 
 from scenarios.cli import app
 from scenarios.studies.case import Case, Outcome, listed, seeds_of
+from scenarios.studies.files import check_study_directory, opened_study
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import rows_of, table_csv
@@ -42,14 +44,56 @@ def test_a_run_is_the_same_in_whatever_study() -> None:
     assert fixed.identity() == axis.identity()
 
 
+def saved(cells: Path, case: Case, outcome: str) -> Path:
+    """Save a run with this outcome, and return the file of its summary."""
+    signals = cells / f"{case.identity()}.parquet"
+    signals.write_bytes(b"signals")
+    summary = {"outcome": outcome, "signals_sha256": hashlib.sha256(b"signals").hexdigest(), "files_sha256": {}}
+    signals.with_suffix(".json").write_text(json.dumps(summary))
+    return signals.with_suffix(".json")
+
+
 def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
     """A summary in the folder stands for its run: its numbers are taken, and only the others are made."""
     cases = study(speed_kmh=("60",)).cases()
-    (tmp_path / f"{cases[0].identity()}.json").write_text(json.dumps({"outcome": "from before"}))
+    saved(tmp_path, cases[0], "from before")
     outcomes = run_cases(cases, tmp_path, jobs=1)
     assert [outcome.numbers["outcome"] for outcome in outcomes] == ["from before", "completed"]
     assert (tmp_path / f"{cases[1].identity()}.parquet").is_file()
     assert not list(tmp_path.glob(".*"))
+
+
+def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
+    """Half a summary, one that is no summary, signals that are cut off: a line on each, and its run is repeated."""
+    cases = study(speed_kmh=("60", "50")).cases()
+    files = [saved(tmp_path, case, "from before") for case in cases]
+    files[0].write_text(files[0].read_text()[:20])
+    files[1].write_text("[1, 2]")
+    files[2] = files[2].with_suffix(".parquet")
+    files[2].write_bytes(b"sig")
+    lines: list[str] = []
+    outcomes = run_cases(cases, tmp_path, jobs=1, remark=lines.append)
+    assert lines == [f"{file} is damaged: its run is repeated" for file in files[:3]]
+    assert [outcome.numbers["outcome"] for outcome in outcomes] == [*["completed"] * 3, "from before"]
+
+
+def test_two_commands_do_not_share_a_directory(tmp_path: Path) -> None:
+    """The second is refused at once; a lock that a killed process had does not hold."""
+    with opened_study(tmp_path, "study.toml", ""), pytest.raises(ValueError, match="another process works in it"):
+        opened_study(tmp_path, "study.toml", "").__enter__()
+    with opened_study(tmp_path, "study.toml", ""):
+        assert (tmp_path / "study.toml").is_file()
+
+
+def test_what_a_killed_study_left_does_not_stop_the_next(tmp_path: Path) -> None:
+    """Killed while it wrote its first file: the rest of it is removed, a user's file is a reason to refuse."""
+    (tmp_path / ".study.toml.123.unfinished").touch()
+    check_study_directory(tmp_path)
+    with opened_study(tmp_path, "study.toml", ""):
+        assert [path.name for path in tmp_path.iterdir()] == ["study.toml"]
+    (tmp_path / "study.toml").rename(tmp_path / "mine.toml")
+    with pytest.raises(ValueError, match=r"holds no study\.toml"):
+        check_study_directory(tmp_path)
 
 
 def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
@@ -122,6 +166,10 @@ def test_seeds_may_be_a_range() -> None:
         (["--vary", "surface.friction=0.8,0.8"], "expected different values"),
         (["--vary", "surface.frction=0.8,0.3"], "unknown key 'surface.frction'"),
         (["--seeds", "5-1"], "--seeds 5-1: expected whole numbers"),
+        (["--seeds", "²"], "--seeds ²: expected whole numbers"),
+        (["--seeds", "1-100000000"], "--seeds 1-100000000: 100000000 seeds; a study has at most 100000 runs"),
+        (["--seeds", "1-60000", "--vary", "speed_kmh=10,20"], "360000 runs: a study has at most 100000"),
+        (["--jobs", "100000"], "--jobs 100000: must be from 1 to 1024"),
     ],
 )
 def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, tmp_path: Path) -> None:

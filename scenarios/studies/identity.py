@@ -1,0 +1,128 @@
+"""Identity of a run: a hash of everything that its numbers depend on.
+
+That is the resolved scenario with its seed, the content of every file that any of its values names, the user's own
+modules with all that they import, offtrack's files, the versions of libraries, and the engine. Names of folders and
+modification times do not count.
+
+Files that a run opens without being named by its scenario, such as a table that an own law reads, are seen when they
+are opened: see ``unnamed_files``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.util
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+from scenarios.results.files import digest
+from scenarios.results.manifest import versions
+from scenarios.studies.own_modules import is_library, own_modules, package_folders
+from vehicle.engine.compiler import compiler
+
+_IMPORT_PATH: Final = re.compile(r"([A-Za-z_][\w.]*):[A-Za-z_]\w*")
+_DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
+
+
+def identity(scenario: Mapping[str, Any], seed: int) -> str:
+    """Identity of a run of a resolved scenario."""
+    content = json.dumps([_content(scenario), seed, software()], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()[:20]
+
+
+def named_files(scenario: Mapping[str, Any]) -> set[Path]:
+    """All files that values of a scenario name, and those of its own modules."""
+    return {file for text in _texts(scenario) for file in _files_of(text).values()}
+
+
+def _content(node: Any) -> Any:
+    """The scenario with the content of files and modules in the place of their names."""
+    if isinstance(node, Mapping):
+        return {key: _content(value) for key, value in node.items()}
+    if isinstance(node, list | tuple):
+        return [_content(value) for value in node]
+    files = _files_of(node) if isinstance(node, str) else {}
+    name = str(node).rpartition(":")[2] if isinstance(node, str) and _IMPORT_PATH.fullmatch(node) else ""
+    return [name, {key: digest(file) for key, file in files.items()}] if files else node
+
+
+def _texts(node: Any) -> Iterator[str]:
+    children = node.values() if isinstance(node, Mapping) else node if isinstance(node, list | tuple) else ()
+    yield from (text for child in children for text in _texts(child))
+    if isinstance(node, str):
+        yield node
+
+
+def _files_of(text: str) -> dict[str, Path]:
+    """Files that a value stands for: own modules by their names, or a file of data as "data"."""
+    match = _IMPORT_PATH.fullmatch(text)
+    if match:
+        return own_modules(match[1])
+    try:
+        return {"data": Path(text).resolve()} if Path(text).is_file() else {}
+    except (OSError, ValueError, RuntimeError):  # too long, a null character, links in a circle: not a file's name
+        return {}
+
+
+@cache
+def software() -> tuple[str, ...]:
+    """Everything that computes: offtrack's files, versions of libraries, the engine."""
+    sha = hashlib.sha256()
+    for folder in package_folders():
+        for file in sorted(folder.rglob("*")):
+            if file.suffix not in _DERIVED and file.is_file():
+                sha.update(f"{folder.name}/{file.relative_to(folder).as_posix()} {digest(file)}\n".encode())
+    libraries = {**versions(), "scipy": importlib.metadata.version("scipy")}
+    engine = compiler()
+    return sha.hexdigest(), json.dumps(libraries, sort_keys=True), str(engine) if engine else "interpreted"
+
+
+def unnamed_files(scenario: Mapping[str, Any]) -> dict[str, str]:
+    """Digests of the user's files that this process has opened so far without any scenario naming them.
+
+    The user's are those in the working directory and in the folders of named files, hidden ones excepted.
+    """
+    named = named_files(scenario)
+    _named.update(named)
+    folders = {Path.cwd().resolve(), *(file.parent for file in _named)}
+    seen = {_source(Path(os.path.realpath(path))) for path in tuple(_opened)} - _named
+    return {str(file): digest(file) for file in sorted(seen) if file.is_file() and _is_users(file, folders)}
+
+
+def watch_files() -> None:
+    """From now on remember the files that this process opens to read."""
+    _watch_once()
+
+
+_opened: set[str] = set()
+_named: set[Path] = set()  # by any scenario that ran in this process
+
+
+@cache
+def _watch_once() -> None:
+    sys.addaudithook(_remember)  # cannot be removed
+
+
+def _remember(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "open" and not isinstance(arguments[0], int) and arguments[2] & os.O_ACCMODE == os.O_RDONLY:
+        _opened.add(os.path.abspath(os.fsdecode(arguments[0])))
+
+
+def _source(file: Path) -> Path:
+    """The source of a compiled module; any other file as it is."""
+    is_compiled = file.suffix == ".pyc" and file.parent.name == "__pycache__"
+    return Path(importlib.util.source_from_cache(str(file))) if is_compiled else file
+
+
+def _is_users(file: Path, folders: set[Path]) -> bool:
+    return not is_library(file) and any(
+        file.is_relative_to(folder) and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+        for folder in folders
+    )
