@@ -80,8 +80,7 @@ def software() -> tuple[str, ...]:
             if file.suffix not in _DERIVED and file.is_file():
                 sha.update(f"{folder.name}/{file.relative_to(folder).as_posix()} {digest(file)}\n".encode())
     libraries = {**versions(), "scipy": importlib.metadata.version("scipy")}
-    engine = compiler()
-    return sha.hexdigest(), json.dumps(libraries, sort_keys=True), str(engine) if engine else "interpreted"
+    return sha.hexdigest(), json.dumps(libraries, sort_keys=True), str(compiler())  # the last: features of the machine
 
 
 def unnamed_files(scenario: Mapping[str, Any]) -> dict[str, str]:
