@@ -40,7 +40,7 @@ def reproduce(
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the numbers as JSON and nothing else.")] = False,
 ) -> None:
-    """Reproduce a paper's table or figure and print it beside the published numbers.
+    """Reproduce a paper's table or figure and print it with the published numbers.
 
     Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives.
     """

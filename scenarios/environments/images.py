@@ -18,7 +18,7 @@ _MIN_SIDE = 8  # an image with fewer pixels to a side shows nothing
 
 
 class ImageObservation:
-    """Observation of reduced images beside features: ``{"image": uint8 (n, channels, height, width), "features"}``."""
+    """Observation of reduced images and features: ``{"image": uint8 (n, channels, height, width), "features"}``."""
 
     def __init__(self, shape: tuple[int, int, int], scale: int, features: tuple[Feature, ...]) -> None:
         """For camera images of this shape (channels, height, width), reduced by a factor.

@@ -119,7 +119,7 @@ Content = Table | Figure | Photos | Bar | Items | Preformatted
 
 
 class Verdict(NamedTuple):
-    """A short result beside a heading, green if good, else red."""
+    """A short result next to a heading, green if good, else red."""
 
     text: str
     good: bool

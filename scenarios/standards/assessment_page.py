@@ -74,7 +74,7 @@ def _levels(assessment: Assessment) -> Table:
 
 
 def _measured(assessment: Assessment, manoeuvre: Manoeuvre) -> Table:
-    """A table of the measured quantities, with linear theory beside them where there is one."""
+    """A table of the measured quantities, compared with linear theory where there is one."""
     theory = {name: assessment.linear[name] for name in manoeuvre.figures if name in assessment.linear}
     rows: list[Row] = []
     for name, value in manoeuvre.figures.items():
