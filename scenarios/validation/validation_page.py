@@ -21,8 +21,8 @@ def validation_page(sections: Sequence[Section], facts: Mapping[str, str]) -> st
         title="validation",
         heading="Validation",
         subtitle=(
-            "The vehicle model's numbers compared with closed forms, published tables and independent models. Each value "
-            "must lie within the tolerance of its target; the bar shows the share of the tolerance that it uses."
+            "The vehicle model's numbers compared with closed forms, published tables and independent models. Each "
+            "value must lie within the tolerance of its target; the bar shows the share of the tolerance that it uses."
         ),
         verdict=Verdict(verdicts, not counts["failed"]),
         sections=[
