@@ -76,7 +76,7 @@ def optimise(
     tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
     """Run trials until the journal holds at least ``trials`` finished ones, and return all of those."""
-    _resume(tuning, directory)
+    resume(tuning, directory)
     with workers(jobs) as pool:
         futures = [pool.submit(work, tuning, directory, trials, seed + k) for k in range(jobs)]
         while not all(future.done() for future in futures):
@@ -184,8 +184,8 @@ def _is_outdated(trial: FrozenTrial) -> bool:
     return any(digest(Path(file)) != known for file, known in trial.user_attrs[_FILES].items())
 
 
-def _resume(tuning: Tuning, directory: Path) -> None:
-    """Create the study, or clear it of what killed processes left and of trials with other files."""
+def resume(tuning: Tuning, directory: Path) -> None:
+    """Create a tuning's study in the journal, or clear it of trials with other files and of those left running."""
     import optuna
     from optuna.trial import TrialState
 

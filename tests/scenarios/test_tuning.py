@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import optuna
 import pytest
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
 from typer.testing import CliRunner
 
 from scenarios.cli import app
 from scenarios.options.scenario import load_scenario
-from scenarios.studies.tuning import Trial, chosen, pareto
+from scenarios.results.files import digest
+from scenarios.studies.study import Study
+from scenarios.studies.tuning import Range, Trial, Tuning, chosen, finished, former, pareto, resume
 
 
 def trial(number: int, *values: float) -> Trial:
@@ -62,10 +67,67 @@ def test_another_question_does_not_go_into_the_same_journal(tmp_path: Path) -> N
     assert "belongs to another tuning task" in result.stderr
 
 
+def tuning(identity: str) -> Tuning:
+    runs = Study(scenario="roundabout", fixed=(), axes={}, seeds=(1,))
+    return Tuning(
+        law="path_preview", ranges={"gain": Range(low=0.0, high=1.0)}, defaults={"gain": 0.77}, objectives=("a",),
+        tuned_on=runs, judged_on=runs, identity=identity,
+    )  # fmt: skip
+
+
+def stored(directory: Path, name: str) -> optuna.Study:
+    storage = JournalStorage(JournalFileBackend(str(directory / "journal.log")))
+    return optuna.create_study(study_name=name, storage=storage, directions=["minimize"], load_if_exists=True)
+
+
+def finish(study: optuna.Study, files: dict[str, str]) -> None:
+    one = study.ask()
+    one.suggest_float("gain", 0.0, 1.0)
+    one.set_user_attr("files_sha256", files)
+    study.tell(one, 1.0)
+
+
+def test_trials_with_another_law_or_other_files_do_not_mix(tmp_path: Path) -> None:
+    """They stay in the journal and are counted; a file that trials opened by themselves counts when they go on."""
+    (tmp_path / "table.txt").write_text("1")
+    finish(stored(tmp_path, "tuning-old"), {})
+    finish(stored(tmp_path, "tuning-new"), {str(tmp_path / "table.txt"): digest(tmp_path / "table.txt")})
+    assert former(tuning("new"), tmp_path) == 1
+    resume(tuning("new"), tmp_path)
+    assert len(finished(tuning("new"), tmp_path)) == 1
+    (tmp_path / "table.txt").write_text("2")
+    assert former(tuning("new"), tmp_path) == 2
+    resume(tuning("new"), tmp_path)
+    assert finished(tuning("new"), tmp_path) == []
+    assert len(finished(tuning("old"), tmp_path)) == 1
+
+
+def test_what_killed_workers_left_in_a_journal_does_not_stop_the_next(tmp_path: Path) -> None:
+    """A trial that runs for ever, half a line, and a lock: the trial is tried again with its parameters."""
+    study = stored(tmp_path, "tuning-new")
+    finish(study, {})
+    killed = study.ask().suggest_float("gain", 0.0, 1.0)
+    with (tmp_path / "journal.log").open("a") as file:
+        file.write('{"op_code":')
+    (tmp_path / "journal.log.lock").symlink_to("journal.log")
+    resume(tuning("new"), tmp_path)
+    states = [trial.state.name for trial in stored(tmp_path, "tuning-new").trials]
+    assert states == [
+        "COMPLETE",
+        "FAIL",
+        "WAITING",
+        "WAITING",
+    ]  # the parameters of before, the defaults
+    assert stored(tmp_path, "tuning-new").trials[2].system_attrs["fixed_params"] == {"gain": killed}
+    assert len(finished(tuning("new"), tmp_path)) == 1
+
+
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
         (["--range", "gian=0:1"], "path_preview has no such parameter; did you mean 'gain'?"),
+        (["--trials", "1000000"], "--trials 1000000: must be from 1 to 100000"),
+        (["--jobs", "0"], "--jobs 0: must be from 1 to 1024"),
         (["--range", "gain=1:0"], "--range gain=1:0: expected LOW:HIGH"),
         (["--objectives", "off_tracking.true_rms"], "no such summary metric"),
     ],

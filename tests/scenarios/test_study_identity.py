@@ -1,0 +1,155 @@
+"""A saved run stands for its case only as long as nothing that it depends on has changed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from scenarios.options.base import tables_in
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.studies import identity as identities
+from scenarios.studies.case import Case
+from scenarios.studies.own_modules import own_modules
+from scenarios.studies.pool import run_cases
+
+SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
+LAW = """
+from pathlib import Path
+
+import numpy
+from controllers.trailer import SteerCommand
+
+class Law:
+    def __init__(self, trailer): self.axles = sum(trailer.steered)
+    def init(self): return None
+    def step(self, memory, *rest):
+        from parts import angle  # inside a function
+        wheels = numpy.full(self.axles, angle.ANGLE * float(Path("scale.txt").read_text()))
+        return None, SteerCommand(angles=wheels)
+"""
+
+
+def text_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """All keys of a scenario that take a text; a part's parameter in the place of a table of them."""
+    for name, info in model.model_fields.items():
+        tables = tables_in(info.annotation)
+        for table in tables:
+            yield from text_keys(table, f"{prefix}{name}.")
+        if "dict" in str(info.annotation):
+            yield f"{prefix}{name}.table"
+        elif not tables and "str" in str(info.annotation):
+            yield f"{prefix}{name}"
+
+
+def identity_of(scenario: str, *settings: str) -> str:
+    return Case(
+        scenario=scenario, fixed=tuple(tuple(one.split("=", 1)) for one in settings), axes=(), seed=1
+    ).identity()
+
+
+@pytest.fixture(autouse=True)
+def _own_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders that a test adds to the path are gone after it."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+
+
+@pytest.mark.parametrize(("scenario", "model"), [("roundabout", Scenario), ("rover-slope", RoverScenario)])
+def test_every_option_that_can_name_a_file_changes_the_identity_with_its_content(
+    scenario: str, model: type[BaseModel], tmp_path: Path
+) -> None:
+    """Of all parts, found in the models: a new option is covered without a line. Its time and place do not count."""
+    found = set()
+    for key in text_keys(model):
+        file, copy = tmp_path / "file.toml", tmp_path / "copy.toml"
+        file.write_text("content = 1\n")
+        try:
+            load_any_scenario(scenario, [f"{key}={file}"])
+        except ValueError:
+            continue  # a name from a short list
+        first = identity_of(scenario, f"{key}={file}")
+        os.utime(file, (1, 1))
+        shutil.copy(file, copy)
+        assert identity_of(scenario, f"{key}={file}") == identity_of(scenario, f"{key}={copy}") == first
+        file.write_text("content = 2\n")
+        assert identity_of(scenario, f"{key}={file}") != first, key
+        found.add(key)
+    known = {
+        "roundabout": {"vehicle", "driver.trace", "policy.path", "surface.friction_image", "steering.table"},
+        "rover-slope": {"vehicle", "surface.soil", "surface.height_map", "driving.table", "sensing.table"},
+    }
+    assert known[scenario] <= found
+
+
+def test_an_own_module_counts_with_all_that_it_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A relative import in a package, from within a function; not installed libraries, nor files it does not import."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "__init__.py").touch()
+    (tmp_path / "parts" / "angle.py").write_text("from ._base import ANGLE\n")
+    (tmp_path / "parts" / "_base.py").write_text("ANGLE = 0.1\n")
+    (tmp_path / "other.py").touch()
+    (tmp_path / "own_law_1.py").write_text(LAW)
+    assert set(own_modules("own_law_1")) == {"own_law_1", "parts", "parts.angle", "parts._base"}
+    settings = ("trailer_steering=own_law_1:Law",)
+    first = identity_of("roundabout", *settings)
+    (tmp_path / "other.py").write_text("CHANGED = True\n")
+    assert identity_of("roundabout", *settings) == first
+    for name in ("parts/_base.py", "parts/__init__.py", "own_law_1.py"):
+        before = identity_of("roundabout", *settings)
+        (tmp_path / name).write_text((tmp_path / name).read_text() + "# changed\n")
+        assert identity_of("roundabout", *settings) != before, name
+
+
+def test_the_same_files_elsewhere_are_the_same_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder with a law and a vehicle is copied: its runs need not be repeated."""
+    path = list(sys.path)
+    found = []
+    for name in ("here", "there"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "own_law_2.py").write_text("class Law: ...\n")
+        (folder / "mine.toml").write_text("a = 1\n")
+        monkeypatch.setattr(sys, "path", list(path))
+        monkeypatch.chdir(folder)
+        found.append(identity_of("roundabout", "trailer_steering=own_law_2:Law", "vehicle=mine.toml"))
+    assert found[0] == found[1]
+
+
+def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An editable checkout changes without its version; a README changes no number."""
+    (tmp_path / "vehicle").mkdir()
+    source, readme = tmp_path / "vehicle" / "plant.py", tmp_path / "vehicle" / "README.md"
+    monkeypatch.setattr(identities, "package_folders", lambda: (tmp_path / "vehicle",))
+    found = []
+    for file, content in ((source, "a"), (readme, "text"), (source, "b")):
+        file.write_text(content)
+        found.append(identities.software.__wrapped__())
+    assert found[0] == found[1] != found[2]
+    monkeypatch.setattr(identities, "compiler", lambda: None)
+    assert identities.software.__wrapped__() != found[2]
+    assert identities.identity({}, 1) != identities.identity({}, 2)
+
+
+def test_a_file_that_a_law_opens_by_itself_counts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No option names it: the run tells which files it has opened, and is repeated when one of them changes."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "parts.py").write_text("class angle:\n    ANGLE = 0.05\n")
+    (tmp_path / "own_law_3.py").write_text(LAW)
+    case = Case(scenario="cambered-road", fixed=(*SHORT, ("trailer_steering", "own_law_3:Law")), axes=(), seed=1)
+    steer = []
+    for scale in ("0", "0", "1"):
+        (tmp_path / "scale.txt").write_text(scale)
+        before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
+        (outcome,) = run_cases([case], tmp_path / "cells", jobs=1)
+        steer.append(outcome.number("steer.max_deg"))
+        kept = before and before == {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
+        assert bool(kept) == (len(steer) == 2)
+    assert steer[0] == steer[1] == 0.0
+    assert steer[2] == pytest.approx(2.865, abs=0.05)  # 0.05 rad, which the actuators approach
