@@ -18,6 +18,7 @@ from scenarios.studies import identity as identities
 from scenarios.studies.case import Case
 from scenarios.studies.own_modules import own_modules
 from scenarios.studies.pool import run_cases
+from scenarios.studies.study import settings_of
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))
 LAW = """
@@ -49,9 +50,7 @@ def text_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
 
 
 def identity_of(scenario: str, *settings: str) -> str:
-    return Case(
-        scenario=scenario, fixed=tuple(tuple(one.split("=", 1)) for one in settings), axes=(), seed=1
-    ).identity()
+    return Case(scenario=scenario, fixed=settings_of(settings, "--set"), axes=(), seed=1).identity()
 
 
 @pytest.fixture(autouse=True)
