@@ -14,13 +14,16 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from vehicle.user_file import MAX_NESTING, FileKind, read_text
+from vehicle.user_file import MAX_NESTING, FileKind, read_text, shown
 
 Model = TypeVar("Model", bound=BaseModel)
 _PART: Final = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY: Final = re.compile(  # takes tomllib quadratic time
     rf"(?:^|[{{,])[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_NESTING}}}", re.MULTILINE
 )
+
+_TOO_DEEP: Final = f"tables and lists must be nested at most {MAX_NESTING} deep"
+_TOO_BIG: Final = "an integer must fit into 64 bits"
 
 
 def read_toml(path: Path, kind: FileKind = FileKind.PARAMETERS) -> dict[str, Any]:
@@ -39,30 +42,29 @@ def parsed_toml(text: str) -> dict[str, Any]:
     """Tables of a TOML text.
 
     Raises:
-        TOMLDecodeError: one line, if it is not TOML, or nested deeper than ``MAX_NESTING``.
+        TOMLDecodeError: one line, if it is not TOML, is nested deeper than ``MAX_NESTING``, or has an integer that does
+            not fit into 64 bits.
     """
-    deep = f"tables and lists must be nested at most {MAX_NESTING} deep"
     if _LONG_KEY.search(text):
         raise tomllib.TOMLDecodeError(f"a key has more than {MAX_NESTING} parts")
     try:
         table = tomllib.loads(text)
-    except RecursionError:
-        raise tomllib.TOMLDecodeError(deep) from None
     except tomllib.TOMLDecodeError:
         raise
-    except ValueError as error:  # an integer of thousands of digits
-        raise tomllib.TOMLDecodeError(str(error).partition(";")[0]) from None
-    if _depth(table) > MAX_NESTING:
-        raise tomllib.TOMLDecodeError(deep)
+    except (RecursionError, ValueError) as error:  # ValueError: an integer of thousands of digits
+        raise tomllib.TOMLDecodeError(_TOO_DEEP if isinstance(error, RecursionError) else _TOO_BIG) from None
+    _check_tree(table)
     return table
 
 
-def _depth(node: Any) -> int:
-    """Depth of nesting, counted without recursion."""
-    depth, level = 0, [node]
-    while level := [child for one in level for child in _children(one)]:
-        depth += 1
-    return depth
+def _check_tree(table: dict[str, Any]) -> None:
+    level: list[Any] = [table]
+    for _ in range(MAX_NESTING + 1):  # no recursion, which has its own limit
+        if any(isinstance(node, int) and not -(2**63) <= node < 2**63 for node in level):
+            raise tomllib.TOMLDecodeError(_TOO_BIG)
+        level = [child for node in level for child in _children(node)]
+    if level:
+        raise tomllib.TOMLDecodeError(_TOO_DEEP)
 
 
 def _children(node: Any) -> Iterable[Any]:
@@ -117,14 +119,14 @@ def _first_error(model: type[BaseModel], error: ValidationError, table: str) -> 
     key = ".".join(str(part) for part in (*([table] if table else []), *first["loc"]))
     if first["type"] == "extra_forbidden":
         known = _fields_at(model, first["loc"][:-1])
-        return f"unknown key '{key}'{nearest(str(first['loc'][-1]), known)}"
+        return f"unknown key '{shown(key)}'{nearest(str(first['loc'][-1]), known)}"
     if first["type"] == "missing":
         return f"key '{key}'{_unit_at(model, first['loc'])} is missing"
-    message = first["msg"].removeprefix("Value error, ")
+    message = shown(first["msg"].removeprefix("Value error, "), 300)
     if first["type"] == "value_error":
         return f"{key}: {message}" if key else message
     limit = message.replace("Input should be", "must be")
-    return f"{key} = {first['input']!r} {limit}{_unit_at(model, first['loc'])}"
+    return f"{key} = {shown(repr(first['input']))} {limit}{_unit_at(model, first['loc'])}"
 
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, Any]:

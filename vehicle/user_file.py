@@ -35,7 +35,9 @@ class FileKind(Enum):
 
 
 MAX_PIXELS: Final = 64 * _MB  # of an image
-MAX_NUMBERS: Final = 16 * _MB  # of a table or an array
+MAX_NUMBERS: Final = 16 * _MB  # of an array
+MAX_TABLE: Final = 4 * _MB  # numbers of a table as text
+MAX_FRAMES: Final = 100_000  # of a recording
 MAX_FIELD: Final = 131_072  # characters between two commas of a table: the limit of the csv module
 MAX_NESTING: Final = 32  # of tables and lists in each other, and of the parts of a dotted key
 MAX_MEMBERS: Final = 1_000  # of an archive

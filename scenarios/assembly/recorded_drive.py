@@ -2,40 +2,42 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
-
-import numpy as np
+from typing import Final
 
 from controllers.driver_trace import DriverTrace
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import nearest
+from vehicle.table_file import Column, open_table
 
-_COLUMNS = {"time_s": 1.0, "steer_deg": math.pi / 180.0, "speed_kmh": 1.0 / 3.6, "acceleration": 1.0}  # to SI
-_NEEDED = ("time_s", "steer_deg")
+_COLUMNS: Final = {  # with the factor to SI; the limits are beyond any lorry, wrong units exceed them
+    "time_s": (Column("time_s", 86_400.0, "s"), 1.0),
+    "steer_deg": (Column("steer_deg", 90.0, "deg"), math.pi / 180.0),
+    "speed_kmh": (Column("speed_kmh", 200.0, "km/h"), 1.0 / 3.6),
+    "acceleration": (Column("acceleration", 20.0, "m/s2"), 1.0),
+}
 
 
 def read_trace(path: Path) -> DriverTrace:
     """Read a drive; the first line names the columns time_s, steer_deg, and speed_kmh or acceleration [m/s2].
 
     Raises:
-        ValueError: one line naming file, column and line.
+        ValueError: one line naming file, column, line and limit.
     """
-    if not path.is_file():
-        raise ValueError(f"driver.trace: there is no file {path}")
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        lines = [line for line in csv.reader(file) if line]
-    names = [name.strip() for name in lines[0]] if lines else []
-    _check(path, names)
-    table = np.array([_numbers(path, k, names, line) for k, line in enumerate(lines[1:], start=2)])
+    try:
+        table = open_table(path)
+    except ValueError as error:
+        raise ValueError(f"driver.trace: {error}") from error
+    _check(path, table.names)
+    numbers = table.numbers([_COLUMNS[name][0] for name in table.names])
     columns: dict[str, FloatArray] = {
-        name: _COLUMNS[name] * values for name, values in zip(names, table.T, strict=False)
+        name: _COLUMNS[name][1] * values for name, values in zip(table.names, numbers.T, strict=True)
     }
     try:
         return DriverTrace(
-            time=columns.get("time_s", np.empty(0)),
-            steer=columns.get("steer_deg", np.empty(0)),
+            time=columns["time_s"],
+            steer=columns["steer_deg"],
             speed=columns.get("speed_kmh"),
             acceleration=columns.get("acceleration"),
         )
@@ -47,26 +49,8 @@ def _check(path: Path, names: list[str]) -> None:
     for name in names:
         if name not in _COLUMNS:
             raise ValueError(f"{path}: unknown column '{name}'{nearest(name, _COLUMNS)}")
-    for name in _NEEDED:
+    for name in ("time_s", "steer_deg"):
         if name not in names:
             raise ValueError(f"{path}: column '{name}' is missing")
-    if len(set(names)) < len(names):
-        raise ValueError(f"{path}: two columns have the same name")
     if not {"speed_kmh", "acceleration"} & set(names):
         raise ValueError(f"{path}: a column 'speed_kmh' or 'acceleration' is missing")
-
-
-def _numbers(path: Path, k: int, names: list[str], line: list[str]) -> list[float]:
-    if len(line) != len(names):
-        raise ValueError(f"{path}: line {k} has {len(line)} values for {len(names)} columns")
-    for name, text in zip(names, line, strict=True):
-        if not _is_finite(text):
-            raise ValueError(f"{path}: line {k}: {name} = '{text.strip()}' is not a finite number")
-    return [float(text) for text in line]
-
-
-def _is_finite(text: str) -> bool:
-    try:
-        return math.isfinite(float(text))
-    except ValueError:
-        return False

@@ -18,6 +18,7 @@ from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
 from vehicle.parameter_file import checked, nearest, read_toml, without_sources
+from vehicle.user_file import FileKind
 
 Facing = Literal["rear", "left", "right", "front", "down"]
 
@@ -115,7 +116,7 @@ def read_rig(path: Path) -> Rig:
     Raises:
         ValueError: one line naming file and key.
     """
-    table = checked(_RigTable, without_sources(read_toml(path)), str(path))
+    table = checked(_RigTable, without_sources(read_toml(path, FileKind.CALIBRATION)), str(path))
     X_SC = np.array(table.X_SC)
     return Rig(
         X_SC=X_SC if X_SC[2, 3] > 0.0 else None, follow_distance=table.follow_distance, raw=table.left is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,8 +10,10 @@ import numpy as np
 
 from scenarios.recordings.sequence import Layout
 from vehicle.frames import FloatArray, transform
+from vehicle.user_file import FileKind, read_text
 
 _FOCAL_TOLERANCE = 1e-3  # of the focal lengths of a rectified pair, relative: 0.1 px at 100 px from the middle
+_LARGEST = 1e9  # number of a projection matrix [px], [px m]
 _OFFSET_TOLERANCE = 0.05  # of the right camera from the left one's x axis, over the baseline; KITTI's own: 0.005
 
 
@@ -58,16 +61,12 @@ def read_projections(path: Path, layout: Layout) -> Projections:
 
 
 def _lines(path: Path) -> dict[str, str]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         raise ValueError(
             f"{path} is missing: it contains the projection matrices P0 and P1 of rectified images; "
             "for raw images use --calibration FILE.toml"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} cannot be read: {error}") from error
-    pairs = (line.partition(":") for line in text.splitlines())
+        )
+    pairs = (line.partition(":") for line in read_text(path, FileKind.CALIBRATION).splitlines())
     return {name.strip(): values for name, _, values in pairs}
 
 
@@ -76,7 +75,7 @@ def _matrix(path: Path, lines: dict[str, str], name: str) -> FloatArray:
         P = np.array([float(value) for value in lines.get(name, "").split()]).reshape(3, 4)
     except ValueError:
         P = np.full((3, 4), np.nan)
-    if not np.isfinite(P).all() or abs(np.linalg.det(P[:, :3])) < 1e-9:
+    if not np.all(np.abs(P) <= _LARGEST) or abs(np.linalg.det(P[:, :3])) < 1e-9:
         raise ValueError(
             f"{path}: a line '{name}: ' with the 12 numbers of a 3x4 projection matrix, row by row, is missing or wrong"
         )

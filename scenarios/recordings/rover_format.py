@@ -7,6 +7,7 @@ deg), ``rig.toml``, and where the true slip is known ``slip.csv`` (time_s, slip_
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,9 +18,13 @@ from sensors.camera.lens import CameraModel
 from sensors.sand.trace_rig import TraceRig
 from vehicle.parameter_file import read_toml
 from vehicle.rover.command import WheelPlace, corner_wheels
+from vehicle.table_file import Column
+from vehicle.user_file import FileKind
 
+_LONGEST: Final = 100.0  # length on a rover [m]
 IMAGES, READINGS, RIG, SLIP = "images", "readings.csv", "rig.toml", "slip.csv"
-SLIP_COLUMNS: Final = ("time_s", "slip_deg")
+TIME: Final = Column("time_s", 1e10, "s")
+SLIP_COLUMNS: Final = (TIME, Column("slip_deg", 180.0, "deg"))
 
 
 def rig_toml(rig: TraceRig) -> str:
@@ -38,15 +43,20 @@ def rig_toml(rig: TraceRig) -> str:
     )
 
 
-def columns(rig: TraceRig) -> tuple[str, ...]:
+def columns(rig: TraceRig) -> tuple[Column, ...]:
     """Columns of ``readings.csv``."""
     names = [wheel.name for wheel in rig.wheels]
     return (
-        "time_s",
-        "heading_deg",
-        *(f"wheel_speed_{name}" for name in names),
-        *(f"steer_deg_{name}" for name in names),
+        TIME,
+        Column("heading_deg", 1e6, "deg"),
+        *(Column(f"wheel_speed_{name}", 1000.0, "rad/s") for name in names),
+        *(Column(f"steer_deg_{name}", 360.0, "deg") for name in names),
     )
+
+
+def header(columns: Iterable[Column]) -> str:
+    """First line of a table with these columns."""
+    return ",".join(column.name for column in columns) + "\n"
 
 
 def _wheels_table(wheels: tuple[WheelPlace, ...]) -> dict[str, Any]:
@@ -69,7 +79,7 @@ def load_rig(path: Path) -> TraceRig:
     Raises:
         ValueError: one line naming file and key.
     """
-    table = read_toml(path)
+    table = read_toml(path, FileKind.CALIBRATION)
     try:
         camera = dict(table["camera"])
         camera["distortion"] = tuple(camera.get("distortion", (0.0,) * 5))
@@ -79,11 +89,14 @@ def load_rig(path: Path) -> TraceRig:
         if X_RC.shape != (4, 4) or not np.allclose(X_RC[:3, :3] @ X_RC[:3, :3].T, np.eye(3), atol=1e-6):
             raise ValueError("X_RC must be the 4 x 4 pose of the camera in the rover")
         wheels = _wheels(table)
+        lengths = (*X_RC[:3, 3], x, y, *numbers.values(), *(place for wheel in wheels for place in wheel[1:]))
+        if not (all(abs(length) <= _LONGEST for length in lengths) and min(numbers.values()) > 0.0):
+            raise ValueError(f"lengths must be at most {_LONGEST:g} m, wheel_radius and wheel_width positive")
         watched = min(range(len(wheels)), key=lambda k: math.dist((x, y), wheels[k][1:]))
         return TraceRig(
             camera=CameraModel(**camera), X_RC=X_RC, wheel=(x, y), wheels=wheels, watched=watched, **numbers
         )
     except KeyError as error:
         raise ValueError(f"{path}: {error.args[0]} is missing") from None
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, AttributeError) as error:
         raise ValueError(f"{path}: {error}") from None

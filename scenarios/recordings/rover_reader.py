@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.table_file import open_table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,36 +64,12 @@ def open_rover_recording(directory: Path, rig_file: Path | None = None) -> Rover
     if not images:
         raise ValueError(f"{folder} contains no images")
     rig = load_rig(rig_file or directory / RIG)
-    readings = _table(directory / READINGS, columns(rig))
+    readings = open_table(directory / READINGS).numbers(columns(rig))
     if len(readings) != len(images):
         raise ValueError(
             f"{directory}: {len(images)} images and {len(readings)} rows in {READINGS}; their numbers must be equal"
         )
-    if not np.all(np.diff(readings[:, 0]) > 0.0):
-        raise ValueError(f"{directory / READINGS}: time_s must increase from row to row")
-    slip = _table(directory / SLIP, SLIP_COLUMNS) if (directory / SLIP).is_file() else None
+    if not np.all(np.diff(readings[:, 0]) >= 0.999 * TICK):
+        raise ValueError(f"{directory / READINGS}: time_s must increase by {TICK:g} s or more from row to row")
+    slip = open_table(directory / SLIP).numbers(SLIP_COLUMNS) if os.path.lexists(directory / SLIP) else None
     return RoverRecording(directory=directory, rig=rig, images=images, readings=readings, slip=slip)
-
-
-def _table(path: Path, columns: tuple[str, ...]) -> FloatArray:
-    """The named columns of a CSV file.
-
-    Raises:
-        ValueError: one line, if the file or a column is missing or a value is not a number.
-    """
-    if not path.is_file():
-        raise ValueError(f"{path} is missing")
-    with path.open(newline="", encoding="utf-8") as file:
-        lines: list[dict[str, Any]] = list(csv.DictReader(file))
-    table = np.empty((len(lines), len(columns)))
-    for number, line in enumerate(lines, start=2):
-        for k, column in enumerate(columns):
-            try:
-                table[number - 2, k] = float(line[column])
-            except KeyError:
-                raise ValueError(f"{path}: column {column} is missing; expected {', '.join(columns)}") from None
-            except (TypeError, ValueError):
-                raise ValueError(f"{path}, line {number}: {column} = {line[column]!r} is not a number") from None
-    if not np.isfinite(table).all():
-        raise ValueError(f"{path}: all numbers must be finite")
-    return table

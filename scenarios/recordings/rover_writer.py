@@ -9,7 +9,7 @@ import numpy as np
 
 from scenarios.recordings.png import write_png
 from scenarios.recordings.recording_folder import RecordingFolder
-from scenarios.recordings.rover_format import IMAGES, READINGS, RIG, SLIP, SLIP_COLUMNS, columns, rig_toml
+from scenarios.recordings.rover_format import IMAGES, READINGS, RIG, SLIP, SLIP_COLUMNS, columns, header, rig_toml
 from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
@@ -26,8 +26,8 @@ class RoverRecordingWriter(RecordingFolder):
     def _begin(self) -> None:
         (self._folder / IMAGES).mkdir()
         (self._folder / RIG).write_text(rig_toml(self._rig), encoding="utf-8")
-        (self._folder / READINGS).write_text(",".join(columns(self._rig)) + "\n", encoding="utf-8")
-        (self._folder / SLIP).write_text(",".join(SLIP_COLUMNS) + "\n", encoding="utf-8")
+        (self._folder / READINGS).write_text(header(columns(self._rig)), encoding="utf-8")
+        (self._folder / SLIP).write_text(header(SLIP_COLUMNS), encoding="utf-8")
 
     def add(self, view: RoverView, truth: RoverTruth) -> None:
         """Append a view and the true slip angle at its capture."""

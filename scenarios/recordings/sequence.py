@@ -6,7 +6,7 @@ time in seconds for every frame, in order.
 
 from __future__ import annotations
 
-import math
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +15,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from vehicle.clock import TICK
+from vehicle.user_file import MAX_FRAMES, FileKind, read_text, shown
 
 _SUFFIXES: Final = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff")
 _NO_NUMBER = -1
+_LATEST = 1e10  # time stamp [s]: 300 years
 _LONGEST_PERIOD = 10.0  # between frames [s]; longer ones mean times in milliseconds, or no visible motion
 
 
@@ -178,12 +180,11 @@ def _times_at(rate_hz: float, count: int) -> list[float]:
 
 def _read_times(path: Path) -> list[float]:
     """Times [s] that increase by at least a tick."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} cannot be read: {error}") from error
+    if not os.path.lexists(path):
+        raise ValueError(f"{path} is missing: create it with the time [s] of every frame, or use --rate HZ")
+    lines = read_text(path, FileKind.TABLE).splitlines()
+    if len(lines) > MAX_FRAMES:
+        raise ValueError(f"{path} has {len(lines)} lines: a recording must have at most {MAX_FRAMES} frames")
     times = [_time(path, k, line) for k, line in enumerate(lines, start=1) if line.strip()]
     for k, (before, after) in enumerate(pairwise(times), start=2):
         if after - before < 0.999 * TICK:
@@ -203,7 +204,7 @@ def _time(path: Path, number: int, line: str) -> float:
     try:
         time = float(line.split()[0])
     except ValueError:
-        raise ValueError(f"{path}, line {number}: '{line.strip()[:40]}' is not a time [s]") from None
-    if not math.isfinite(time):
+        raise ValueError(f"{path}, line {number}: '{shown(line.strip(), 40)}' is not a time [s]") from None
+    if not abs(time) <= _LATEST:
         raise ValueError(f"{path}, line {number}: {time} is not a time [s]")
     return time

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -110,7 +111,7 @@ def open_recording(
 def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None) -> _Cameras:
     """Cameras from the option's file, from the ``rig.toml`` of raw images, or from ``calib.txt`` and ``rig.toml``."""
     own_rig = sequence.directory / "rig.toml"
-    rig = read_rig(own_rig) if own_rig.exists() else Rig()
+    rig = read_rig(own_rig) if os.path.lexists(own_rig) else Rig()
     if file is None and rig.raw:
         file = own_rig
     if file is not None and file.suffix == ".toml":
@@ -174,7 +175,7 @@ def _rectified(
 def _poses(sequence: StereoSequence, X_CP: FloatArray) -> FloatArray | None:
     """True poses X_C0C of the frames, from a file with the poses of a camera P at X_CP on the same rig."""
     benchmark = sequence.directory.resolve().parent.parent / "poses" / f"{sequence.directory.resolve().name}.txt"
-    path = next((p for p in (sequence.directory / "poses.txt", benchmark) if p.is_file()), None)
+    path = next((p for p in (sequence.directory / "poses.txt", benchmark) if os.path.lexists(p)), None)
     if path is None:
         return None
     X_WP = read_kitti_poses(path, sequence.lines)

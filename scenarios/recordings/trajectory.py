@@ -14,6 +14,9 @@ from scipy.spatial.transform import Rotation
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
 from vehicle.frames import FloatArray, inverse, orthonormalised, transform
+from vehicle.user_file import MAX_FRAMES, FileKind, read_text
+
+_FARTHEST = 1e8  # position, in any map [m]
 
 
 def camera_poses(ticks: Sequence[int], motions: Sequence[Motion]) -> FloatArray:
@@ -75,12 +78,10 @@ def read_kitti_poses(path: Path, lines: int) -> FloatArray:
     Raises:
         ValueError: one line, if a line has another form, or if the numbers of lines and frames differ.
     """
-    try:
-        text = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} cannot be read: {error}") from error
-    rows = [(k, line.split()) for k, line in enumerate(text, start=1) if line.strip()]
-    poses = [_pose(path, k, row) for k, row in rows]
+    text = read_text(path, FileKind.TABLE).splitlines()
+    if len(text) > MAX_FRAMES:
+        raise ValueError(f"{path} has {len(text)} lines: a recording must have at most {MAX_FRAMES} frames")
+    poses = [_pose(path, k, line.split()) for k, line in enumerate(text, start=1) if line.strip()]
     if not lines <= len(poses) <= lines + 1:  # an interrupted recording may have one more
         raise ValueError(f"{path} has {len(poses)} poses for {lines} frames: repair it or remove it")
     return np.array(poses)
@@ -91,6 +92,8 @@ def _pose(path: Path, number: int, row: list[str]) -> FloatArray:
         matrix = np.array([float(value) for value in row]).reshape(3, 4)
     except ValueError:
         raise ValueError(f"{path}, line {number}: a pose is 12 numbers, the 3x4 matrix row by row") from None
+    if not np.all(np.abs(matrix) <= _FARTHEST):
+        raise ValueError(f"{path}, line {number}: numbers must be finite, positions within {_FARTHEST:g} m")
     if not np.allclose(matrix[:, :3] @ matrix[:, :3].T, np.eye(3), atol=1e-2):  # benchmark files are good to 1e-6
         raise ValueError(f"{path}, line {number}: the first three columns are not a rotation")
     return transform(orthonormalised(matrix[:, :3]), matrix[:, 3])

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import checked, read_toml, without_sources
+from vehicle.user_file import MAX_PIXELS, FileKind
 
 Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
 UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -42,6 +43,10 @@ class CameraModel:
     def __post_init__(self) -> None:
         if not (0 < self.width <= _LARGEST_SIDE and 0 < self.height <= _LARGEST_SIDE):
             raise ValueError(f"image of {self.width}x{self.height} px: sides must be 1 to {_LARGEST_SIDE} px")
+        if self.width * self.height > MAX_PIXELS:
+            raise ValueError(
+                f"image of {self.width}x{self.height} px: must have at most {MAX_PIXELS / 1e6:g} megapixels"
+            )
         for name, value in (("fx", self.fx), ("fy", self.fy)):
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} = {value} px must be positive")
@@ -156,7 +161,7 @@ def load_raw_rig(path: Path) -> RawStereoRig:
     Raises:
         ValueError: one line naming the file and what is wrong in it.
     """
-    table = checked(_RigTable, without_sources(read_toml(path)), str(path))
+    table = checked(_RigTable, without_sources(read_toml(path, FileKind.CALIBRATION)), str(path))
     try:
         return RawStereoRig(
             left=CameraModel(**table.left.model_dump()),

@@ -156,9 +156,9 @@ def test_a_broken_image_is_dropped_and_told(recorded: tuple[Path, Path], tmp_pat
     ("spoil", "said"),
     [
         (lambda d: (d / "rig.toml").unlink(), "rig.toml"),
-        (lambda d: (d / "readings.csv").unlink(), "readings.csv is missing"),
+        (lambda d: (d / "readings.csv").unlink(), "readings.csv: cannot be read: No such file"),
         (lambda d: (d / "images" / "000001.png").unlink(), "33 images and 34 rows in readings.csv"),
-        (lambda d: (d / "readings.csv").write_text("time_s\n0\n"), "column heading_deg is missing"),
+        (lambda d: (d / "readings.csv").write_text("time_s\n0\n"), "column 'heading_deg' is missing"),
     ],
 )
 def test_a_recording_that_does_not_fit_is_one_line(

@@ -11,7 +11,8 @@ from scipy.interpolate import RectBivariateSpline
 
 from vehicle.array_file import read_array
 from vehicle.frames import FloatArray
-from vehicle.user_file import MAX_NUMBERS, FileKind, read_text, shown
+from vehicle.table_file import table_text
+from vehicle.user_file import shown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,10 +77,9 @@ def load_height_map(path: str, spacing: float, *, x: float = 0.0, y: float = 0.0
 
 
 def _from_text(path: Path) -> FloatArray:
-    lines = [line for line in read_text(path, FileKind.TABLE).splitlines() if line.partition("#")[0].strip()]
-    count = len(lines) + sum(line.count(",") for line in lines)
-    if not 0 < count <= MAX_NUMBERS:
-        raise ValueError(f"{path}: not a table of heights: has {count} numbers, must have 1 to {MAX_NUMBERS}")
+    lines = [line for line in table_text(path).splitlines() if line.partition("#")[0].strip()]
+    if not lines:
+        raise ValueError(f"{path}: not a table of heights: it contains no numbers")
     try:
         return np.loadtxt(lines, delimiter=",", ndmin=2)
     except ValueError as error:
