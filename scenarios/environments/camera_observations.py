@@ -81,6 +81,12 @@ class CameraObservations:
         self._grounds: dict[int, SurfaceLookup] = {}
         self._trailers: dict[int, SensedTrailer] = {}  # by lane, once begun
 
+    def __getstate__(self) -> dict[str, Any]:
+        raise ValueError(
+            "an episode with rendered cameras cannot be copied or pickled: do so before the first reset, "
+            "or use observation = 'surrogate' or 'truth'"
+        )
+
     def begin(self, start: EpisodeStart, motion: BatchMotion, offset: PathOffset) -> None:
         """Open the sensors of these episodes; an estimator has followed the trailer straight to its start."""
         self._worker = self._worker or ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")

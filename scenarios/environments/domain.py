@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple, TypeVar
@@ -11,6 +12,7 @@ import numpy as np
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import nearest
 
+_HUGE = 1e300
 Range = tuple[float, float]  # lower and upper bound of a uniform distribution
 
 
@@ -74,7 +76,8 @@ def drawn_within(domain: Any, limits: Mapping[str, tuple[float, float]]) -> None
         ValueError: if one does.
     """
     for name, (least, most) in limits.items():
-        low, high = getattr(domain, name)
+        bounds = getattr(domain, name)
+        low, high = _range(name, bounds if isinstance(bounds, Sequence) else None)
         if not least <= low <= high <= most:
             raise ValueError(f"{name} = {low:g} .. {high:g} must be a range within {least:g} .. {most:g}")
 
@@ -88,15 +91,15 @@ def narrowed(domain: D, options: Mapping[str, Any], others: tuple[str, ...] = ()
     known = [field.name for field in fields(domain)]  # type: ignore[arg-type]  # every domain is a dataclass
     for name in options:
         if name not in known:
-            raise ValueError(f"unknown reset option '{name}'{nearest(name, (*known, *others))}")
+            raise ValueError(f"unknown reset option '{name:.80}'{nearest(name, (*known, *others))}")
     ranges = {name: _range(name, value) for name, value in options.items()}
     changed: D = replace(domain, **ranges)  # type: ignore[type-var]  # likewise
     return changed
 
 
 def _range(name: str, value: Any) -> Range:
-    if isinstance(value, int | float):
-        return float(value), float(value)
-    if isinstance(value, Sequence) and len(value) == 2:
-        return float(value[0]), float(value[1])
-    raise ValueError(f"option {name} = {value!r} must be a number or two bounds")
+    bounds = value if isinstance(value, Sequence) and len(value) == 2 else (value, value)
+    if not all(isinstance(bound, numbers.Real) and not isinstance(bound, bool) for bound in bounds):
+        raise ValueError(f"option {name} = {value!r:.80} must be a number or two bounds")
+    low, high = (float(min(max(bound, -_HUGE), _HUGE)) for bound in bounds)  # a whole number may exceed all floats
+    return low, high

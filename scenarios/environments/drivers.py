@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Generic, NamedTuple, TypeVar
+from functools import lru_cache
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 
 V = TypeVar("V")  # an array (n,), or SX
+_BOUND = ("_step", "_inputs", "state")  # made anew in a copy
 
 
 class DriverState(NamedTuple, Generic[V]):
@@ -53,15 +55,27 @@ class Drivers:
 
     def __init__(self, tractor: TractorGeometry, tracks: Tracks, n: int, engine: Engine) -> None:
         """All at the start of the first course until ``begin``."""
-        self._tracks, self._n = tracks, n
-        self._step = kernel_for_rows(_function(tractor), n, engine)
+        self._tracks, self._kernel = tracks, (tractor, n, engine)
         self._course = np.zeros(n, dtype=np.intp)
         self._u = np.zeros((n, len(_Inputs._fields) + len(PathPiece._fields)))
-        self._inputs = _Inputs(*(self._u[:, k] for k in range(len(_Inputs._fields))))
         self._memory = np.zeros((n, len(DriverState._fields)))
-        self.state = DriverState(*self._memory.T)  # state and demands of all drivers, (n,) each
+        self._bind()
         for column in (self._inputs.speed, self._inputs.gain, self._inputs.x_ref):
             column[:] = 1.0
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in _BOUND}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._bind()
+
+    def _bind(self) -> None:
+        """Open the kernel and the views of inputs and memory."""
+        tractor, n, engine = self._kernel
+        self._step = kernel_for_rows(_function(tractor), n, engine)
+        self._inputs = _Inputs(*(self._u[:, k] for k in range(len(_Inputs._fields))))
+        self.state = DriverState(*self._memory.T)  # state and demands of all drivers, (n,) each
 
     @property
     def course(self) -> NDArray[np.intp]:
@@ -92,6 +106,7 @@ class Drivers:
         return self.state.demand, self.state.acceleration
 
 
+@lru_cache(maxsize=16)
 def _function(t: TractorGeometry) -> ca.Function:
     """Function (state, inputs and path piece, nothing) -> state."""
     n, m = len(DriverState._fields), len(_Inputs._fields)

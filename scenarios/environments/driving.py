@@ -32,16 +32,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal, get_args
+from dataclasses import field
+from typing import Any, Final, Literal
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from scenarios.assembly.adapters import outlines
 from scenarios.courses import straight
+from scenarios.environments.checks import CHECKED
 from scenarios.environments.core import Feature, Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.movers import SlippingTyreFleet
@@ -66,7 +68,7 @@ _LOST: Final = {"bay": 50.0, "gate": 100.0}  # greater distances end an episode 
 _MISHAP, _ARRIVED = -100.0, 100.0  # rewards, once
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
 class TractorTrailerDrivingOptions:
     """Options of the environment."""
 
@@ -87,8 +89,6 @@ class TractorTrailerDriving:
         Raises:
             ValueError: one line, if an option does not fit.
         """
-        if options.task not in get_args(Task):
-            raise ValueError(f"task = '{options.task}' must be one of {', '.join(get_args(Task))}")
         self.n, self._options = n, options
         vehicle = self._vehicle = load_vehicle(options.vehicle)
         if len(vehicle.units) < 2 or vehicle.units[0].steering is None:

@@ -44,8 +44,7 @@ class HitchPaths:
         """For follow distances up to this one [m]."""
         needed = _LONGEST * longest_follow_distance / _SPACING
         self._size = 1 << math.ceil(math.log2(needed))
-        self._points = np.zeros((n, self._size), dtype=np.complex128)
-        self._flat = self._points.reshape(-1)
+        self._points = np.zeros(n * self._size, dtype=np.complex128)  # of one path after the other
         self._row = np.arange(n) * self._size
         self._count = np.zeros(n, dtype=np.intp)  # of points so far; the newest is the last
         self._index = np.zeros(n, dtype=np.intp)  # the last point behind the follow point
@@ -59,7 +58,7 @@ class HitchPaths:
         """Begin with straight paths behind these trailers, poses x y psi (k, 3)."""
         here, heading = poses[:, 0] + 1j * poses[:, 1], np.exp(1j * poses[:, 2])
         back = _SPACING * np.arange(self._size - 1, -1, -1)
-        self._points[lanes] = here[:, None] - heading[:, None] * back
+        self._points.reshape(-1, self._size)[lanes] = here[:, None] - heading[:, None] * back
         self._count[lanes] = self._size
         self._index[lanes] = self._size - 1 - np.ceil(follow_distance / _SPACING).astype(np.intp)
         self._last[lanes], self._distance[lanes] = here, 0.0
@@ -86,7 +85,7 @@ class HitchPaths:
         """
         x, y, psi = mark.poses[lane].tolist()
         numbers = np.arange(mark.n_points[lane] - 1, self._count[lane] - self._size, -1)
-        points = (self._points[lane, numbers & (self._size - 1)] - complex(x, y)) * np.exp(-1j * psi)
+        points = (self._points[self._row[lane] + (numbers & (self._size - 1))] - complex(x, y)) * np.exp(-1j * psi)
         beyond = np.flatnonzero(points.real < -reach)
         points = points[: beyond[0] if len(beyond) else len(points)]
         return np.concatenate([np.zeros((1, 2)), np.column_stack([points.real, points.imag])])
@@ -101,7 +100,9 @@ class HitchPaths:
             if not len(full):
                 break
             part = (_SPACING - before[full]) / distance[full]
-            self._flat[self._row[full] + (self._count[full] & (self._size - 1))] = self._last[full] + part * step[full]
+            self._points[self._row[full] + (self._count[full] & (self._size - 1))] = (
+                self._last[full] + part * step[full]
+            )
             self._count[full] += 1
             self._distance[full] -= _SPACING
             before[full] -= _SPACING
@@ -113,7 +114,7 @@ class HitchPaths:
         """Four points in the trailers' frames, (4, n); the follow point lies between the middle two."""
         newest, oldest = self._count - 3, self._count - (self._size - 1)
         for _ in range(_MAX_MOVES):
-            four = (self._flat[self._row + ((self._index + _FOUR) & (self._size - 1))] - here) * turned
+            four = (self._points[self._row + ((self._index + _FOUR) & (self._size - 1))] - here) * turned
             move = (four[2].real <= -self._follow).astype(np.intp) - (four[1].real > -self._follow)
             moved = np.minimum(np.maximum(self._index + move, oldest), newest)
             if (moved == self._index).all():
@@ -135,5 +136,5 @@ class HitchPaths:
         offset = a.imag + t * (b.imag - a.imag) - t * (1.0 - t) * bend.imag
         onward = b - a - (1.0 - 2.0 * t) * bend
         further = self._row[:, None] + ((self._index[:, None] + self._ahead) & (self._size - 1))
-        ahead = ((self._flat[further] - here[:, None]) * turned[:, None]).imag
+        ahead = ((self._points[further] - here[:, None]) * turned[:, None]).imag
         return PathOffset(offset, np.arctan2(onward.imag, onward.real), ahead)

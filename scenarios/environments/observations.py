@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple, Protocol, get_args
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -22,16 +22,6 @@ from vehicle.frames import FloatArray
 ObservationKind = Literal["estimate", "surrogate", "truth", "camera"]
 
 _FRAME, _LATENCY = 100, 100  # of cameras and estimator, as in the scenarios [ticks]
-
-
-def check_observation(kind: str) -> None:
-    """Refuse an unknown kind of observation.
-
-    Raises:
-        ValueError: one line.
-    """
-    if kind not in get_args(ObservationKind):
-        raise ValueError(f"observation = '{kind}' must be one of {', '.join(get_args(ObservationKind))}")
 
 
 class EpisodeStart(NamedTuple):

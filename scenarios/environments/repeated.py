@@ -18,13 +18,7 @@ class Repeated:
     """
 
     def __init__(self, core: Core, times: int) -> None:
-        """Repeat each action of ``core`` for ``times`` control steps.
-
-        Raises:
-            ValueError: if ``times`` is less than 1.
-        """
-        if times < 1:
-            raise ValueError(f"action_repeat = {times} must be at least 1 control step")
+        """Repeat each action of ``core`` for ``times`` control steps, at least 1."""
         self._core, self._times = core, times
         self.n, self.action_space, self.observation_space = core.n, core.action_space, core.observation_space
 

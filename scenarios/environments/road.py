@@ -24,7 +24,7 @@ def named_course(name: str, vehicle: Vehicle) -> Course:
     if not name.startswith(_RANDOM):
         return course_of(load_scenario(name), vehicle)
     number = name.removeprefix(_RANDOM)
-    if not number.isdigit():
+    if not number.isdecimal():
         raise ValueError(f"course {name}: must be random-K with an integer K")
     rng, tractor = stream(int(number), "course"), vehicle.units[0]
     sequence = [

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import dataclasses
+from collections.abc import Sequence
 from typing import Final
 
+from pydantic.dataclasses import dataclass
+
+from scenarios.environments.checks import CHECKED
 from scenarios.environments.domain import Range, drawn_within
 from scenarios.environments.observations import ObservationKind
 from scenarios.environments.sensed_rover import check_slip_sensing
@@ -16,7 +20,7 @@ FIRM: Final = "none"  # the soil of hard ground
 _SANDS: Final = ("toyoura_sand", "beach_sand")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class RoverDomain:
     """Ranges of an episode's circumstances.
 
@@ -43,20 +47,18 @@ LIMITS: Final = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
 class RoverSteeringOptions:
     """Options of the environment."""
 
     vehicle: str = "el_dorado_ii_skid"  # name or file of a rover without steered wheels
-    soils: tuple[str, ...] | None = (
-        None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground
-    )
+    soils: Sequence[str] | None = None  # "none": firm ground; None: two sands and, except for ``estimate``, firm ground
     observation: ObservationKind = "surrogate"
     sensing: str | RoverScenario = (
         "rover-slope"  # scenario with camera, sand and slip estimator, for ``estimate`` and ``camera``
     )
     image_scale: int = 1  # factor that reduces images, for ``camera``
-    domain: RoverDomain = field(default_factory=RoverDomain)
+    domain: RoverDomain = dataclasses.field(default_factory=RoverDomain)
     engine: Engine = "auto"
 
     def soil_names(self) -> tuple[str, ...]:
@@ -71,7 +73,7 @@ class RoverSteeringOptions:
             raise ValueError("soils is empty: it must have at least one")
         if needs_trace and FIRM in names:
             raise ValueError("soils has 'none': firm ground takes no trace, which observation = 'estimate' needs")
-        return names
+        return tuple(names)
 
     def scenario(self, step: int) -> RoverScenario | None:
         """Scenario that gives the sensors, for control steps of ``step`` ticks; None without a camera.

@@ -56,7 +56,6 @@ from controllers.path import Path, arc, line
 from scenarios.environments.core import Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import narrowed
 from scenarios.environments.images import ImageObservation
-from scenarios.environments.observations import check_observation
 from scenarios.environments.picture import side_by_side
 from scenarios.environments.rover_features import FEATURES, IMAGE_FEATURES, SLIP
 from scenarios.environments.rover_options import FIRM, LIMITS, RoverDomain, RoverSteeringOptions
@@ -124,7 +123,6 @@ class RoverSteering:
         if self._rover.steered:
             raise ValueError(f"rover {self._rover.name} steers its wheels: RoverSteering is for skid-steered ones")
         self._left = self._rover.wheel_places[:, 1] > 0.0
-        check_observation(options.observation)
         self._names = options.soil_names()
         self._soils: list[Soil | None] = [None if name == FIRM else load_soil(name) for name in self._names]
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -144,8 +142,8 @@ class RoverSteering:
         """Begin episodes; options are those of ``RoverDomain``, and ``soil`` by its name."""
         given = dict(options)
         soil = given.pop("soil", None)
-        if soil is not None and soil not in self._names:
-            raise ValueError(f"soil = {soil} must be one of {', '.join(self._names)}")
+        if soil is not None and not (isinstance(soil, str) and soil in self._names):
+            raise ValueError(f"soil = {soil!r:.80} must be one of {', '.join(self._names)}")
         domain = narrowed(self._options.domain, given, ("soil",))
         for lane, rng in zip(lanes.tolist(), generators, strict=True):
             self._episodes[lane] = self._begun(rng, domain, soil, open_sensors=True)

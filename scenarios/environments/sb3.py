@@ -10,6 +10,7 @@ Requires the extra ``rl``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -48,8 +49,10 @@ class Sb3VecEnv(VecEnv):  # type: ignore[misc]  # untyped: the extra may not be 
         """Wrap an environment that resets in the same step; rewards are scaled, except in ``episode``.
 
         Raises:
-            ValueError: if it resets in another mode.
+            ValueError: one line, if it resets in another mode, or the scale is not a finite number.
         """
+        if isinstance(reward_scale, bool) or not math.isfinite(reward_scale):
+            raise ValueError(f"reward_scale = {reward_scale} must be a finite number")
         if env.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
             raise ValueError("stable-baselines3 needs environments with autoreset_mode = AutoresetMode.SAME_STEP")
         self.env, self._reward_scale = env, reward_scale

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import Final
 
 import cv2
@@ -64,7 +65,7 @@ class SensedRover:
             sensing.estimator if estimates else None,
             InLine(),
             image_type=RoverView,
-            health=lambda estimate: estimate.health,
+            health=attrgetter("health"),
         )
 
     @property

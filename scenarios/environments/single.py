@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from scenarios.environments.checks import call_error, checked_actions, checked_seed, reset_options
 from scenarios.environments.core import Core, of_lane
 from scenarios.environments.window import Window
 from scenarios.report.canvas import Picture
@@ -18,7 +20,11 @@ _ONLY = np.zeros(1, dtype=np.intp)
 
 
 class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
-    """Environment around a core of one episode; copies and other processes build their own core."""
+    """Environment around a core of one episode.
+
+    A copy (``copy.deepcopy``, ``pickle``) continues the episode bitwise like the original. Before the first reset it is
+    built anew. An episode with a renderer cannot be copied.
+    """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 50}  # noqa: RUF012  # as gymnasium declares it
 
@@ -34,22 +40,43 @@ class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
         self.core = build(1)
         self.render_mode = render_mode
         self._window: Window | None = None
+        self._open = self._closed = False  # open: between the first reset and close
         self.metadata = {**self.metadata, "render_fps": round(self.core.control_rate)}
         self.action_space, self.observation_space = self.core.action_space, self.core.observation_space
+        self._shape = self.core.action_space.shape
 
-    def __reduce__(self) -> tuple[type[SingleEnv], tuple[Any, ...]]:
-        return (type(self), (self._build, self.render_mode))  # an episode is not pickled: it begins again
+    def __reduce__(self) -> tuple[Any, ...]:
+        if not self._open:
+            return (type(self), (self._build, self.render_mode))  # without an episode there is nothing else to copy
+        return (copyreg.__newobj__, (type(self),), {**vars(self), "_window": None})  # type: ignore[attr-defined]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; the module of the environment lists the options."""
-        super().reset(seed=seed)
-        self.core.begin(_ONLY, [self.np_random], options or {})
+        """Begin an episode; the module of the environment lists the options.
+
+        Raises:
+            ValueError: one line, if the seed or an option is wrong.
+            ClosedEnvironmentError: after ``close``.
+        """
+        if self._closed:
+            raise call_error("reset", closed=True)
+        given = reset_options(options)
+        super().reset(seed=checked_seed(seed))
+        self.core.begin(_ONLY, [self.np_random], given)
+        self._open = True
         self._show()
         return of_lane(self.core.observe(), 0), self._info()
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Advance by a control step."""
-        result = self.core.step(np.asarray(action, dtype=np.float32)[None])
+        """Advance by a control step.
+
+        Raises:
+            ValueError: one line, if the action is not finite numbers of the action space's shape.
+            ResetNeeded: before the first ``reset``.
+            ClosedEnvironmentError: after ``close``.
+        """
+        if not self._open:
+            raise call_error("step", closed=self._closed)
+        result = self.core.step(checked_actions(action, self._shape, "action")[None])
         info = self._info()
         if result.outcome[0]:
             info["outcome"] = result.outcome[0]
@@ -58,11 +85,18 @@ class SingleEnv(gym.Env[Any, NDArray[np.float32]]):
         return of_lane(self.core.observe(), 0), float(result.reward[0]), ended, cut, info
 
     def render(self) -> Picture | None:
-        """Top view of the episode, with its camera view if there is one, for ``rgb_array``."""
+        """Top view of the episode, with its camera view if there is one, for ``rgb_array``.
+
+        Raises:
+            ClosedEnvironmentError: after ``close``.
+        """
+        if self._closed:
+            raise call_error("render", closed=True)
         return self.core.picture(0) if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """Close window and cameras."""
+        """Close window and cameras; a second call has no effect."""
+        self._open, self._closed = False, True
         self.core.close()
         if self._window is not None:
             self._window.close()

@@ -59,18 +59,20 @@ turn; ``outcome`` at the end.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from pydantic.dataclasses import dataclass
 
 from controllers.driver import PERIOD
 from scenarios.assembly.adapters import outlines, tractor_geometry
 from scenarios.courses import Course
 from scenarios.environments import endings, rewards
 from scenarios.environments.camera_observations import CameraObservations
+from scenarios.environments.checks import CHECKED, is_whole
 from scenarios.environments.core import Info, Lanes, Observation, Result
 from scenarios.environments.domain import N_DRAWN, Domain, narrowed
 from scenarios.environments.drivers import Drivers
@@ -82,7 +84,6 @@ from scenarios.environments.observations import (
     ObservationKind,
     ObservationSource,
     TrueOrSurrogate,
-    check_observation,
 )
 from scenarios.environments.picture import TopView, axle_angles, side_by_side
 from scenarios.environments.rewards import Reward
@@ -114,7 +115,7 @@ _GRIP = 0.5  # fraction of the friction that the driver uses in turns
 _TIME_LIMIT, _GRACE = 1.5, 10.0  # as in a scenario: relative to the course at set speed [-], and added [s]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=CHECKED)
 class TrailerSteeringOptions:
     """Options of the environment."""
 
@@ -228,17 +229,17 @@ class TrailerSteering:
         """Close cameras."""
         self._source.close()
 
-    def _chosen(self, course: str | int | None) -> int | None:
+    def _chosen(self, course: Any) -> int | None:
         """Number of the course that an option selects."""
         if course is None:
             return None
-        if isinstance(course, str):
-            if course not in self._names:
-                raise ValueError(f"course = {course} must be one of {', '.join(self._names)}")
+        if isinstance(course, str) and course in self._names:
             return self._names.index(course)
-        if not 0 <= course < len(self._names):
-            raise ValueError(f"course = {course} must be 0 .. {len(self._names) - 1}")
-        return course
+        if is_whole(course) and 0 <= course < len(self._names):
+            return int(course)
+        shown = course if isinstance(course, str) else repr(course)
+        last = len(self._names) - 1
+        raise ValueError(f"course = {shown:.80} must be one of {', '.join(self._names)}, or their number 0 .. {last}")
 
     def _axles(self, motion: BatchMotion) -> FloatArray:
         """Angles of the last trailer's steered axles, (n, n_steered) [rad]."""
@@ -290,7 +291,6 @@ def _observation_source(
     options: TrailerSteeringOptions, vehicle: Vehicle, fleet: PlantBatch, courses: Sequence[Course]
 ) -> ObservationSource:
     """Source of the observations that the options select."""
-    check_observation(options.observation)
     if options.observation in ("surrogate", "truth"):
         surrogate = options.surrogate or load_surrogate()
         return TrueOrSurrogate(vehicle, fleet.n, PERIOD, surrogate if options.observation == "surrogate" else None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,6 +12,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from scenarios.environments.checks import (
+    MAX_ENVS,
+    call_error,
+    checked_actions,
+    checked_count,
+    checked_seed,
+    reset_options,
+)
 from scenarios.environments.core import Core, Info, Observation, Result, of_lane
 from scenarios.report.canvas import Picture
 
@@ -19,7 +28,10 @@ _StepResult = tuple[Observation, NDArray[np.float64], Flags, Flags, dict[str, An
 
 
 class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """Environment around a core of many episodes; sub-environment k equals a single one with seed s + k."""
+    """Environment around a core of many episodes; sub-environment k equals a single one with seed s + k.
+
+    Copies are as those of a single one: exact in mid-episode, built anew before the first reset.
+    """
 
     def __init__(
         self,
@@ -34,8 +46,10 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         Raises:
             ValueError: one line, if an option does not fit.
         """
-        if num_envs < 1:
-            raise ValueError(f"num_envs = {num_envs} must be at least 1")
+        num_envs = checked_count("num_envs", num_envs, MAX_ENVS)
+        if autoreset_mode not in list(AutoresetMode) + [mode.value for mode in AutoresetMode]:
+            modes = ", ".join(mode.value for mode in AutoresetMode)
+            raise ValueError(f"autoreset_mode = {autoreset_mode!r:.80} must be one of {modes}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode = '{render_mode}' of a vector environment must be rgb_array")
         self._arguments = (build, num_envs, autoreset_mode, render_mode)
@@ -48,11 +62,15 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         self.single_observation_space = self.core.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._shape = (num_envs, *self.single_action_space.shape)
         self._generators: list[np.random.Generator] = []
-        self._done = np.zeros(num_envs, dtype=bool)
+        self._begun, self._done = np.zeros(num_envs, dtype=bool), np.zeros(num_envs, dtype=bool)
+        self._open = False  # all episodes have begun, and the environment is not closed
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return (_again, self._arguments)  # episodes are not pickled: they begin again
+        if self.closed or not self._begun.any():
+            return (_again, self._arguments)  # without an episode there is nothing else to copy
+        return (copyreg.__newobj__, (type(self),), vars(self))  # type: ignore[attr-defined]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -60,9 +78,12 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         """Begin episodes in all sub-environments, or in those of ``options["reset_mask"]``.
 
         Raises:
-            ValueError: if seeds or mask do not fit, or an option is unknown.
+            ValueError: one line, if a seed, the mask or an option is wrong.
+            ClosedEnvironmentError: after ``close``.
         """
-        given = dict(options or {})
+        if self.closed:
+            raise call_error("reset", closed=True)
+        given = reset_options(options)
         mask = np.asarray(given.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ValueError(f"reset_mask must be {self.num_envs} booleans, at least one of them True")
@@ -74,12 +95,13 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         """Advance all by a control step; ended episodes restart according to the autoreset mode.
 
         Raises:
-            ValueError: if the actions are not (num_envs, n_action).
+            ValueError: one line, if the actions are not finite numbers (num_envs, n_action).
+            ResetNeeded: before the first ``reset`` of all sub-environments.
+            ClosedEnvironmentError: after ``close``.
         """
-        actions = np.asarray(actions, dtype=np.float32)
-        if actions.shape != self.action_space.shape:
-            raise ValueError(f"actions of shape {actions.shape} must be {self.action_space.shape}")
-        result = self.core.step(actions)
+        if not self._open:
+            raise call_error("step", closed=self.closed)
+        result = self.core.step(checked_actions(actions, self._shape))
         if self._mode is AutoresetMode.NEXT_STEP:
             return self._after(self._restarted(result))
         if self._mode is AutoresetMode.SAME_STEP:
@@ -87,20 +109,28 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         return self._after(result)
 
     def render(self) -> tuple[Picture, ...] | None:
-        """Top view of every episode, for ``rgb_array``."""
+        """Top view of every episode, for ``rgb_array``.
+
+        Raises:
+            ClosedEnvironmentError: after ``close``.
+        """
+        if self.closed:
+            raise call_error("render", closed=True)
         if self.render_mode != "rgb_array":
             return None
         return tuple(self.core.picture(lane) for lane in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close cameras."""
+        self._open = False
         self.core.close()
 
-    def _seed(self, seed: int | Sequence[int | None] | None, mask: Flags) -> None:
-        if seed is None or isinstance(seed, int | np.integer):
-            seeds: Sequence[int | None] = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
+    def _seed(self, seed: Any, mask: Flags) -> None:
+        if isinstance(seed, Sequence | np.ndarray) and not isinstance(seed, str):
+            seeds = [checked_seed(one) for one in seed]
         else:
-            seeds = seed
+            first = checked_seed(seed)
+            seeds = [None if first is None else first + k for k in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} environments: give one per environment")
         fresh = not self._generators
@@ -114,7 +144,8 @@ class CoreVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
     def _begin(self, mask: Flags, options: dict[str, Any]) -> None:
         lanes = np.flatnonzero(mask)
         self.core.begin(lanes, [self._generators[lane] for lane in lanes.tolist()], options)
-        self._done[mask] = False
+        self._done[mask], self._begun[mask] = False, True
+        self._open = self._open or bool(self._begun.all())
 
     def _restarted(self, result: Result) -> Result:
         """Result with the episodes that ended one step earlier restarted; their actions are ignored."""

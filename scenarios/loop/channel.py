@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
-from typing import Concatenate, Generic, ParamSpec, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from estimators.protocol import Estimator
 from scenarios.loop.stopwatch import Stopwatch
@@ -38,7 +38,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         self.schedule = schedule
         self.delivered: list[EstimateT] = []  # oldest first
         self._sensor, self._worker, self._stopwatch = sensor, worker, stopwatch
-        self._estimate = None if estimator is None else stateful(estimator.init(), estimator.step)
+        self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
 
     @property
@@ -71,15 +71,16 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
             return estimate(message)
 
 
-def stateful(memory: MemoryT, step: Callable[Concatenate[MemoryT, P], tuple[MemoryT, R]]) -> Callable[P, R]:
+class Stateful(Generic[MemoryT, P, R]):
     """A pure step as a function that carries the memory from call to call."""
 
-    def advance(*args: P.args, **kwargs: P.kwargs) -> R:
-        nonlocal memory
-        memory, output = step(memory, *args, **kwargs)
-        return output
+    def __init__(self, memory: MemoryT, step: Callable[Concatenate[MemoryT, P], tuple[MemoryT, R]]) -> None:
+        self._memory, self._step = memory, step
 
-    return advance
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Output of the next step."""
+        self._memory, output = self._step(self._memory, *args, **kwargs)
+        return output
 
 
 class InLine(Executor):
@@ -87,6 +88,15 @@ class InLine(Executor):
 
     def submit(self, call: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> Future[R]:
         """Future with the result of the call."""
-        future: Future[R] = Future()
-        future.set_result(call(*args, **kwargs))
-        return future
+        return Finished(call(*args, **kwargs))
+
+
+class Finished(Future[R]):
+    """The future of a call that is over; it can be copied."""
+
+    def __init__(self, result: R) -> None:
+        super().__init__()
+        self.set_result(result)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Finished, (self.result(),))

@@ -14,7 +14,7 @@ from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
-from scenarios.loop.channel import Channel, stateful
+from scenarios.loop.channel import Channel, Stateful
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
@@ -47,7 +47,7 @@ class SteeredTrailer:
             sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch
         )
         self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
-        self._law = stateful(trailer.law.init(), trailer.law.step)
+        self._law = Stateful(trailer.law.init(), trailer.law.step)
 
     @property
     def estimates(self) -> list[Estimate]:
@@ -74,7 +74,7 @@ class CombinationPilot:
     ) -> None:
         """Create the pilot of a ``vehicle``; without a driver its motion is prescribed."""
         self.trailers = trailers
-        self._driver = None if driver is None else stateful(driver.init(), driver.step)
+        self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._of_tractor = len(vehicle.units[0].steered_axles)
         self._n_trailer_axles = sum(len(unit.steered_axles) for unit in vehicle.units[1:])

@@ -103,12 +103,14 @@ def test_estimates_through_cameras_stay_near_the_truth_for_one_and_for_many(one_
 def test_pictures_are_those_of_the_cameras_for_one_and_for_many(one_world: None) -> None:
     """Ten images a second with their age; interleaved renderers draw what each draws alone; reduced images are means.
 
-    A pickled copy, which has no renderer yet, repeats an episode to the bit.
+    A copy pickled before the first reset, without a renderer, repeats an episode to the bit; later it is refused.
     """
     given = options("camera", image_scale=2)
     both, one = many(2, **given), gymnasium.make(TRAILER, disable_env_checker=True, render_mode="rgb_array", **given)
-    seen, alone = both.reset(seed=101)[0], one.reset(seed=102)[0]
     copy = pickle.loads(pickle.dumps(one.unwrapped))
+    seen, alone = both.reset(seed=101)[0], one.reset(seed=102)[0]
+    with pytest.raises(ValueError, match="rendered cameras cannot be copied"):
+        pickle.dumps(one.unwrapped)
     again = copy.reset(seed=102)[0]
     copy.close()
     assert all(np.array_equal(again[part], alone[part]) for part in ("image", "features"))

@@ -250,7 +250,7 @@ def test_wrong_options_are_refused_in_one_line(name: str, options: dict[str, Any
         ({"friction": 7.0}, "within 0.05 .. 1.5"),
         ({"friction": "ice"}, "must be a number or two bounds"),
         ({"course": "moon"}, "course = moon must be one of roundabout"),
-        ({"course": 99}, "must be 0 .. 12"),
+        ({"course": 99}, "or their number 0 .. 12"),
     ],
 )
 def test_wrong_reset_options_are_refused_in_one_line(options: dict[str, Any], words: str) -> None:

@@ -76,5 +76,5 @@ def test_it_is_an_option_of_every_environment() -> None:
     env = gymnasium.make(TRAILER, action_repeat=2, disable_env_checker=True)
     env.reset(seed=1)
     assert env.metadata["render_fps"] == 25
-    with pytest.raises(ValueError, match="action_repeat = 0 must be at least 1"):
+    with pytest.raises(ValueError, match="action_repeat = 0 must be a whole number, at least 1"):
         gymnasium.make("offtrack/RoverSteering-v0", action_repeat=0)

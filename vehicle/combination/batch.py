@@ -37,6 +37,8 @@ from vehicle.sanity import are_sane
 Lanes: TypeAlias = NDArray[np.intp]  # numbers of vehicles, (k,)
 _APEX: Final = 3.0  # radius over which the tip of conical ground is rounded, as on ``Surface`` [m]
 _NOTHING: Final = np.empty(0)
+_FUNCTIONS: Final[tuple[Literal["step", "start", "motion"], ...]] = ("step", "start", "motion")
+_KERNELS: Final = ("_advance", "_start", "_observe")  # of these functions
 
 
 class BatchGround(NamedTuple):
@@ -72,9 +74,8 @@ class PlantBatch:
         if n < 1:
             raise ValueError(f"n = {n} vehicles must be at least 1")
         self.n, self._vehicle, self._n_units = n, vehicle, len(vehicle.units)
-        self._advance = kernel_for_rows(_with_numbers_in_input(vehicle, "step"), n, engine)
-        self._observe = kernel_for_rows(_with_numbers_in_input(vehicle, "motion"), n, engine)
-        self._start = kernel_for_rows(_with_numbers_in_input(vehicle, "start"), n, engine)
+        self._engine: Engine = engine
+        self._open_kernels()
         commands, ground = command_sizes(vehicle), ground_input_sizes(vehicle)
         self._n_command, self._n_trailer = sum(commands), commands.trailer_steer
         self._ground = GroundInputs(*(_shifted(part, self._n_command) for part in slices(ground)))
@@ -90,6 +91,18 @@ class PlantBatch:
         self._cross_fall, self._centre = np.zeros(n), np.full((n, 2), np.nan)
         self._conical, self._no_state = False, np.empty((n, 0))
         self._in_motion = _MotionSlices.of(vehicle)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name not in _KERNELS}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._open_kernels()  # they belong to a process, and hold no state
+
+    def _open_kernels(self) -> None:
+        self._advance, self._start, self._observe = (
+            kernel_for_rows(_with_numbers_in_input(self._vehicle, name), self.n, self._engine) for name in _FUNCTIONS
+        )
 
     @property
     def state(self) -> FloatArray:
