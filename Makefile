@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
-.PHONY: demo test install system lint benchmarks clean
+.PHONY: demo test install system lint benchmarks kills clean
 
 demo: install
 	@rm -rf runs/demo
@@ -25,6 +25,10 @@ lint: install
 
 benchmarks: install
 	$(BIN)/pytest tests/benchmarks --override-ini addopts="--import-mode=importlib" --benchmark-only
+
+# Commands killed at random moments and started again: make kills MOMENTS=40
+kills: install
+	$(BIN)/python -m tests.kills --moments $(or $(MOMENTS),40)
 
 install: $(STAMP)
 

@@ -1,0 +1,180 @@
+"""Commands that are killed at some moment, and started again: nothing may be lost, left behind or in the way."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE = 600.0  # with a command that hangs [s]
+ORPHANS_END = 5.0  # time for all processes to end after the first one [s]
+
+_SHORT = ("course.length=40", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")
+_TURN = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "speed_kmh=20", "off_tracking=truth")
+_SMALL = ("rig.width=320", "rig.height=200", "world.scenery_density=0", "world.overcast=true")
+_STUDY = """scenario = "cambered-road"
+seeds = [1, 2]
+[set]
+"course.length" = 40
+off_tracking = "truth"
+"surface.roughness" = "none"
+[vary]
+trailer_steering = ["none", "command_steer"]
+"""
+
+
+def _set(*settings: str) -> list[str]:
+    return [part for setting in settings for part in ("--set", setting)]
+
+
+COMMANDS = {
+    "run": ["run", "cambered-road", *_set("course.length=600", *_SHORT[1:]), "--no-video", "--out", "out"],
+    "run --record": ["run", "turn-90", *_set(*_TURN, *_SMALL), "--no-video", "--record", "rec", "--out", "out"],
+    "compare": ["compare", "cambered-road", *_set(*_SHORT), "--seeds", "1-2", "--jobs", "2", "--out", "out"],
+    "sweep": ["sweep", "study.toml", "--jobs", "2", "--out", "out"],
+    "tune": ["tune", "roundabout", *_set(*_TURN), "--seeds", "11", "--judge-seeds", "12", "--range", "gain=0.1:1.0",
+             "--trials", "4", "--jobs", "2", "--out", "out"],
+    "estimate": ["estimate", "off-tracking", "images", "--no-video", "--out", "out"],
+    "reproduce": ["reproduce", "reina2008-fig6", "--quick", "--out", "out"],
+    "train": ["train", "--steps", "40000", "--envs", "8", "--episodes", "1", "--out", "out"],
+}  # fmt: skip
+RECORDING = ["run", "turn-90", *_set(*_TURN, *_SMALL), "--no-video", "--record", "images", "--out", "images_run"]
+SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT)
+
+
+@dataclass
+class Finding:
+    """What became of a command that was killed, and of the same command after it."""
+
+    command: str
+    number: signal.Signals
+    code: int = 0
+    kept: int = 0  # finished units when it was killed
+    problems: list[str] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        verdict = "; ".join(self.problems) or "ok"
+        return f"{self.command:13} {self.number.name:8} exit {self.code:4}  kept {self.kept:3}  {verdict}"
+
+
+def prepare(folder: Path) -> None:
+    """Write what the commands need."""
+    (folder / "study.toml").write_text(_STUDY, encoding="utf-8")
+
+
+def start(command: list[str], folder: Path) -> subprocess.Popen[str]:
+    """Start a command in a group of processes of its own; it heeds Ctrl-C even if this process does not."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "scenarios.cli", *command, "--quiet"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler) and None,
+    )
+
+
+def killed(command: str, number: signal.Signals, folder: Path, moment: Callable[[], bool]) -> Finding:
+    """Kill a command when it is time, start it again, and see what is wrong then."""
+    finding = Finding(command, number)
+    main = start(COMMANDS[command], folder)
+    deadline = time.monotonic() + PATIENCE
+    while main.poll() is None and not moment() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    main.send_signal(number)
+    try:
+        said = main.communicate(timeout=60.0)[1]
+    except subprocess.TimeoutExpired:
+        main.kill()
+        said = main.communicate()[1]
+        finding.problems.append("did not end within 60 s")
+    finding.code = main.returncode
+    finding.problems += _ended_badly(finding, said) + _orphans(main.pid)
+    units = finished_units(folder)
+    finding.kept = len(units)
+    finding.problems += damaged(folder)
+    if main.returncode != 0 and not _is_complete(folder):
+        again = start(COMMANDS[command], folder)
+        said = again.communicate(timeout=PATIENCE)[1]
+        if again.returncode != 0:
+            finding.problems.append(f"the next one ends with {again.returncode}: {said.strip()[-300:]}")
+        lost = [name for name, time_ns in units.items() if finished_units(folder).get(name) != time_ns]
+        finding.problems += [f"{name} is lost or was repeated" for name in lost]
+        finding.problems += damaged(folder)
+        finding.problems += [f"{path.name} is left over" for path in folder.rglob(".*.unfinished")]
+    return finding
+
+
+def finished_units(folder: Path) -> dict[str, int]:
+    """Saved runs of studies and finished trials, with the time at which they were saved."""
+    cells = {path.name: path.stat().st_mtime_ns for path in folder.glob("out/cells/*.json")}
+    journal = folder / "out" / "journal.log"
+    lines = journal.read_text(encoding="utf-8").splitlines() if journal.is_file() else []
+    return cells | {
+        f"trial of line {k}": 0 for k, line in enumerate(lines) if '"op_code":6' in line and '"state":1' in line
+    }
+
+
+def damaged(folder: Path) -> list[str]:
+    """Files with a final name that are not whole."""
+    found = []
+    for path in folder.glob("[!.]*/**/*"):
+        if any(part.startswith(".") for part in path.relative_to(folder).parts):
+            continue
+        try:
+            if path.suffix == ".json":
+                json.loads(path.read_text(encoding="utf-8"))
+            elif path.suffix == ".parquet":
+                pq.read_table(path)
+            elif path.suffix == ".html" and not path.read_text(encoding="utf-8").rstrip().endswith("</html>"):
+                found.append(f"{path.name} is cut off")
+        except (ValueError, OSError) as error:
+            found.append(f"{path.name} is damaged: {error}")
+    for times in folder.glob("[!.]*/times.txt"):
+        counts = {len(list(times.parent.glob(f"image_{side}/*.png"))) for side in (0, 1)}
+        if counts != {len(times.read_text(encoding="utf-8").split())}:
+            found.append(f"{times.parent.name}: {counts} images and another number of times")
+    return found
+
+
+def _is_complete(folder: Path) -> bool:
+    """True if a result that is made as a whole is there: it was killed when all was done."""
+    out = folder / "out"
+    names = ("summary.json", "manifest.json", "reina2008-fig6.json")
+    return any((out / name).is_file() for name in names) and not (out / ".interrupted").exists()
+
+
+def _ended_badly(finding: Finding, said: str) -> list[str]:
+    problems = []
+    if finding.code not in (0, 128 + finding.number, -finding.number):
+        problems.append(f"exit code {finding.code}")
+    if finding.code != -finding.number and ("Traceback" in said or len(said.strip().splitlines()) > 1):
+        problems.append(f"said {said.strip()[-300:]!r}")
+    return problems
+
+
+def _orphans(group: int) -> list[str]:
+    """Processes of the group that have not ended in time; they are ended here."""
+    deadline = time.monotonic() + ORPHANS_END
+    while (left := _processes(group)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    for process in left:
+        os.kill(process, signal.SIGKILL)
+    return [f"{len(left)} processes left after {ORPHANS_END:g} s"] if left else []
+
+
+def _processes(group: int) -> list[int]:
+    table = subprocess.run(["ps", "-eo", "pid=,pgid=,stat="], capture_output=True, text=True, check=True).stdout
+    rows = (line.split() for line in table.splitlines())
+    return [int(pid) for pid, pgid, state in rows if int(pgid) == group and not state.startswith("Z")]

@@ -1,0 +1,26 @@
+"""Commands killed at a moment that matters; ``make kills`` tries random ones."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+from tests.kills.campaign import killed, prepare
+
+
+def test_a_killed_recording_is_made_again(tmp_path: Path) -> None:
+    """Killed after some images: the rest of it is in the way of nothing."""
+    finding = killed("run --record", signal.SIGKILL, tmp_path, lambda: any(tmp_path.glob(".rec.*/image_0/000003.png")))
+    assert finding.code == -signal.SIGKILL
+    assert finding.problems == []
+    assert (tmp_path / "rec" / "times.txt").is_file()
+
+
+def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path) -> None:
+    """Exit code 143, no worker left after 5 s; the next one makes the other runs only."""
+    prepare(tmp_path)
+    finding = killed("sweep", signal.SIGTERM, tmp_path, lambda: any(tmp_path.glob("out/cells/*.json")))
+    assert finding.code == 128 + signal.SIGTERM
+    assert finding.kept >= 1
+    assert finding.problems == []
+    assert len(list(tmp_path.glob("out/cells/*.json"))) == 4
