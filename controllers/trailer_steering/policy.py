@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import ClassVar, Final, NamedTuple
+from typing import BinaryIO, ClassVar, Final, NamedTuple
 
 import numpy as np
 
@@ -93,7 +93,7 @@ def load_network(path: Path) -> Network:
     return network
 
 
-def save_network(network: Network, path: Path) -> None:
+def save_network(network: Network, path: Path | BinaryIO) -> None:
     """Write a file for ``load_network``."""
     layers = {f"W{k}": weights for k, weights in enumerate(network.weights)}
     layers |= {f"b{k}": biases for k, biases in enumerate(network.biases)}

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import check_number, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from estimators.calibration.board_views import BoardView
@@ -64,14 +64,15 @@ def calibrate(
     from estimators.calibration.single_camera import calibrated
     from estimators.calibration.stereo import calibrated_pair
     from scenarios.recordings.calibration_files import board_of, camera_text, coverage_picture, photographs, views_of
+    from scenarios.results.files import check_new_file, replaced
     from sensors.camera.lens import RawStereoRig
 
     with one_line_errors():
+        check_number("--square", square, 1e-4, 10.0)
+        checkerboard, X_SC = board_of(board, square), _mount(facing, position)
         left_paths, right_paths = photographs(images, right or [])
         target = out or Path("rig.toml" if right_paths else "camera.toml")
-        if target.exists():
-            raise ValueError(f"{target} exists already: choose another file with --out")
-        checkerboard, X_SC = board_of(board, square), _mount(facing, position)
+        check_new_file(target)
         shown = not (quiet or as_json)
         cameras, sides = {}, []
         with progress_display(shown=shown and sys.stderr.isatty()) as display:
@@ -88,9 +89,9 @@ def calibrate(
             text = RawStereoRig(left=pair.left, right=pair.right, X_ClCr=pair.X_ClCr, X_SC=X_SC).to_toml()
         else:
             text = camera_text(cameras["camera"])
-        target.write_text(text, encoding="utf-8")
         picture = target.with_name(f"{target.stem}_coverage.png")
         coverage_picture(cameras, picture)
+        replaced(target, text)
         if as_json:
             typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
         elif not quiet:
@@ -119,6 +120,8 @@ def _mount(facing: Literal["rear", "left", "right", "down"], position: str | Non
         raise ValueError(
             f"--position {position}: expected X,Y,Z in metres, for example --position=-14,0.25,3"
         ) from error
+    for value in (x, y, z):
+        check_number("--position", value, -100.0, 100.0)
     rig = StereoRig(facing=facing, width=1, height=1, hfov=1.0, x=x, y=y, z=z, baseline=1.0)
     X_SC = rig.calibration().X_SC.copy()
     X_SC[:3, 3] = x, y, z

@@ -11,7 +11,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, Quiet, lines, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import (
+    INTERRUPTED,
+    Quiet,
+    check_number,
+    lines,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+)
 from scenarios.interrupts import postponed_interrupts
 
 if TYPE_CHECKING:
@@ -105,6 +113,8 @@ def off_tracking(
     with one_line_errors():
         results = out or next_run_directory(directory.resolve().name)
         check_run_directory(results)
+        check_number("--camera-x", camera_x, -100.0, 100.0)
+        check_number("--camera-y", camera_y, -10.0, 10.0)
         options = MountingOptions(
             follow_distance=follow_distance,
             facing=facing_named(facing) if facing else None,

@@ -26,15 +26,16 @@ def fit_surrogate(
     Environments with observation=surrogate use it to train without cameras.
     """
     from scenarios.environments.fitting import fitted, run_errors, surrogate_toml
+    from scenarios.results.files import check_new_file, replaced
 
     with one_line_errors():
-        if out is not None and out.exists():
-            raise ValueError(f"{out} exists already: choose another file with --out")
+        if out is not None:
+            check_new_file(out)
         errors = [run_errors(run) for run in runs]
         parameters = fitted(errors)
         frames = sum(len(run.error) for run in errors)
         if out is not None:
-            out.write_text(surrogate_toml(parameters, len(runs), frames), encoding="utf-8")
+            replaced(out, surrogate_toml(parameters, len(runs), frames))
         if as_json:
             typer.echo(json.dumps(asdict(parameters), indent=2))
         else:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display, remark
 
 if TYPE_CHECKING:
     from scenarios.reproduce.figure import Reproduction
@@ -42,29 +42,42 @@ def reproduce(
 ) -> None:
     """Reproduce a paper's table or figure and print it with the published numbers.
 
-    Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives.
+    Ctrl-C stops it. Finished results are kept, and an unfinished figure shows its finished drives. With all and --out,
+    the same command makes those that are missing.
     """
     from scenarios.reproduce.catalogue import names_of
-    from scenarios.reproduce.figure import write_reproduction
+    from scenarios.reproduce.figure import earlier_reproduction, write_reproduction
     from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
         names = names_of(name)
         directories = [_directory(out, one, len(names) > 1) or next_run_directory(one) for one in names]
-        for directory in directories:
-            check_run_directory(directory)
-        results: list[Reproduction] = []
+        settings = {"quick": quick}
+        several, shown = len(names) > 1, not (quiet or as_json)
+        earlier = {
+            one: earlier_reproduction(one, directory, settings) if several else None
+            for one, directory in zip(names, directories, strict=True)
+        }
         for one, directory in zip(names, directories, strict=True):
-            results.append(_reproduce(one, quick, shown=not (quiet or as_json)))
-            write_reproduction(results[-1], directory, {"quick": quick})
-            if not (quiet or as_json):
-                _print(results[-1], directory)
-            if results[-1].interrupted:
+            if not earlier[one]:
+                check_run_directory(directory)
+        results: list[dict[str, Any]] = []
+        for one, directory in zip(names, directories, strict=True):
+            kept = earlier[one]
+            if kept:
+                remark(f"{one}: finished earlier, in {directory}")
+                results.append(kept)
+                continue
+            reproduction = _reproduce(one, quick, shown=shown)
+            write_reproduction(reproduction, directory, settings)
+            results.append(reproduction.as_plain())
+            if shown:
+                _print(reproduction, directory)
+            if reproduction.interrupted:
                 break
         if as_json:
-            plain = [reproduction.as_plain() for reproduction in results]
-            typer.echo(json.dumps(plain if len(names) > 1 else plain[0], indent=2, ensure_ascii=False))
-    if results[-1].interrupted:
+            typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
+    if results[-1]["interrupted"]:
         raise typer.Exit(INTERRUPTED)
 
 

@@ -14,7 +14,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import Quiet, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display
+from scenarios.interrupts import postponed_interrupts
+from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
     from scenarios.training.results import Scores
@@ -35,19 +37,15 @@ def train(
     ] = "uk_longer_semitrailer",
     steps: Annotated[
         int,
-        typer.Option(
-            min=1000, help="Total number of control steps of 20 ms over all environments, including earlier ones."
-        ),
+        typer.Option(help="Total number of control steps of 20 ms over all environments, including earlier ones."),
     ] = _DEFAULT_STEPS,
     minutes: Annotated[
-        float | None, typer.Option(min=0.05, help="Time limit [min]; training ends earlier once all steps are done.")
+        float | None, typer.Option(help="Time limit [min]; training ends earlier once all steps are done.")
     ] = None,
-    envs: Annotated[int, typer.Option(min=1, help="Number of environments in parallel.")] = 512,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of networks, noise and episodes.")] = 1,
-    episodes: Annotated[int, typer.Option(min=1, help="Episodes per condition of the final comparison.")] = 4,
-    threads: Annotated[
-        int | None, typer.Option(min=1, help="Threads of the learner.", show_default="one per core")
-    ] = None,
+    envs: Annotated[int, typer.Option(help="Number of environments in parallel.")] = 512,
+    seed: Annotated[int, typer.Option(help="Seed of networks, noise and episodes.")] = 1,
+    episodes: Annotated[int, typer.Option(help="Episodes per condition of the final comparison.")] = 4,
+    threads: Annotated[int | None, typer.Option(help="Threads of the learner.", show_default="one per core")] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -64,29 +62,44 @@ def train(
     courses, frictions and speeds outside the training. Needs the extra rl.
     """
     with one_line_errors():
+        check_number("--steps", steps, 1000, 1e12)
+        check_number("--minutes", minutes, 0.05, 1e6)
+        check_number("--envs", envs, 1, 100_000)
+        check_number("--seed", seed, 0, 2**31)
+        check_number("--episodes", episodes, 1, 10_000)
+        check_number("--threads", threads, 1, MOST_JOBS)
         _check_extra()
         if observation not in ("surrogate", "truth"):
             raise ValueError(f"--observation {observation}: must be surrogate or truth")
         import torch
 
         from controllers.trailer_steering.policy import load_network
+        from scenarios import gym_env
         from scenarios.training.evaluation import evaluate
         from scenarios.training.learner import Budget, learn
-        from scenarios.training.plan import Plan
-        from scenarios.training.results import keep_network, keep_summary, open_directory, summary
+        from scenarios.training.plan import ENVIRONMENT, Plan
+        from scenarios.training.results import (
+            check_directory,
+            keep_network,
+            keep_summary,
+            opened_directory,
+            summary,
+        )
 
         torch.set_num_threads(threads or os.cpu_count() or 1)
         plan = Plan(observation=observation, vehicle=vehicle, envs=envs, seed=seed)
         directory = out or Path("runs") / f"train-{observation}-{seed}"
-        open_directory(plan, directory)
-        with progress_display(shown=not (quiet or as_json)) as display:
+        check_directory(plan, directory)
+        gym_env.vector(ENVIRONMENT, 1, **plan.environment()).close()  # refuses what can not be trained
+        with opened_directory(plan, directory), progress_display(shown=not (quiet or as_json)) as display:
             budget = Budget(steps, None if minutes is None else 60.0 * minutes)
             learned = learn(plan, budget, directory, progress_bar(display, "train"))
-            network = keep_network(learned.network, directory)
+            with postponed_interrupts():
+                network = keep_network(learned.network, directory)
             scores = evaluate(plan, load_network(network), episodes, progress_bar(display, "compare"))
-        command = shlex.join(["offtrack", *sys.argv[1:]])
-        result = summary(plan, learned.curve, scores, command)
-        keep_summary(result, learned.curve, scores, directory)
+            command = shlex.join(["offtrack", *sys.argv[1:]])
+            result = summary(plan, learned.curve, scores, command)
+            keep_summary(result, learned.curve, scores, directory)
     if as_json:
         typer.echo(json.dumps(result, indent=2))
     elif not quiet:

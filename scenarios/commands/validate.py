@@ -68,12 +68,13 @@ def _run_checks(quick: bool, *, shown: bool) -> list[Section]:
 
 
 def _write(sections: Sequence[Section], directory: Path, facts: dict[str, str]) -> None:
+    from scenarios.results.run_directory import appearing_at_once
     from scenarios.validation.validation_page import validation_page
 
     page = validation_page(sections, facts)
-    directory.mkdir(parents=True, exist_ok=True)
-    (directory / "validation.html").write_text(page, encoding="utf-8")
-    (directory / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
+    with appearing_at_once(directory) as folder:
+        (folder / "validation.html").write_text(page, encoding="utf-8")
+        (folder / "validation.json").write_text(json.dumps(_plain(sections), indent=2) + "\n", encoding="utf-8")
 
 
 def _run_information(seconds: float, quick: bool) -> dict[str, str]:

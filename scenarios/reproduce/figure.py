@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,7 @@ from scenarios.report.plots import STYLE
 from scenarios.results.log import Log, write_log
 from scenarios.results.manifest import versions
 from scenarios.results.run_directory import appearing_at_once, mark_interrupted
+from scenarios.studies.identity import software
 
 _DPI: Final = 150
 
@@ -76,6 +78,21 @@ class Reproduction:
         }
 
 
+def earlier_reproduction(name: str, directory: Path, settings: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Contents for JSON of a finished reproduction with these settings and this software; None if there is none."""
+    try:
+        content: dict[str, Any] = json.loads((directory / f"{name}.json").read_text(encoding="utf-8"))
+        wanted = _with_software(settings)
+        same = not content["interrupted"] and all(content[key] == value for key, value in wanted.items())
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return content if same else None
+
+
+def _with_software(settings: Mapping[str, Any]) -> dict[str, Any]:
+    return {**settings, "versions": versions(), "software": hashlib.sha256("".join(software()).encode()).hexdigest()}
+
+
 def write_reproduction(reproduction: Reproduction, directory: Path, settings: Mapping[str, Any]) -> None:
     """Write picture (PNG), data (Parquet) and numbers with settings (JSON): all of them or nothing.
 
@@ -86,7 +103,7 @@ def write_reproduction(reproduction: Reproduction, directory: Path, settings: Ma
         with matplotlib.rc_context(STYLE):
             reproduction.draw().savefig(folder / f"{reproduction.name}.png", dpi=_DPI)
         write_log(reproduction.data, folder / f"{reproduction.name}.parquet")
-        content = {**reproduction.as_plain(), **settings, "versions": versions()}
+        content = {**reproduction.as_plain(), **_with_software(settings)}
         text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False)
         (folder / f"{reproduction.name}.json").write_text(text + "\n", encoding="utf-8")
         if reproduction.interrupted:

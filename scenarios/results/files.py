@@ -15,6 +15,18 @@ from typing import Final
 _UNFINISHED: Final = re.compile(r"\..+\.\d+\.unfinished")
 
 
+def check_new_file(path: Path) -> None:
+    """Refuse a name under which no new file can be written; call this before long work.
+
+    Raises:
+        ValueError: one line.
+    """
+    if path.exists():
+        raise ValueError(f"{path} exists already: choose another file with --out")
+    if not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
+        raise ValueError(f"{path}: there is no folder {path.parent} to write in; make it, or choose another file")
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Yield the name of an unfinished file, which on success takes the place of ``path`` and otherwise is removed."""

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from scenarios.report.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
+from scenarios.results.files import replacing
 from vehicle.frames import FloatArray
 
 _WINDOW = 15  # points of the moving average
@@ -37,9 +38,8 @@ class Point(NamedTuple):
 def write_curve(curve: Sequence[Point], path: Path) -> None:
     """Writes the curve; the file appears complete or not at all."""
     table = pa.table({name: [getattr(point, name) for point in curve] for name in Point._fields})
-    unfinished = path.with_name(f".{path.name}.unfinished")
-    pq.write_table(table, unfinished)
-    unfinished.replace(path)
+    with replacing(path) as unfinished:
+        pq.write_table(table, unfinished)
 
 
 def read_curve(path: Path) -> list[Point]:
@@ -69,9 +69,8 @@ def draw_curve(curve: Sequence[Point], levels: Mapping[str, float], path: Path) 
         ax.set(yscale="log", xlabel="control steps of 20 ms [millions]", ylabel="off-tracking of an episode, RMS [m]")
         ax.yaxis.set_major_formatter("{x:g}")
         legend_below(figure, ax)
-        unfinished = path.with_name(f".{path.name}.unfinished")
-        figure.savefig(unfinished, dpi=110, format="png")
-        unfinished.replace(path)
+        with replacing(path) as unfinished:
+            figure.savefig(unfinished, dpi=110, format="png")
 
 
 def _smoothed(values: FloatArray) -> FloatArray:

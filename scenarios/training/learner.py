@@ -6,7 +6,6 @@ Needs the extra ``rl``. An interrupted training resumes from its last checkpoint
 from __future__ import annotations
 
 import math
-import os
 import time
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -21,6 +20,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from controllers.trailer_steering.policy import Network
 from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
 from scenarios.progress import Progress
+from scenarios.results.files import replacing
 from scenarios.training.curve import Point, read_curve, write_curve
 from scenarios.training.plan import (
     ACTION_REPEAT,
@@ -149,9 +149,8 @@ class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise
     def keep(self, model: Any) -> None:
         """Write the curve, which may be ahead, then the checkpoint, each completely or not at all."""
         write_curve(self.curve, self._directory / CURVE)
-        unfinished = self._directory / f".unfinished-{os.getpid()}.zip"
-        model.save(unfinished, exclude=_NOT_SAVED)
-        unfinished.replace(self._directory / CHECKPOINT)
+        with replacing(self._directory / CHECKPOINT) as unfinished, unfinished.open("wb") as file:
+            model.save(file, exclude=_NOT_SAVED)
         self._kept = time.monotonic()
 
     def _on_training_start(self) -> None:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import platform
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Final
 
 from controllers.trailer_steering.policy import Network, save_network
-from scenarios.results.files import replaced
+from scenarios.results.files import replaced, replacing
+from scenarios.studies.files import check_study_directory, opened_study
 from scenarios.training.curve import Point, draw_curve
 from scenarios.training.evaluation import POLICY, Score, described
 from scenarios.training.plan import Plan
@@ -25,32 +26,38 @@ _PACKAGES: Final = ("offtrack", "stable-baselines3", "torch", "gymnasium", "nump
 Scores = Mapping[str, Mapping[str, Score]]  # by condition and law
 
 
-def open_directory(plan: Plan, directory: Path) -> None:
-    """Create the directory with the plan, or accept one with the same plan to resume.
+def check_directory(plan: Plan, directory: Path) -> None:
+    """Refuse a directory that contains another training or other files.
 
     Raises:
-        ValueError: one line, if it contains another training or other files.
+        ValueError: one line.
     """
-    file, content = directory / PLAN, json.dumps(plan.plain(), indent=2) + "\n"
-    if directory.exists() and not directory.is_dir():
-        raise ValueError(f"--out {directory} is a file: choose another name")
-    if file.is_file():
-        if file.read_text(encoding="utf-8") != content:
-            raise ValueError(
-                f"{file} belongs to a training with other options: choose another --out, or use the same options"
-            )
-        return
-    if directory.is_dir() and any(directory.iterdir()):
-        raise ValueError(f"--out {directory} is not empty and contains no {PLAN}: choose another directory")
-    directory.mkdir(parents=True, exist_ok=True)
-    replaced(file, content)
+    check_study_directory(directory, PLAN)
+    file = directory / PLAN
+    if file.is_file() and file.read_text(encoding="utf-8") != _content(plan):
+        raise ValueError(
+            f"{file} belongs to a training with other options: choose another --out, or use the same options"
+        )
+
+
+def opened_directory(plan: Plan, directory: Path) -> AbstractContextManager[None]:
+    """Lock the directory of a training, which has been checked, and write its plan.
+
+    Raises:
+        ValueError: one line, if another process works in it.
+    """
+    return opened_study(directory, PLAN, _content(plan))
+
+
+def _content(plan: Plan) -> str:
+    return json.dumps(plan.plain(), indent=2) + "\n"
 
 
 def keep_network(network: Network, directory: Path) -> Path:
     """Write the network completely or not at all, and return its file."""
-    path, unfinished = directory / NETWORK, directory / f".unfinished-{os.getpid()}.npz"
-    save_network(network, unfinished)
-    unfinished.replace(path)
+    path = directory / NETWORK
+    with replacing(path) as unfinished, unfinished.open("wb") as file:
+        save_network(network, file)
     return path
 
 

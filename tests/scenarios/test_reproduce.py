@@ -149,3 +149,9 @@ def test_interrupt_of_all_keeps_what_is_finished_and_stops(
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(begun[:folders])
     marks = [json.loads((tmp_path / name / f"{name}.json").read_text())["interrupted"] for name in begun[:folders]]
     assert marks == [False, True][:folders]
+    again = CliRunner().invoke(APP, ["all", "--json", "--out", str(tmp_path)])
+    assert again.exit_code == 0, again.stderr
+    assert begun[2:] == list(REPRODUCTIONS)[1:]  # the unfinished one, and the others
+    assert [one["name"] for one in json.loads(again.stdout)] == list(REPRODUCTIONS)
+    assert again.stderr.count("\n") == 1
+    assert "finished earlier" in again.stderr

@@ -18,7 +18,7 @@ from scenarios.training import evaluation
 from scenarios.training.curve import Point, draw_curve, read_curve, write_curve
 from scenarios.training.evaluation import CONDITIONS, Condition, scored
 from scenarios.training.plan import COURSES, DOMAIN, Plan, normalisation
-from scenarios.training.results import open_directory
+from scenarios.training.results import check_directory, opened_directory
 
 needs_extra = pytest.mark.skipif(
     importlib.util.find_spec("stable_baselines3") is None,
@@ -58,13 +58,15 @@ def test_a_curve_is_read_as_it_was_written_and_drawn(tmp_path: Path) -> None:
 
 def test_a_directory_keeps_to_one_training(tmp_path: Path) -> None:
     """The same plan goes on; another one, or what is no training, is refused in one line."""
-    open_directory(Plan(seed=1), tmp_path / "run")
-    open_directory(Plan(seed=1), tmp_path / "run")
+    check_directory(Plan(seed=1), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    with opened_directory(Plan(seed=1), tmp_path / "run"):
+        check_directory(Plan(seed=1), tmp_path / "run")
     with pytest.raises(ValueError, match="with other options"):
-        open_directory(Plan(seed=2), tmp_path / "run")
+        check_directory(Plan(seed=2), tmp_path / "run")
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ValueError, match="is not empty"):
-        open_directory(Plan(), tmp_path)
+        check_directory(Plan(), tmp_path)
 
 
 def test_a_network_and_a_law_are_scored_in_the_same_episodes() -> None:

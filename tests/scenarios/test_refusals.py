@@ -1,0 +1,92 @@
+"""What a command refuses, it refuses at once: in one line, with exit code 2, and before anything is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.cli import app
+from scenarios.results.run_directory import appearing_at_once, check_run_directory, mark_interrupted
+
+REFUSED = {
+    "train --minutes nan --out out": "--minutes nan: must be from 0.05 to 1e+06",
+    "train --minutes inf --out out": "--minutes inf: must be from 0.05 to 1e+06",
+    "train --envs 1000000000 --out out": "--envs 1000000000: must be from 1 to 100000",
+    "train --seed -1 --out out": "--seed -1: must be from 0",
+    "estimate off-tracking images --rate nan --out out": "--rate",
+    "estimate off-tracking images --camera-x nan --out out": "--camera-x nan: must be from -100 to 100",
+    "estimate off-tracking images --camera-y inf --out out": "--camera-y inf: must be from -10 to 10",
+    "estimate off-tracking images --camera-height nan --out out": "--camera-height",
+    "estimate off-tracking images --follow-distance nan --out out": "--follow-distance",
+    "estimate slip images --estimator truth --out out": "--estimator truth",
+    "calibrate images --square nan --out rig.toml": "--square nan: must be from 0.0001 to 10",
+    "calibrate images --position=nan,0,1 --out rig.toml": "--position nan: must be from -100 to 100",
+    "calibrate images/image_0 --out nowhere/rig.toml": "nowhere/rig.toml: there is no folder nowhere to write in",
+    "fit-surrogate images --out nowhere/fit.toml": "nowhere/fit.toml: there is no folder nowhere to write in",
+    "tune roundabout --range gain=nan:1 --out out": "--range gain=nan:1: expected LOW:HIGH",
+    "tune roundabout --seed 99999999999 --out out": "--seed 99999999999: must be from 0 to",
+    "tune roundabout --seeds 1-100000000 --out out": "100000000 seeds; a study has at most 100000 runs",
+    "sweep study.toml --jobs 0 --out out": "--jobs 0: must be from 1 to 1024",
+    "run roundabout --record out --out out": "one contains the other",
+    "run roundabout --record out/images --out out": "one contains the other",
+    "run roundabout --set speed_kmh=nan --out out": "speed_kmh",
+    "assess nobody --out out": "nobody",
+    "reproduce nothing --out out": "unknown figure 'nothing'",
+}
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_a_refusal_is_one_line_and_makes_nothing(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even the folder runs."""
+    monkeypatch.chdir(tmp_path)
+    for side in ("image_0", "image_1"):
+        (tmp_path / "images" / side).mkdir(parents=True)
+        (tmp_path / "images" / side / "000000.png").touch()
+    (tmp_path / "study.toml").write_text('scenario = "roundabout"\n[vary]\nspeed_kmh = [10, 20]\n')
+    before = sorted(tmp_path.rglob("*"))
+    result = CliRunner().invoke(app, command.split())
+    assert result.exit_code == 2, result.output
+    assert REFUSED[command] in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_only_untouched_results_of_an_interrupted_command_are_replaced(tmp_path: Path) -> None:
+    """A note that the user put there, or a changed file, is a reason to refuse."""
+
+    def written(text: str) -> None:
+        with appearing_at_once(tmp_path / "out") as folder:
+            (folder / "numbers.txt").write_text(text)
+            mark_interrupted(folder)
+
+    written("first")
+    written("second one")
+    assert (tmp_path / "out" / "numbers.txt").read_text() == "second one"
+    (tmp_path / "out" / "note.txt").write_text("mine")
+    with pytest.raises(ValueError, match="not empty"):
+        check_run_directory(tmp_path / "out")
+    (tmp_path / "out" / "note.txt").unlink()
+    check_run_directory(tmp_path / "out")
+    (tmp_path / "out" / "numbers.txt").write_text("improved")
+    with pytest.raises(ValueError, match="not empty"):
+        written("third")
+    assert (tmp_path / "out" / "numbers.txt").read_text() == "improved"
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_results_are_kept_if_their_directory_was_filled_meanwhile(tmp_path: Path) -> None:
+    """Two commands of the same name at the same time: the second to end keeps its results, and says where."""
+
+    def slow() -> None:
+        with appearing_at_once(tmp_path / "out") as folder:
+            (folder / "mine").touch()
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "another").touch()
+
+    with pytest.raises(ValueError, match=r"the results are in .*out-1"):
+        slow()
+    assert {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")} == {
+        "out", "out/another", "out-1", "out-1/mine",
+    }  # fmt: skip
