@@ -13,7 +13,9 @@ from vehicle.frames import FloatArray
 
 _LEAST_POINTS = 5  # two more than the coefficients of a parabola, to average the noise
 _BISECTIONS = 40  # a metre to 1e-12 m
+_APART = 1e-6  # points closer together count as one: their distance is rounding [m]
 _LEAST_SPAN = 0.1  # shorter pieces show the direction of the noise, not of the path [m]
+_LEAST_ADVANCE = 0.01  # advance per length of path; it is 1 on a path, and less where noise or reversing folds it [-]
 
 
 class Crossing(NamedTuple):
@@ -40,7 +42,12 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
     index = int(np.argmax(beyond))
     if index == 0:  # no point beyond x, or the hitch itself is beyond
         return None
-    around = slice(max(index - 2, 0), index + 2)
+    if s[index] - s[index - 1] < _APART:
+        return Crossing(s=float(s[index]), y=float(path[index, 1]), beyond=index)
+    # The next points on both sides that are not repetitions: a repeated point leaves the cubic undetermined.
+    before = int(np.searchsorted(s, s[index - 1] - _APART)) - 1
+    after = int(np.searchsorted(s, s[index] + _APART, side="right"))
+    around = [point for point in (before, index - 1, index, after) if 0 <= point < len(s)]
     origin = s[index - 1]
     cubic = np.asarray(np.linalg.solve(np.vander(s[around] - origin), path[around]), dtype=np.float64)
     u = _falls_to(cubic[:, 0], x, s[index] - origin)
@@ -63,7 +70,7 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
     """Tangent at s = ``at`` of the least-squares parabola through the points within ``reach`` of it.
 
     A parabola is unbiased on a circle, and one or two metres of path average the noise of single points. For a path
-    that is too short, direction and curvature are 0.
+    that is too short, or turns back there, direction and curvature are 0.
     """
     distance = np.abs(s - at)
     near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[:_LEAST_POINTS][-1])))
@@ -71,6 +78,8 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
         return Tangent(0.0, 0.0)
     u = s[near] - at
     _, (dx, dy), (ddx, ddy) = np.linalg.lstsq(np.vander(u, 3, increasing=True), path[near], rcond=None)[0]
+    if np.hypot(dx, dy) < _LEAST_ADVANCE:
+        return Tangent(0.0, 0.0)
     # s runs backwards along the travel, so both the direction and the curvature change sign
     curvature = -2.0 * (dx * ddy - dy * ddx) / (dx * dx + dy * dy) ** 1.5
     return Tangent(float(np.arctan2(-dy, -dx)), float(curvature))
