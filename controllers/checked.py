@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
@@ -46,13 +47,13 @@ class CheckedLaw(Generic[Memory]):
         result = _called(self._name, tick, lambda: self.law.step(memory, tick, off_tracking, signals), SteerCommand)
         angles: object = result[1].angles  # of a user's law: of any type
         if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
-            raise _error(self._name, tick, f"returned the angles {angles!r}, not an array of numbers")
+            raise misbehaviour(self._name, tick, f"returned the angles {angles!r}, not an array of numbers")
         if angles.shape != (self._n_steered,):
             count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
             axles = "1 steered axle" if self._n_steered == 1 else f"{self._n_steered} steered axles"
-            raise _error(self._name, tick, f"returned {count}, the trailer has {axles}")
+            raise misbehaviour(self._name, tick, f"returned {count}, the trailer has {axles}")
         if not np.isfinite(angles).all():
-            raise _error(self._name, tick, f"returned the angles {angles.tolist()} rad")
+            raise misbehaviour(self._name, tick, f"returned the angles {angles.tolist()} rad")
         return result
 
 
@@ -98,7 +99,7 @@ class CheckedRoverDriver(Generic[Memory]):
         result = _called(self._name, pose.tick, lambda: self.driver.step(memory, pose), RoverCommand)
         for field, values in result[1]._asdict().items():
             if not isinstance(values, tuple) or len(values) != self._n_wheels:
-                raise _error(
+                raise misbehaviour(
                     self._name, pose.tick, f"returned {field} = {values!r}, the rover has {self._n_wheels} wheels"
                 )
             _check_numbers(self._name, pose.tick, {f"{field}[{k}]": value for k, value in enumerate(values)})
@@ -112,18 +113,21 @@ def _called(
     try:
         result: object = step()
     except Exception as error:
-        raise _error(name, tick, f"raised {type(error).__name__}: {error}") from error
+        raise misbehaviour(name, tick, f"raised {type(error).__name__}: {error}") from error
     if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], kind)):
-        raise _error(name, tick, f"returned {result!r}, not (memory, {kind.__name__})")
+        raise misbehaviour(name, tick, f"returned {result!r}, not (memory, {kind.__name__})")
     return result
 
 
 def _check_numbers(name: str, tick: int, values: dict[str, object]) -> None:
     for field, value in values.items():
         if not isinstance(value, int | float | np.number) or not math.isfinite(value):
-            raise _error(name, tick, f"returned {field} = {value}")
+            raise misbehaviour(name, tick, f"returned {field} = {value}")
 
 
-def _error(name: str, tick: int, event: str) -> LawError:
-    one_line = " ".join(event.split())
+def misbehaviour(name: str, tick: int, event: str) -> LawError:
+    """Error with one line that names a part, the time, and what the part did, such as "raised ValueError: …"."""
+    one_line = (
+        textwrap.shorten(event, 500, placeholder=" …").encode(errors="replace").decode()
+    )  # can be written anywhere
     return LawError(f"{name}: at tick {tick} ({tick * TICK:g} s) it {one_line}")

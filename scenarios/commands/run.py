@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from scenarios.commands.console import INTERRUPTED, Quiet, ScenarioName, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import (
+    CHECK_FAILED,
+    INTERRUPTED,
+    Quiet,
+    ScenarioName,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+)
 from scenarios.interrupts import postponed_interrupts
 from scenarios.options.scenario import load_any_scenario
 
@@ -49,7 +59,11 @@ def run(
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
 ) -> None:
-    """Run a scenario in the closed loop and write its report, signals and video to a run directory."""
+    """Run a scenario in the closed loop and write its report, signals and video to a run directory.
+
+    If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
+    OFFTRACK_DEBUG=1 prints the traceback too.
+    """
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
     from scenarios.results.run_directory import check_apart, check_run_directory, next_run_directory
@@ -80,11 +94,17 @@ def run(
             _print_summary(numbers, directory)
     if numbers["outcome"] == "interrupted":
         raise typer.Exit(INTERRUPTED)
+    if result.traceback:
+        typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)
+        if os.environ.get("OFFTRACK_DEBUG"):
+            typer.echo(result.traceback, err=True)
+        raise typer.Exit(CHECK_FAILED)
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
     console = Console()
-    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
+    title = Text(f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}")  # text: not read as markup
+    table = Table(title=title, title_justify="left")
     table.add_column("")
     table.add_column("quantity")
     table.add_column("value", justify="right")

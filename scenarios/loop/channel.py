@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
+from estimators.checked import check_estimate
 from estimators.protocol import Estimator
 from scenarios.loop.stopwatch import Stopwatch
 from sensors.sensor import Message, Sensor, Stamped
@@ -33,11 +34,22 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         estimator: Estimator[MemoryT, MessageT, EstimateT] | None,
         worker: Executor,
         stopwatch: Stopwatch,
+        *kinds: type[EstimateT],
     ) -> None:
-        """Create a channel before its first sample; ``stopwatch`` accounts for the time of sensor and estimator."""
+        """Create a channel before its first sample.
+
+        Args:
+            sensor: is sampled.
+            schedule: when it is sampled, and how long its messages travel.
+            estimator: receives the messages.
+            worker: runs the estimator.
+            stopwatch: accounts for the time of sensor and estimator.
+            kinds: classes of the estimates, which are checked; none: they are not.
+        """
         self.schedule = schedule
+        self.sensor, self.estimator = sensor, estimator
         self.delivered: list[EstimateT] = []  # oldest first
-        self._sensor, self._worker, self._stopwatch = sensor, worker, stopwatch
+        self._worker, self._stopwatch, self._kinds = worker, stopwatch, kinds
         self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
 
@@ -51,19 +63,25 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         if not self.schedule.due(tick):
             return None
         with self._stopwatch.timed("render"):
-            message = self._sensor.sample(truth)
+            message = self.sensor.sample(truth)
         if message is not None and self._estimate is not None:
             estimate = self._worker.submit(self._timed, self._estimate, message)
             self._in_flight = self._in_flight.put(tick + self.schedule.latency, estimate)
         return message
 
     def deliver(self, tick: int) -> None:
-        """Receive the estimates that are due by this tick."""
+        """Receive the estimates that are due by this tick.
+
+        Raises:
+            TypeError: one line, if the estimator returned something else.
+        """
         self._in_flight, due = self._in_flight.deliver(tick)
         for future in due:
             with self._stopwatch.timed("wait"):
                 estimate = future.result()
             if estimate is not None:
+                if self._kinds:
+                    check_estimate(estimate, self._kinds)
                 self.delivered.append(estimate)
 
     def _timed(self, estimate: Callable[[MessageT], EstimateT | None], message: MessageT) -> EstimateT | None:

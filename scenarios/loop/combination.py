@@ -44,7 +44,7 @@ class SteeredTrailer:
         sensing = trailer.sensing
         self.trailer = trailer
         self.channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
-            sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch
+            sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch, OffTracking, CameraOffTracking
         )
         self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
         self._law = Stateful(trailer.law.init(), trailer.law.step)

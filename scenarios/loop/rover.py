@@ -110,7 +110,7 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         stopwatch = Stopwatch()
         sensing = parts.sensing
         self.channel: Channel[RoverTruth, Message, SlipAngle] = Channel(
-            sensing.sensor, sensing.schedule, sensing.estimator, self._worker, stopwatch
+            sensing.sensor, sensing.schedule, sensing.estimator, self._worker, stopwatch, SlipAngle
         )
         self.pictures = TracePictures(
             parts.view.camera if parts.view else None, stopwatch, keep=keep_frames, recorder=recorder

@@ -59,7 +59,7 @@ def run(
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
 ) -> RunResult:
-    """Run a trailer's scenario in the closed loop; an interrupt ends it early and keeps the results so far.
+    """Run a trailer's scenario in the closed loop; an interrupt or an exception ends it early; results so far are kept.
 
     Args:
         scenario: the scenario.
@@ -121,6 +121,7 @@ def run_rover(
             timing=session.stopwatch.timing(session.tick * TICK),
             frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.pictures.frames),
             manifest={"frames_sha256": session.pictures.sha256 if parts.view else "none"},
+            traceback=session.traceback,
         )
 
 
@@ -163,6 +164,7 @@ def _result(session: TrailerSession) -> RunResult:
             "opengl_renderer": parts.views.renderer_name,
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
+        traceback=session.traceback,
     )
 
 

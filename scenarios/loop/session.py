@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
+from controllers.checked import LawError, misbehaviour
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
@@ -22,9 +24,19 @@ CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
 
+FAILED = "failed"  # begins the outcome of a run that an exception ended
+
 
 class ChannelLike(Protocol[TruthIn]):
     """Interface of a channel, whatever messages and estimates it carries."""
+
+    @property
+    def sensor(self) -> object:
+        """The sensor."""
+
+    @property
+    def estimator(self) -> object:
+        """The estimator behind it; None if there is none."""
 
     def sample(self, truth: TruthIn, tick: int) -> object:
         """Sample the sensor if it is due, and return the message."""
@@ -90,11 +102,13 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         """
         self.tick = 0
         self.outcome: str | None = None  # None while the run continues
+        self.traceback = ""  # of the exception that ended the run
         self.rows: list[Row[TruthT, RecordT]] = []
         self.stopwatch = stopwatch or Stopwatch()
         self._plant, self._state, self._period = plant, state, period
         self._pilot, self._judge = pilot, judge
         self._channels, self._observers = channels, observers
+        self._running: tuple[str, object] = ("plant", plant)  # kind and part that is computing, for messages
 
     @property
     def progress(self) -> float:
@@ -102,32 +116,53 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         return self._judge.progress
 
     def advance(self) -> None:
-        """Run the loop once, including the integration to the next row."""
+        """Run the loop once, including the integration to the next row. Exceptions of the parts pass through."""
         with self.stopwatch.timed("total"):
+            self._running = ("plant", self._plant)
             with self.stopwatch.timed("physics"):
                 truth = self._plant.observe(self._state, self.tick)
             for observer in self._observers:
+                self._running = ("observer", observer)
                 observer.follow(truth)
             for number, channel in enumerate(self._channels):
+                self._running = ("sensor", channel.sensor)
                 message = channel.sample(truth, self.tick)
                 if message is not None:
                     for observer in self._observers:
+                        self._running = ("observer", observer)
                         observer.see(number, message, truth)
             for channel in self._channels:
+                self._running = ("estimator", channel.estimator)
                 channel.deliver(self.tick)
+            self._running = ("pilot", self._pilot)
             command, record = self._pilot.control(truth, self.tick)
             self.rows.append(Row(truth, record))
+            self._running = ("plant", self._plant)
             self._integrate(command)
+            self._running = ("judge", self._judge)
             self.outcome = self._judge.outcome(truth) if self.outcome is None else self.outcome
 
     def run(self, progress: Progress = no_progress) -> None:
-        """Advance until there is an outcome; an interrupt is one, too."""
+        """Advance until there is an outcome; an interrupt is one, and so is an exception of any part."""
         try:
             while self.outcome is None:
-                self.advance()
+                self._advance_or_fail()
                 progress(self.progress, 1.0, f"{self.tick * TICK:.1f} s simulated")
         except KeyboardInterrupt:
             self.outcome = "interrupted"
+
+    def _advance_or_fail(self) -> None:
+        try:
+            self.advance()
+        except LawError as error:
+            self._fail(error)
+        except (Exception, SystemExit) as error:  # parts may be a user's own, and may do anything
+            kind, part = self._running
+            event = f"raised {type(error).__name__}: {error}"
+            self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event))
+
+    def _fail(self, line: LawError) -> None:
+        self.outcome, self.traceback = f"{FAILED}: {line}", traceback.format_exc()
 
     def _integrate(self, command: CommandT) -> None:
         try:

@@ -1,7 +1,8 @@
 """Writer of run directories.
 
 A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
-``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html`` and a video.
+``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html``, a video, and ``traceback.txt`` if an
+exception ended the run.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ def write_run(
     numbers, interrupt = summary(result), None
     with appearing_at_once(directory) as folder:
         (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
+        if result.traceback:
+            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
         write_log(result.log, folder / "signals.parquet")
         _write_json(folder / "manifest.json", manifest(result))
         _write_report(result, numbers, folder)

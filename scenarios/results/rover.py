@@ -32,7 +32,7 @@ class RoverResult:
     scenario: str  # name
     scenario_toml: str  # resolved: runs again identically
     seed: int
-    outcome: str  # "completed", "entrapped", …
+    outcome: str  # "completed", "entrapped", "failed: …", …
     log: Log
     rover: str
     path: FloatArray  # (n, 2) reference path [m]
@@ -40,6 +40,7 @@ class RoverResult:
     timing: Timing
     frames: tuple[TraceFrame, ...]
     manifest: Mapping[str, str]
+    traceback: str = ""  # of the exception that ended the run
 
     @property
     def slip_error(self) -> FloatArray:
@@ -82,6 +83,8 @@ def _slip(result: RoverResult) -> Numbers:
 
 def _reference_error(log: Log) -> FloatArray:
     """Slip angle by laser tracker and compass less the true one at the same time [rad]."""
+    if not len(log):
+        return np.empty(0)
     time, delay = log["time"], LaserSlip().delay()
     true_then = np.interp(time - delay, time, log["slip_angle_true"])
     error: FloatArray = np.where(time >= delay, log["slip_angle_laser"] - true_then, np.nan)

@@ -43,7 +43,7 @@ class RunResult:
     scenario: str  # name
     scenario_toml: str  # resolved: runs again identically
     seed: int
-    outcome: str  # "completed", "diverged", …
+    outcome: str  # "completed", "diverged", "failed: …", …
     log: Log
     units: tuple[UnitOutline, ...]  # tractor first
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
@@ -53,6 +53,7 @@ class RunResult:
     timing: Timing
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
+    traceback: str = ""  # of the exception that ended the run
 
     @property
     def trailer(self) -> UnitOutline:

@@ -58,8 +58,10 @@ def run_cases(
     return [_outcome(case, cells, identity, failed) for identity, case in zip(identities, cases, strict=True)]
 
 
-def run_case(case: Case, cells: Path, identity: str) -> None:
+def run_case(case: Case, cells: Path, identity: str) -> str:
     """Make one run and save its summary and signals; called in a worker.
+
+    A run that failed is not saved, so that the next command tries again; its outcome is returned.
 
     Raises:
         ValueError: one line, if a file that it depends on has changed meanwhile.
@@ -71,6 +73,8 @@ def run_case(case: Case, cells: Path, identity: str) -> None:
     watch_files()
     scenario = case.resolved()
     result = run_any(scenario, case.seed)
+    if result.traceback:
+        return result.outcome
     if case.identity() != identity:
         raise ValueError("its files have changed while the study ran: repeat the command")
     opened = unnamed_files(scenario.model_dump(exclude_none=True))
@@ -80,6 +84,7 @@ def run_case(case: Case, cells: Path, identity: str) -> None:
     numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened}
     with replacing(_summary(cells, identity)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
+    return ""
 
 
 def _summary(cells: Path, identity: str) -> Path:
@@ -115,12 +120,12 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> Outcome:
     if identity in failed:
-        return Outcome(case=case, numbers={"outcome": f"failed: {failed[identity]}"})
+        return Outcome(case=case, numbers={"outcome": failed[identity]})
     numbers = {key: value for key, value in _read(_summary(cells, identity)).items() if key not in (_SIGNALS, _FILES)}
     return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity))
 
 
-def _problem(future: Future[None]) -> str:
-    """The error of a run in one line, empty if there is none; a study continues after an error in a single run."""
+def _problem(future: Future[str]) -> str:
+    """The outcome of a run that failed, empty for others; a study continues after an error in a single run."""
     error = future.exception()
-    return "" if error is None else f"{type(error).__name__}: {error}".splitlines()[0]
+    return future.result() if error is None else f"failed: {type(error).__name__}: {error}".splitlines()[0]

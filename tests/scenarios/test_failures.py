@@ -1,0 +1,175 @@
+"""A part that raises an exception ends its run with an outcome; what was computed until then is kept."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from controllers.driver import PreviewDriver
+from controllers.rover_driver import RoverDriver
+from estimators.off_tracking.reference import ReferenceOffTracking
+from estimators.slip.reference import ReferenceSlip
+from scenarios.cli import app
+from scenarios.loop.combination import CourseJudge
+from scenarios.loop.pictures import Pictures
+from scenarios.loop.run import run_any
+from scenarios.options.scenario import load_any_scenario
+from scenarios.report.rover_page import rover_report_html
+from scenarios.report.run_page import report_html
+from scenarios.report.writer import write_run
+from scenarios.results.log import read_log
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
+from sensors.instruments.combination import CombinationSensors
+from sensors.instruments.navigation import ExactPose
+from sensors.instruments.rover_navigation import ExactSlip, RoverInstruments
+from vehicle.combination.plant import Plant
+from vehicle.rover.plant import RoverPlant
+
+SHORT = ("course.length=20", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")  # 0.9 s
+ROVER = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=truth")
+
+
+Breaker = Callable[[type, str, int, BaseException], None]
+
+
+@pytest.fixture
+def break_after(monkeypatch: pytest.MonkeyPatch) -> Breaker:
+    """Make a method raise an exception after some calls."""
+
+    def install(part: type, method: str, calls: int, error: BaseException) -> None:
+        whole, made = getattr(part, method), [0]
+
+        def breaking(*arguments: Any) -> Any:
+            made[0] += 1
+            if made[0] > calls:
+                raise error
+            return whole(*arguments)
+
+        monkeypatch.setattr(part, method, breaking)
+
+    return install
+
+
+TRAILER_PARTS = (
+    (Plant, "observe", "plant Plant"),
+    (Plant, "step", "plant Plant"),
+    (ExactPose, "sample", "sensor ExactPose"),
+    (ReferenceOffTracking, "step", "estimator ReferenceOffTracking"),
+    (CombinationSensors, "sample", "pilot CombinationPilot"),
+    (PreviewDriver, "step", "driver.kind = preview"),
+    (Pictures, "follow", "observer StereoPictures"),
+    (CourseJudge, "outcome", "judge CourseJudge"),
+)
+ROVER_PARTS = (
+    (RoverPlant, "observe", "plant RoverPlant"),
+    (ExactSlip, "sample", "sensor ExactSlip"),
+    (ReferenceSlip, "step", "estimator ReferenceSlip"),
+    (RoverInstruments, "sample", "pilot RoverPilot"),
+    (RoverDriver, "step", "driver = path"),
+)
+
+
+@pytest.mark.parametrize("calls", [0, 2])
+@pytest.mark.parametrize(
+    ("part", "method", "named", "scenario"),
+    [(*case, ("cambered-road", SHORT)) for case in TRAILER_PARTS]
+    + [(*case, ("rover-slope", ROVER)) for case in ROVER_PARTS],
+)
+def test_an_exception_of_any_part_is_the_outcome_of_its_run(
+    part: type, method: str, named: str, scenario: tuple[str, tuple[str, ...]], calls: int, break_after: Breaker
+) -> None:
+    """In one line with part, time and error; the rows before it are kept, and make a summary and a report."""
+    break_after(part, method, calls, ZeroDivisionError("two\nlines"))
+    result = run_any(load_any_scenario(*scenario), 1)
+    line = rf"failed: {named}: at tick \d+ \([\d.]+ s\) it raised ZeroDivisionError: two lines"
+    assert re.fullmatch(line, result.outcome)
+    assert "in breaking" in result.traceback
+    assert len(result.log) <= 100
+    numbers = summary(result)
+    assert numbers["outcome"] == result.outcome
+    page = report_html(result, numbers) if isinstance(result, RunResult) else rover_report_html(result, numbers)
+    assert "it raised ZeroDivisionError: two lines" in page
+
+
+@pytest.mark.parametrize(
+    ("scenario", "part"),
+    [(("cambered-road", SHORT), Plant), (("rover-slope", ROVER), RoverPlant)],
+)
+@pytest.mark.parametrize("rows", [0, 1, 2])
+def test_a_run_that_fails_at_once_leaves_a_whole_directory(
+    scenario: tuple[str, tuple[str, ...]], part: type, rows: int, break_after: Breaker, tmp_path: Path
+) -> None:
+    """With a log of no row, of one or two."""
+    break_after(part, "observe", rows, RuntimeError("[/] & <b>\ud800"))
+    result = run_any(load_any_scenario(*scenario), 1)
+    assert len(result.log) == rows
+    directory = write_run(result, tmp_path / "run", video=False)
+    names = {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html", "traceback.txt"}
+    assert {path.name for path in directory.iterdir()} == names
+    assert json.loads((directory / "summary.json").read_text(encoding="utf-8"))["outcome"].endswith("[/] & <b>?")
+    assert "RuntimeError: [/] &amp; &lt;b&gt;?" in (directory / "report.html").read_text(encoding="utf-8")
+    assert read_log(directory / "signals.parquet") == result.log
+
+
+@pytest.mark.parametrize("video", ["--video", "--no-video"])
+def test_the_command_writes_a_failed_run_and_exits_with_1(
+    video: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One line on standard error; the traceback is in its file, and printed only if asked for."""
+    break_after(PreviewDriver, "step", 20, SystemExit("bye [/]"))
+    settings = [f"--set={setting}" for setting in SHORT]
+    for debug, out in ("", "a"), ("1", "b"):
+        monkeypatch.setenv("OFFTRACK_DEBUG", debug)
+        result = CliRunner().invoke(app, ["run", "cambered-road", *settings, video, "--out", str(tmp_path / out)])
+        assert result.exit_code == 1
+        line = r"offtrack: failed: pilot CombinationPilot: at tick \d+ \(.* s\) it raised SystemExit: bye \[/\] \(see "
+        assert re.search(line + str(tmp_path / out / "traceback.txt"), result.stderr)
+        assert ("Traceback" in result.stderr) == bool(debug)
+        assert "in breaking" in (tmp_path / out / "traceback.txt").read_text(encoding="utf-8")
+        assert "bye [/]" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("estimate", "line"),
+    [
+        (5, "returned 5, not OffTracking or CameraOffTracking"),
+        ({"value": "far"}, "returned OffTracking.value = 'far', not float"),
+        ({"std": None}, "returned OffTracking.std = None, not float"),
+        ({"health": "ok"}, "returned OffTracking.health = 'ok', not Health"),
+        ({"tick": 1.5}, "returned OffTracking.tick = 1.5, not int"),
+    ],
+)
+def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
+    estimate: object, line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An own estimator may return anything; the log is made after the run, when it is too late."""
+    whole = ReferenceOffTracking.step
+
+    def step(self: ReferenceOffTracking, memory: Any, pose: Any) -> tuple[Any, Any]:
+        memory, right = whole(self, memory, pose)
+        return memory, replace(right, **estimate) if isinstance(estimate, dict) and right else right and estimate
+
+    monkeypatch.setattr(ReferenceOffTracking, "step", step)
+    result = run_any(load_any_scenario("cambered-road", (*SHORT, "trailer_steering=none")), 1)
+    assert result.outcome.startswith("failed: estimator ReferenceOffTracking: at tick ")
+    assert result.outcome.endswith(line)
+    assert len(result.log) > 5
+
+
+def test_duplicated_fixes_are_no_failure() -> None:
+    """Their points lie on one station of the hitch's path: an error of the past, which lost whole runs."""
+    settings = ("off_tracking=truth", "course.radius=60", "course.entry=25", "course.turn_deg=30", "course.exit=5")
+    faults = ("speed_kmh=40", "faults=duplicate:0.9", "reference_unit=false")
+    result = run_any(load_any_scenario("roundabout", (*settings, *faults)), 1)
+    assert result.outcome == "completed"
+    assert isinstance(result, RunResult)
+    assert np.isfinite(result.signal("off_tracking_estimate")).any()
