@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
-.PHONY: demo test install system lint benchmarks kills clean
+.PHONY: demo test install system lint benchmarks fuzz kills soak clean
 
 demo: install
 	@rm -rf runs/demo
@@ -29,6 +29,14 @@ benchmarks: install
 # Commands killed at random moments and started again: make kills MOMENTS=40
 kills: install
 	$(BIN)/python -m tests.kills --moments $(or $(MOMENTS),40)
+
+# Random scenarios and hostile files for a while: make fuzz MINUTES=20
+fuzz: install
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10)
+
+# Memory, descriptors and threads over many repetitions; CYCLES is a factor: make soak CYCLES=0.2
+soak: install
+	$(BIN)/python -m tests.soak --cycles $(or $(CYCLES),1)
 
 install: $(STAMP)
 

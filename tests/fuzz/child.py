@@ -1,0 +1,178 @@
+"""A child process that works on case after case; modules and compiled plants stay loaded between them."""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from tests.fuzz.case import Case, Result
+from tests.fuzz.clock import OwnTime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_ADDRESS_SPACE: Final = 8 * 1024**3  # a reservation beyond it fails instead of filling the machine [bytes]
+_LONGEST: Final = 8.0  # of a loop; then it is interrupted [s]
+_SHOWN: Final = 20_000  # characters that are kept of an output
+
+
+def serve(pipe: Connection) -> None:
+    """Receive cases with their folders and send results until the pipe is closed."""
+    os.setsid()
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: no orphan
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESS_SPACE, _ADDRESS_SPACE))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    watch = _Loop()
+    pipe.send("ready")
+    while True:
+        try:
+            case, folder = pipe.recv()
+        except EOFError:
+            return
+        pipe.send(_result(case, folder, watch))
+
+
+class _Loop:
+    """Interrupts the loop of a run after a number of steps, as Ctrl-C does, and notes how it ended.
+
+    Studies run in this process: starting workers takes seconds.
+    """
+
+    def __init__(self) -> None:
+        import scenarios.cli  # noqa: F401  # now, not in the first case
+        from scenarios.loop.session import Session
+        from scenarios.studies import pool
+
+        self._advance: Callable[[Any], None] = Session.advance
+        Session.advance = lambda session: self._counted(session)  # type: ignore[method-assign, assignment]
+        pool.workers = _here
+        self.begin(0)
+
+    def begin(self, steps: int) -> None:
+        """Forget the last case."""
+        self._left, self._session = steps, None
+        self._began: float | None = None
+
+    @property
+    def outcome(self) -> str:
+        """Outcome of the last run."""
+        return "" if self._session is None else str(self._session.outcome or "unfinished")
+
+    def _counted(self, session: Any) -> None:
+        if self._session is not session:
+            self._session, self._steps = session, 0
+        if self._began is None:
+            self._began = time.perf_counter()
+        if self._steps >= self._left or time.perf_counter() - self._began > _LONGEST:
+            raise KeyboardInterrupt
+        self._steps += 1
+        self._advance(session)
+
+
+class _Here(Executor):
+    """Executor without processes."""
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Do the work at once."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(work(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+@contextmanager
+def _here(count: int) -> Iterator[Executor]:
+    yield _Here()
+
+
+def _result(case: Case, folder: Path, watch: _Loop) -> Result:
+    os.chdir(folder)
+    watch.begin(case.steps)
+    _reset_peak()
+    code, error, outcome, clock = 0, "", "", OwnTime(os.getpid())
+    with _captured() as texts:
+        try:
+            outcome = _run_script(case.script) if case.script else _run_command(case.command)
+        except SystemExit as exit_:
+            code = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
+        except KeyboardInterrupt:
+            code = 130
+        except ValueError as refusal:
+            code, error = (2, "") if case.script else (70, traceback.format_exc())
+            print(str(refusal) or repr(refusal), file=sys.stderr)
+        except BaseException:
+            code, error = 70, traceback.format_exc()
+    seconds = clock()
+    sys.path[:] = [place for place in sys.path if place != str(folder)]
+    os.chdir("/")
+    return Result(
+        code=code,
+        error=error,
+        out=texts[0][:_SHOWN],
+        err=texts[1][:_SHOWN],
+        seconds=seconds,
+        memory=_peak(),
+        outcome=outcome or watch.outcome,
+    )
+
+
+def _run_command(arguments: tuple[str, ...]) -> str:
+    from scenarios.cli import main
+
+    sys.argv = ["offtrack", *arguments]
+    main()
+    return ""
+
+
+def _run_script(text: str) -> str:
+    names: dict[str, Any] = {"__name__": "__fuzz__"}
+    exec(compile(text, "case.py", "exec"), names)
+    return str(names.get("outcome", ""))
+
+
+@contextmanager
+def _captured() -> Iterator[list[str]]:
+    """Texts of standard output and error, also those that libraries write."""
+    texts: list[str] = []
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        kept = os.dup(1), os.dup(2)
+        os.dup2(out.fileno(), 1)
+        os.dup2(err.fileno(), 2)
+        sys.stdout, sys.stderr = (io.TextIOWrapper(io.FileIO(fd, "w", closefd=False), "utf-8") for fd in (1, 2))
+        try:
+            yield texts
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
+            for fd, original in zip((1, 2), kept, strict=True):
+                os.dup2(original, fd)
+                os.close(original)
+            for file in (out, err):
+                file.seek(0)
+                texts.append(file.read(_SHOWN).decode("utf-8", "replace"))
+
+
+def _reset_peak() -> None:
+    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def _peak() -> float:
+    """Largest resident memory since the reset [MB]."""
+    lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    return next(int(line.split()[1]) / 1024.0 for line in lines if line.startswith("VmHWM"))

@@ -1,0 +1,221 @@
+"""The table of files that the program reads, with the commands that read them; hostile versions of each are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from hypothesis import strategies as st
+
+from tests.fuzz.case import Case
+from tests.fuzz.mutations import hostile
+from tests.fuzz.specimens import FRAMES, SHORT, SHORT_ROVER
+from vehicle.user_file import FileKind
+
+_STEPS: Final = 40
+
+
+def settings(*pairs: str) -> tuple[str, ...]:
+    """Arguments ``--set`` for pairs KEY=VALUE."""
+    return tuple(word for pair in pairs for word in ("--set", pair))
+
+
+def run(scenario: str, *pairs: str) -> tuple[str, ...]:
+    """Arguments of a run with settings; its directory is ``out``."""
+    return ("run", scenario, *settings(*pairs), "--no-video", "--quiet", "--out", "out")
+
+
+def trailer(*pairs: str) -> tuple[str, ...]:
+    """Arguments of a short run of a trailer."""
+    return run("lane-change", *SHORT, *pairs)
+
+
+def rover(*pairs: str) -> tuple[str, ...]:
+    """Arguments of a short run of a rover."""
+    return run("rover-slope", *SHORT_ROVER, *pairs)
+
+
+_AS_OUT: Final = ("--quiet", "--out", "out")
+_ESTIMATE: Final = ("--no-video", *_AS_OUT)
+_RAW: Final = ("estimate", "off-tracking", "raw", "--calibration", "raw/rig.toml", *_ESTIMATE)
+_STEREO: Final = ("estimate", "off-tracking", "rectified", *_ESTIMATE)
+_SLIP: Final = ("estimate", "slip", "sand", *_ESTIMATE)
+_CALIBRATE: Final = ("calibrate", "photos", "--board", "7x5", "--square", "0.05", "--quiet", "--out", "camera.toml")
+STUDY: Final = (
+    *("compare", "lane-change", *settings(*SHORT), "--controllers", "none,command_steer", "--quiet"),
+    *("--out", "grid", "--jobs", "1"),
+)
+TUNING: Final = (
+    *("tune", "lane-change", *settings(*SHORT), "--trials", "2", "--seeds", "1", "--judge-seeds", "2", "--quiet"),
+    *("--out", "tuning", "--jobs", "1"),
+)
+_ENVIRONMENT: Final = """
+import scenarios.gym_env as made
+env = made.single("{name}", {option}="{file}")
+env.reset(seed=1)
+env.step(env.action_space.sample())
+env.close()
+"""
+_LIBRARY: Final = """
+import os
+os.environ["OFFTRACK_CACHE"] = os.getcwd()
+from pathlib import Path
+from vehicle.engine.compiler import CompilerError, compiler, library
+source = "int answer(void) { return 42; }"
+before = set(Path().glob("*.so"))
+assert library(source, (), compiler()).answer() == 42
+made, = set(Path().glob("*.so")) - before
+for name in list(before):
+    name.rename(made)
+    assert library(source, (), compiler()).answer() == 42
+"""
+
+
+class Read(NamedTuple):
+    """A kind of file, and what reads it."""
+
+    name: str
+    kind: FileKind | None  # None: the program's own file
+    specimen: str
+    paths: tuple[str, ...]  # of the files in the specimen; names of results may hold *
+    format: str
+    commands: tuple[tuple[str, ...], ...] = ()
+    scripts: tuple[str, ...] = ()
+
+
+_PARAMETERS, _NEW_SOIL = FileKind.PARAMETERS, "surface.soil=soil.toml"
+FILES: Final[Sequence[Read]] = (
+    Read(
+        "vehicle",
+        _PARAMETERS,
+        "parameters",
+        ("vehicle.toml",),
+        "toml",
+        (trailer("vehicle=vehicle.toml"), ("vehicle", "vehicle.toml", *_AS_OUT)),
+        (
+            _ENVIRONMENT.format(name="TrailerSteering-v0", option="vehicle", file="vehicle.toml"),
+            _ENVIRONMENT.format(name="TractorTrailerDriving-v0", option="vehicle", file="vehicle.toml"),
+        ),
+    ),
+    Read(
+        "rover",
+        _PARAMETERS,
+        "parameters",
+        ("rover.toml",),
+        "toml",
+        (rover("vehicle=rover.toml"), ("vehicle", "rover.toml", *_AS_OUT)),
+    ),
+    Read("soil", _PARAMETERS, "parameters", ("soil.toml",), "toml", (rover(_NEW_SOIL),)),
+    Read(
+        "trailer scenario",
+        FileKind.SCENARIO,
+        "parameters",
+        ("trailer_scenario.toml",),
+        "toml",
+        (run("trailer_scenario.toml", "off_tracking=truth"), ("keys", "trailer_scenario.toml")),
+    ),
+    Read(
+        "rover scenario",
+        FileKind.SCENARIO,
+        "parameters",
+        ("rover_scenario.toml",),
+        "toml",
+        (run("rover_scenario.toml", "slip_estimator=truth"), ("scenarios", "rover_scenario.toml")),
+    ),
+    Read("study", FileKind.STUDY, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
+    Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
+    Read("drive", FileKind.TABLE, "ground", ("drive.csv",), "text", (trailer("driver.trace=drive.csv"),)),
+    Read(
+        "height table", FileKind.TABLE, "ground", ("heights.csv",), "text", (rover("surface.height_map=heights.csv"),)
+    ),
+    Read("height map", FileKind.ARRAY, "ground", ("heights.npy",), "npy", (rover("surface.height_map=heights.npy"),)),
+    Read(
+        "friction",
+        FileKind.IMAGE,
+        "ground",
+        ("friction.png",),
+        "image",
+        (trailer("surface.friction_image=friction.png"),),
+    ),
+    Read(
+        "network",
+        FileKind.NETWORK,
+        "ground",
+        ("network.npz",),
+        "npz",
+        (trailer("trailer_steering=policy", "policy.path=network.npz"),),
+    ),
+    Read(
+        "stereo image",
+        FileKind.IMAGE,
+        "stereo",
+        tuple(f"rectified/image_{side}/{k:06d}.png" for k in (0, 1, FRAMES - 1) for side in (0, 1)),
+        "image",
+        (_STEREO,),
+    ),
+    Read(
+        "stereo numbers",
+        FileKind.TABLE,
+        "stereo",
+        ("rectified/calib.txt", "rectified/times.txt", "rectified/poses.txt"),
+        "text",
+        (_STEREO,),
+    ),
+    Read("mount", FileKind.CALIBRATION, "stereo", ("rectified/rig.toml",), "toml", (_STEREO,)),
+    Read("calibration", FileKind.CALIBRATION, "stereo", ("raw/rig.toml",), "toml", (_RAW,)),
+    Read(
+        "sand image", FileKind.IMAGE, "rover", ("sand/images/000000.png", "sand/images/000003.png"), "image", (_SLIP,)
+    ),
+    Read("sand readings", FileKind.TABLE, "rover", ("sand/readings.csv", "sand/slip.csv"), "text", (_SLIP,)),
+    Read("sand rig", FileKind.CALIBRATION, "rover", ("sand/rig.toml",), "toml", (_SLIP,)),
+    Read("photograph", FileKind.IMAGE, "photographs", ("photos/00.png", "photos/07.png"), "image", (_CALIBRATE,)),
+    Read("results", FileKind.SIGNALS, "results", ("run/signals.parquet",), "parquet", (("fit-surrogate", "run"),)),
+    Read("result scenario", FileKind.SCENARIO, "results", ("run/scenario.toml",), "toml", (("fit-surrogate", "run"),)),
+    Read("study result", FileKind.RECORD, "study", ("grid/cells/*.json",), "json", (STUDY,)),
+    Read("study signals", FileKind.SIGNALS, "study", ("grid/cells/*.parquet",), "parquet", (STUDY,)),
+    Read("study record", FileKind.RECORD, "study", ("grid/study.toml",), "toml", (STUDY,)),
+    Read("tuning", FileKind.RECORD, "study", ("tuning/tuning.toml", "tuning/journal.log"), "text", (TUNING,)),
+    Read(
+        "training",
+        FileKind.CHECKPOINT,
+        "ground",
+        ("training/checkpoint.zip",),
+        "binary",
+        (("train", "--out", "training"),),
+    ),
+    Read("compiled code", None, "", ("planted.so",), "binary", (), (_LIBRARY,)),
+)
+
+
+@st.composite
+def hostile_files(draw: st.DrawFn, read: Read, specimens: Path) -> Case:
+    """A hostile version of a file and a command that reads it."""
+    folder = specimens / read.specimen
+    names = (
+        sorted(str(path.relative_to(folder)) for name in read.paths for path in folder.glob(name))
+        if read.specimen
+        else []
+    )
+    name = draw(st.sampled_from(names or list(read.paths)))
+    original = (folder / name).read_bytes() if names else b"\x7fELF" + bytes(3000)
+    content, note = draw(hostile(original, read.format))
+    number = draw(st.integers(0, len(read.commands) + len(read.scripts) - 1))
+    command, script = (
+        (*read.commands, *[()] * len(read.scripts))[number],
+        ((("",) * len(read.commands)) + read.scripts)[number],
+    )
+    return Case(
+        kind=f"file: {read.name}",
+        command=command,
+        script=script,
+        files=((name, content),),
+        specimen=read.specimen,
+        steps=_STEPS,
+        genuine=draw(st.integers(0, 49)) == 49 and _no_long_run(command),
+        note=f"{name}: {note}",
+    )
+
+
+def _no_long_run(command: tuple[str, ...]) -> bool:
+    return bool(command) and command[0] not in ("run", "sweep", "compare", "tune")

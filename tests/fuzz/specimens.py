@@ -1,0 +1,166 @@
+"""Valid files of every kind that the program reads, made once; hostile ones are versions of these."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Final, cast
+
+import cv2
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+import controllers.trailer_steering
+import scenarios
+import vehicle
+from scenarios.recordings.rover_writer import RoverRecordingWriter
+from scenarios.recordings.stereo_writer import RecordingWriter
+from sensors.camera.calibration_target import Checkerboard, board_image, random_board_pose
+from sensors.camera.lens import CameraModel, RawStereoRig
+from sensors.camera.rig import StereoRig
+from sensors.messages import RoverView, StereoFrame
+from sensors.sand.rig import nominal_rig
+from tests.fuzz.case import Case
+from vehicle.frames import transform
+from vehicle.rover.description import load_rover
+from vehicle.rover.truth import RoverTruth
+
+FRAMES: Final = 6
+RIG: Final = StereoRig(facing="rear", width=160, height=96, hfov=1.7, x=-10.0, y=0.0, z=3.0, baseline=0.5)
+BOARD: Final = Checkerboard(columns=7, rows=5, square=0.05)
+SHORT: Final = "course.kind=straight", "course.length=20", "off_tracking=truth", "speed_kmh=20"
+SHORT_ROVER: Final = "course.length=0.5", "slip_estimator=truth"
+
+
+def make(folder: Path, names: Iterable[str]) -> None:
+    """Make the specimens of these names, each in a folder of its name."""
+    for name in names:
+        (folder / name).mkdir(parents=True)
+        SPECIMENS[name](folder / name)
+
+
+def _parameters(folder: Path) -> None:
+    """Files of a vehicle, a rover and a soil, a scenario of each, studies and an own part."""
+    package = Path(vehicle.__file__).parent
+    shutil.copy(package / "parameters" / "uk_longer_semitrailer.toml", folder / "vehicle.toml")
+    shutil.copy(package / "rovers" / "el_dorado_ii.toml", folder / "rover.toml")
+    shutil.copy(package / "soils" / "toyoura_sand.toml", folder / "soil.toml")
+    data = Path(scenarios.__file__).parent / "data"
+    shutil.copy(data / "farm-track.toml", folder / "trailer_scenario.toml")
+    shutil.copy(data / "rover-craters.toml", folder / "rover_scenario.toml")
+    fixed = "\n".join(f'"{key}" = "{value}"' for key, value in (pair.split("=") for pair in SHORT))
+    (folder / "study.toml").write_text(
+        f'scenario = "lane-change"\nseeds = [1, 2]\n[set]\n{fixed}\n[vary]\nspeed_kmh = [5, 10.5]\n'
+        'trailer_steering = ["none", "command_steer"]\n',
+        encoding="utf-8",
+    )
+    (folder / "own.py").write_text(
+        "from controllers.trailer_steering.command_steer import CommandSteer\n\n\nclass Law(CommandSteer):\n"
+        '    """A law of one\'s own."""\n',
+        encoding="utf-8",
+    )
+
+
+def _ground(folder: Path) -> None:
+    """Maps of heights and of friction, a recorded drive and a trained network."""
+    y, x = np.mgrid[0:12, 0:16]
+    heights = 0.02 * np.sin(x) * np.cos(y)
+    np.save(folder / "heights.npy", heights)
+    np.savetxt(folder / "heights.csv", heights, delimiter=",", fmt="%.4f")
+    cv2.imwrite(str(folder / "friction.png"), (128 + 100 * np.sin(x)).astype(np.uint8))
+    rows = [f"{0.5 * k},{3 * math.sin(k):.3f},{10 + k % 3},0.1" for k in range(20)]
+    (folder / "drive.csv").write_text(
+        "\n".join(["time_s,steer_deg,speed_kmh,acceleration", *rows, ""]), encoding="utf-8"
+    )
+    network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
+    shutil.copy(network, folder / "network.npz")
+    (folder / "training").mkdir()
+    (folder / "training" / "checkpoint.zip").write_bytes(network.read_bytes())
+
+
+def _textured(k: int, side: int) -> np.ndarray:
+    noise = np.random.default_rng([k, side]).integers(0, 256, (RIG.height // 8, RIG.width // 8), dtype=np.uint8)
+    return cv2.resize(noise, (RIG.width, RIG.height), interpolation=cv2.INTER_CUBIC)
+
+
+def _stereo(folder: Path) -> None:
+    """A rectified recording and a raw one."""
+    calibration = RIG.calibration()
+    f = calibration.focal_length
+    camera = CameraModel(width=RIG.width, height=RIG.height, fx=f, fy=f, cx=calibration.cx, cy=calibration.cy)
+    right = transform(np.eye(3), np.array([RIG.baseline, 0.0, 0.0]))
+    raw = RawStereoRig(left=camera, right=camera, X_ClCr=right, X_SC=calibration.X_SC)
+    for name, rig in (("rectified", calibration), ("raw", raw)):
+        with RecordingWriter(folder / name, rig, 10.0) as recording:
+            for k in range(FRAMES):
+                pose = transform(np.eye(3), np.array([0.5 * k, 0.0, 0.0]))
+                recording.add(StereoFrame(tick=100 * k, left=_textured(k // 3, 0), right=_textured(k // 3, 1)), pose)
+
+
+def _rover(folder: Path) -> None:
+    """A rover's recording; its images show no trace."""
+    rig = nominal_rig(load_rover("el_dorado_ii"))
+    shape = (rig.camera.height, rig.camera.width)
+    truth = cast(RoverTruth, SimpleNamespace(slip_angle=0.1))
+    with RoverRecordingWriter(folder / "sand", rig) as recording:
+        for k in range(FRAMES):
+            image = np.random.default_rng(k).normal(150.0, 20.0, shape).clip(0, 255).astype(np.uint8)
+            wheels = np.zeros(len(rig.wheels))
+            view = RoverView(tick=200 * k, image=image, heading=0.01 * k, wheel_speeds=wheels + 0.8, steer=wheels)
+            recording.add(view, truth)
+
+
+def _photographs(folder: Path) -> None:
+    """Photographs of a checkerboard."""
+    camera = CameraModel(width=320, height=200, fx=210.0, fy=210.0, cx=158.0, cy=101.0)
+    rng = np.random.default_rng(5)
+    (folder / "photos").mkdir()
+    for k in range(12):
+        depth = rng.uniform(0.6, 0.9)
+        ray = np.array([(-0.36, 0.0, 0.36)[k % 3], (-0.18, 0.0, 0.18)[k // 3 % 3]])
+        X_CB = random_board_pose(BOARD, rng, ray=ray, depth=depth, tilt=rng.uniform(0.2, 0.6))
+        image = board_image(BOARD, camera, X_CB, noise_std=2.0, rng=rng)
+        cv2.imwrite(str(folder / "photos" / f"{k:02d}.png"), image)
+
+
+def _results(folder: Path) -> None:
+    """A finished run with an estimator."""
+    run = folder / "run"
+    run.mkdir()
+    (run / "scenario.toml").write_text('off_tracking = "viso_ot"\n', encoding="utf-8")
+    time = 0.1 * np.arange(120)
+    error = np.random.default_rng(1).normal(0.0, 0.01, len(time)).cumsum()
+    columns = {
+        "time": time,
+        "off_tracking_estimate": np.sin(time) + error,
+        "off_tracking_true": np.sin(time),
+        "health": (np.arange(len(time)) % 40 > 37) * 2.0,
+    }
+    pq.write_table(pa.table(columns), run / "signals.parquet")
+
+
+def _study(folder: Path) -> None:
+    """A finished study and a finished tuning, which their commands continue."""
+    from tests.fuzz.files import STUDY, TUNING
+    from tests.fuzz.pool import Child
+
+    with Child(folder) as child:
+        for command in (STUDY, TUNING):
+            tried = child.try_(Case(kind="specimen", command=command, steps=1_000_000), folder)
+            if tried.result.code != 0:
+                raise RuntimeError(f"{tried.case.title()}: {tried.result.err}")
+
+
+SPECIMENS: Final[Mapping[str, Callable[[Path], None]]] = {
+    "parameters": _parameters,
+    "ground": _ground,
+    "stereo": _stereo,
+    "rover": _rover,
+    "photographs": _photographs,
+    "results": _results,
+    "study": _study,
+}
