@@ -28,6 +28,7 @@ class Case:
     specimen: str = ""  # folder of valid files to begin with
     steps: int = 0  # of the loop after which a run is interrupted; 0: it should not begin
     genuine: bool = False  # True: as a process of its own
+    own: bool = False  # True: runs code of the user's, which may fail in the loop
     note: str = ""  # what was done to a file
 
     def place(self, specimens: Path, folder: Path) -> None:
@@ -72,7 +73,7 @@ class Result:
         return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code or 0, "died")
 
 
-def find(result: Result, before: Tree, after: Tree) -> str | None:
+def find(result: Result, before: Tree, after: Tree, *, own: bool = False) -> str | None:
     """What is wrong with a result, in one line; None if all is well."""
     said = result.err.strip().splitlines()
     if result.code is None:
@@ -83,7 +84,7 @@ def find(result: Result, before: Tree, after: Tree) -> str | None:
         return f"takes {result.memory:.0f} MB of memory"
     if "Aborted!" in said or result.code not in (0, 1, 2, 130):
         return f"exit code {result.code}: {' / '.join(said)[:300]}"
-    if result.outcome.startswith("failed"):
+    if result.outcome.startswith("failed") and not own:
         return f"outcome: {result.outcome}"
     if not result.refused:
         return None

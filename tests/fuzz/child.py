@@ -54,11 +54,12 @@ class _Loop:
     def __init__(self) -> None:
         import scenarios.cli  # noqa: F401  # now, not in the first case
         from scenarios.loop.session import Session
-        from scenarios.studies import pool
+        from scenarios.studies import pool, tuning
 
         self._advance: Callable[[Any], None] = Session.advance
         Session.advance = lambda session: self._counted(session)  # type: ignore[method-assign, assignment]
-        pool.workers = _here
+        for module in (pool, tuning):
+            vars(module)["workers"] = _here
         self.begin(0)
 
     def begin(self, steps: int) -> None:

@@ -211,6 +211,7 @@ def hostile_files(draw: st.DrawFn, read: Read, specimens: Path) -> Case:
         script=script,
         files=((name, content),),
         specimen=read.specimen,
+        own=read.name == "own part",
         steps=_STEPS,
         genuine=draw(st.integers(0, 49)) == 49 and _no_long_run(command),
         note=f"{name}: {note}",

@@ -82,7 +82,7 @@ class Child:
         case.place(self._specimens, folder)
         before = tree(folder)
         result = _genuine(case, folder, self._hang) if case.genuine else self._served(case, folder)
-        return Tried(case, result, find(result, before, tree(folder)), folder)
+        return Tried(case, result, find(result, before, tree(folder), own=case.own), folder)
 
     def _served(self, case: Case, folder: Path) -> Result:
         pipe = self._started()
