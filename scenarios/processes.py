@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -26,6 +26,7 @@ TaskT = TypeVar("TaskT")
 OutputT = TypeVar("OutputT")
 
 MOST_JOBS: Final = 1024
+_BROKEN: Final = "a worker process was killed, perhaps for lack of memory; what is finished is kept"
 _PERIOD: Final = 0.5  # of looking for the parent [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
 
@@ -45,7 +46,11 @@ def as_finished(
 
 @contextmanager
 def workers(count: int) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes that ignore interrupts; an error or interrupt here, or the end of this process, ends them."""
+    """Worker processes that ignore interrupts; an error or interrupt here, or the end of this process, ends them.
+
+    Raises:
+        ChildProcessError: one line, if the result of a worker that was killed is asked for.
+    """
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
@@ -54,8 +59,10 @@ def workers(count: int) -> Iterator[ProcessPoolExecutor]:
     pool = ProcessPoolExecutor(max(1, count), initializer=_begin, initargs=(os.getpid(),), env=environment)
     try:
         yield pool
-    except BaseException:
+    except BaseException as error:
         pool.shutdown(kill_workers=True)
+        if isinstance(error, BrokenExecutor):
+            raise ChildProcessError(f"{_BROKEN}: {error}".splitlines()[0]) from error
         raise
     pool.shutdown()
 

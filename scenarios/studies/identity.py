@@ -17,7 +17,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -35,11 +35,6 @@ def identity(scenario: Mapping[str, Any], seed: int) -> str:
     """Identity of a run of a resolved scenario."""
     content = json.dumps([_content(scenario), seed, software()], sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()[:20]
-
-
-def named_files(scenario: Mapping[str, Any]) -> set[Path]:
-    """All files that values of a scenario name, and those of its own modules."""
-    return {file for text in _texts(scenario) for file in _files_of(text).values()}
 
 
 def _content(node: Any) -> Any:
@@ -71,25 +66,33 @@ def _files_of(text: str) -> dict[str, Path]:
         return {}
 
 
-@cache
 def software() -> tuple[str, ...]:
-    """Everything that computes: offtrack's files, versions of libraries, the engine."""
+    """Everything that computes: offtrack's files, versions of libraries, the engine with the machine's features."""
+    return (*_installed(), str(compiler()))
+
+
+@cache
+def _installed() -> tuple[str, str]:
     sha = hashlib.sha256()
     for folder in package_folders():
         for file in sorted(folder.rglob("*")):
             if file.suffix not in _DERIVED and file.is_file():
                 sha.update(f"{folder.name}/{file.relative_to(folder).as_posix()} {digest(file)}\n".encode())
     libraries = {**versions(), "scipy": importlib.metadata.version("scipy")}
-    return sha.hexdigest(), json.dumps(libraries, sort_keys=True), str(compiler())  # the last: features of the machine
+    del libraries["engine"]  # it can change with the environment
+    return sha.hexdigest(), json.dumps(libraries, sort_keys=True)
 
 
-def unnamed_files(scenario: Mapping[str, Any]) -> dict[str, str]:
-    """Digests of the user's files that this process has opened so far without any scenario naming them.
+def unnamed_files(named: Sequence[Any]) -> dict[str, str]:
+    """Digests of the user's files that this process has opened so far, without the named ones.
 
-    The user's are those in the working directory and in the folders of named files, hidden ones excepted.
+    The user's are those in the working directory and in the folders of named files, hidden ones excepted. Only files
+    count that were opened by Python's own functions.
+
+    Args:
+        named: what names files of this run: its resolved scenario, and the file of that.
     """
-    named = named_files(scenario)
-    _named.update(named)
+    _named.update(file for text in _texts(named) for file in _files_of(text).values())
     folders = {Path.cwd().resolve(), *(file.parent for file in _named)}
     seen = {_source(Path(os.path.realpath(path))) for path in tuple(_opened)} - _named
     return {str(file): digest(file) for file in sorted(seen) if file.is_file() and _is_users(file, folders)}
@@ -101,7 +104,7 @@ def watch_files() -> None:
 
 
 _opened: set[str] = set()
-_named: set[Path] = set()  # by any scenario that ran in this process
+_named: set[Path] = set()  # by any run of this process
 
 
 @cache

@@ -76,8 +76,8 @@ def run_case(case: Case, cells: Path, identity: str) -> str:
     if result.traceback:
         return result.outcome
     if case.identity() != identity:
-        raise ValueError("its files have changed while the study ran: repeat the command")
-    opened = unnamed_files(scenario.model_dump(exclude_none=True))
+        raise ValueError("what it depends on has changed while the study ran: repeat the command")
+    opened = unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)])
     signals = _signals(cells, identity)
     with replacing(signals) as path:
         write_log(result.log, path)

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import tomli_w
 from pydantic import Field, ValidationError
@@ -56,7 +56,7 @@ class Study:
 
 class _File(Options):
     scenario: str
-    seeds: tuple[int, ...] = Field((1,), min_length=1)
+    seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)
     vary: dict[str, tuple[Any, ...]]
 
@@ -72,6 +72,8 @@ def load_study(path: Path) -> Study:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ValueError(f"study {path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    if len(set(table.seeds)) != len(table.seeds):
+        raise ValueError(f"study {path}: seeds: a seed is named twice")
     axes = {key: tuple(_text(value) for value in values) for key, values in table.vary.items()}
     for key, values in axes.items():
         if not values or len(set(values)) != len(values):

@@ -169,7 +169,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         scenario = case.resolved()
         outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
-        files |= unnamed_files(scenario.model_dump(exclude_none=True))
+        files |= unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)])
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
     trial.set_user_attr(_FILES, files)

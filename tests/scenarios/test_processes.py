@@ -11,6 +11,7 @@ import time
 import pytest
 
 from scenarios.interrupts import postponed_interrupts
+from scenarios.processes import workers
 from scenarios.progress import no_progress
 
 STUCK = """
@@ -47,6 +48,13 @@ def test_workers_end_with_the_process_that_started_them(number: signal.Signals) 
     while any(map(is_running, processes)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(is_running, processes))
+
+
+def test_a_killed_worker_is_one_line() -> None:
+    """The system kills the largest process when memory runs out."""
+    with pytest.raises(ChildProcessError, match="a worker process was killed") as caught, workers(1) as pool:
+        pool.submit(os.kill, pool.submit(os.getpid).result(), signal.SIGKILL).result()
+    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_an_interrupt_waits_for_the_end_of_a_step() -> None:

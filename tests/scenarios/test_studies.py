@@ -146,6 +146,14 @@ def test_a_study_is_read_as_it_is_written(tmp_path: Path) -> None:
     assert {case.identity() for case in again.cases()} == {case.identity() for case in written.cases()}
 
 
+@pytest.mark.parametrize("seeds", ["[-1]", "[true]", "[1, 1]", "[]"])
+def test_seeds_of_a_study_file_are_different_whole_numbers(seeds: str, tmp_path: Path) -> None:
+    """They are refused before anything runs."""
+    (tmp_path / "study.toml").write_text(f'scenario = "roundabout"\nseeds = {seeds}\n[vary]\nspeed_kmh = [10]\n')
+    with pytest.raises(ValueError, match=r"study\.toml: seeds"):
+        load_study(tmp_path / "study.toml")
+
+
 @pytest.mark.parametrize(("text", "values"), [("a,b", ("a", "b")), ("[1, 2],[3, 4]", ("[1, 2]", "[3, 4]"))])
 def test_lists_keep_what_is_in_brackets_together(text: str, values: tuple[str, ...]) -> None:
     """Angles of a mount are a list themselves."""
