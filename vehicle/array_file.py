@@ -49,17 +49,25 @@ def read_archive(path: Path, kind: FileKind) -> dict[str, bytes]:
     Raises:
         ValueError: one line, if the file cannot be read, is damaged or encrypted, or unpacks to more.
     """
-    content = read_bytes(path, kind)
+    return unpacked(read_bytes(path, kind), str(path), kind)
+
+
+def unpacked(content: bytes, name: str, kind: FileKind) -> dict[str, bytes]:
+    """Members of a zip file with this content; ``name`` stands for it in messages.
+
+    Raises:
+        ValueError: one line, as ``read_archive``.
+    """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
             refusal = _refusal(members, kind)
-            unpacked = {} if refusal else {member.filename: _unpacked(archive, member) for member in members}
+            contents = {} if refusal else {member.filename: _member(archive, member) for member in members}
     except Exception as error:  # a damaged archive raises almost anything
-        raise ValueError(f"{path} cannot be read as .npz or .zip: it is damaged or of another kind") from error
+        raise ValueError(f"{name} cannot be read as .npz or .zip: it is damaged or of another kind") from error
     if refusal:
-        raise ValueError(f"{path} {refusal}")
-    return unpacked
+        raise ValueError(f"{name} {refusal}")
+    return contents
 
 
 def _refusal(members: list[zipfile.ZipInfo], kind: FileKind) -> str:
@@ -74,7 +82,7 @@ def _refusal(members: list[zipfile.ZipInfo], kind: FileKind) -> str:
     return ""
 
 
-def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
     with archive.open(member) as file:
         return file.read(member.file_size)  # with a count, so that a member that states too little is not unpacked
 

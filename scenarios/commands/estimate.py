@@ -21,6 +21,7 @@ from scenarios.commands.console import (
     progress_display,
 )
 from scenarios.interrupts import postponed_interrupts
+from vehicle.user_file import full_path
 
 if TYPE_CHECKING:
     from estimators.context import OffTrackingSource
@@ -111,7 +112,7 @@ def off_tracking(
     from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
-        results = out or next_run_directory(directory.resolve().name)
+        results = out or next_run_directory(Path(full_path(directory)).name)
         check_run_directory(results)
         check_number("--camera-x", camera_x, -100.0, 100.0)
         check_number("--camera-y", camera_y, -10.0, 10.0)
@@ -172,7 +173,7 @@ def slip(
     from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
-        results = out or next_run_directory(directory.resolve().name)
+        results = out or next_run_directory(Path(full_path(directory)).name)
         check_run_directory(results)
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,6 +23,7 @@ from scenarios.commands.console import (
     remark,
 )
 from scenarios.processes import MOST_JOBS
+from vehicle.user_file import FileKind, read_text
 
 if TYPE_CHECKING:
     from scenarios.studies.tuning import Trial, Tuning
@@ -213,7 +215,7 @@ def _check_same(path: Path, description: str) -> None:
     Raises:
         ValueError: one line.
     """
-    if path.is_file() and path.read_text(encoding="utf-8") != description:
+    if os.path.lexists(path) and read_text(path, FileKind.RECORD) != description:
         raise ValueError(f"{path} belongs to another tuning task: choose another --out, or the same options")
 
 

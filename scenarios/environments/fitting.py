@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import tomllib
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -14,9 +14,13 @@ import tomli_w
 from scenarios.environments.surrogate import SurrogateParameters
 from scenarios.results.log import LOST
 from scenarios.results.metrics import estimate_error
+from scenarios.results.parquet_file import read_columns
 from vehicle.frames import FloatArray
+from vehicle.parameter_file import read_toml
+from vehicle.user_file import FileKind, shown
 
 _REAL = ("viso_ot", "ground_watching", "ground_watching_single")  # estimators with cameras
+_LARGEST = 1e6  # time [s] or off-tracking [m] of a run
 _MIN_FRAMES = 50  # of a run: fewer do not show drift
 _LAGS = 20  # of the autocovariance, in frames: two seconds
 _VELOCITY_NOISE, _YAW_RATE_NOISE = 0.01, 0.002  # see ``surrogate_toml`` [m/s], [rad/s]
@@ -36,17 +40,16 @@ def run_errors(directory: Path) -> RunErrors:
     Raises:
         ValueError: one line, if it is not a run with cameras and an estimator, or too short.
     """
-    import pyarrow.parquet
-
-    scenario = directory / "scenario.toml"
-    if not scenario.is_file():
+    scenario, signals = directory / "scenario.toml", directory / "signals.parquet"
+    if not os.path.lexists(scenario):
         raise ValueError(f"{directory}: no scenario.toml: not a run directory")
-    estimator = tomllib.loads(scenario.read_text(encoding="utf-8")).get("off_tracking")
+    estimator = read_toml(scenario, FileKind.SCENARIO).get("off_tracking")
     if estimator not in _REAL:
-        raise ValueError(f"{directory}: off_tracking = {estimator} must be one of {', '.join(_REAL)}")
-    names = ["time", "off_tracking_estimate", "off_tracking_true", "health"]
-    table = pyarrow.parquet.read_table(directory / "signals.parquet", columns=names)
-    time, estimate, truth, health = (table[name].to_numpy().astype(np.float64) for name in names)
+        raise ValueError(f"{scenario}: off_tracking = {shown(str(estimator))} must be one of {', '.join(_REAL)}")
+    table = read_columns(signals, ("time", "off_tracking_estimate", "off_tracking_true", "health"))
+    time, estimate, truth, health = table.values()
+    if not np.all(np.diff(time) > 0.0) or np.any(np.abs(np.concatenate([time, estimate, truth])) > _LARGEST):
+        raise ValueError(f"{signals}: time must increase, and all numbers must be within {_LARGEST:g}")
     frames = np.flatnonzero(np.isfinite(health) & np.isfinite(truth))
     error = estimate_error(estimate, truth, health)[frames]
     healthy = np.flatnonzero(health[frames] < LOST)

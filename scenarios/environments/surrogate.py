@@ -20,6 +20,7 @@ from controllers.trailer_steering.policy import AHEAD
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import read_toml, without_sources
+from vehicle.user_file import shown
 
 _FRAMES = 600  # of random numbers per vehicle: a minute; a longer episode repeats them
 
@@ -61,8 +62,14 @@ def load_surrogate(path: Path | None = None) -> SurrogateParameters:
     plain = without_sources(read_toml(file))
     known = [field.name for field in fields(SurrogateParameters)]
     if sorted(plain) != sorted(known):
-        raise ValueError(f"{file}: has {', '.join(sorted(plain))}, must have {', '.join(known)}")
-    return SurrogateParameters(**plain)
+        raise ValueError(f"{file}: has {shown(', '.join(sorted(plain)))}, must have {', '.join(known)}")
+    for name, value in plain.items():
+        if type(value) not in (int, float):
+            raise ValueError(f"{file}: {name} = {shown(repr(value))} must be a number")
+    try:
+        return SurrogateParameters(**plain)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
 
 
 def drifted(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from vehicle.user_file import full_path
 
 
 def quantity(default: float | None, unit: str, low: float, high: float, meaning: str) -> Any:
@@ -18,7 +19,7 @@ def option(meaning: str, default: Any = ...) -> Any:
     return Field(default, description=meaning)
 
 
-FullPath = Annotated[str, AfterValidator(lambda path: str(Path(path).resolve()))]  # a saved scenario runs anywhere
+FullPath = Annotated[str, AfterValidator(full_path)]  # a saved scenario runs anywhere
 
 
 class Options(BaseModel):

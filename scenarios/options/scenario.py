@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
@@ -29,6 +30,7 @@ from scenarios.options.surface import PATCHES, SurfaceOptions
 from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
 from vehicle.parameter_file import nearest, read_toml
+from vehicle.user_file import FileKind, full_path, shown
 
 _NAMED: Final = ("driver", "traffic")  # tables that the name of their kind may stand for
 Table = dict[str, Any]  # parsed TOML; only this module uses it
@@ -47,7 +49,7 @@ class PolicyOptions(Options):
     def _full_path(cls, path: str | None) -> str | None:
         if path is None or path in shipped_networks():
             return path
-        return str(Path(path).resolve())  # the resolved scenario runs from any folder
+        return full_path(path)  # the resolved scenario runs from any folder
 
 
 class Scenario(Options):
@@ -134,7 +136,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
         _apply(table, setting)
     vehicle = table.get("vehicle")
     if isinstance(vehicle, str) and vehicle.endswith(".toml"):
-        table["vehicle"] = str(Path(vehicle).resolve())  # the resolved scenario runs again from any folder
+        table["vehicle"] = full_path(vehicle)  # the resolved scenario runs again from any folder
     model = RoverScenario if table.get("kind") == "rover" else Scenario
     return _validated(_with_own_course(model, table), table, name_or_path)
 
@@ -162,10 +164,9 @@ def _data() -> resources.abc.Traversable:
 def _read(name_or_path: str) -> Table:
     if name_or_path in scenario_names():
         return tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
-    path = Path(name_or_path)
-    if path.suffix != ".toml" and not path.is_file():
-        raise ValueError(f"unknown scenario '{name_or_path}'{nearest(name_or_path, scenario_names())}")
-    return read_toml(path)
+    if not name_or_path.endswith(".toml") and not os.path.isfile(name_or_path):
+        raise ValueError(f"unknown scenario '{shown(name_or_path)}'{nearest(name_or_path, scenario_names())}")
+    return read_toml(Path(name_or_path), FileKind.SCENARIO)
 
 
 def _apply(table: Table, setting: str) -> None:

@@ -164,7 +164,7 @@ def _timed_frames(keys: Sequence[int], lines: int, directory: Path, *, numbered:
         return _TimedFrames(
             every, keys[0], (f"times.txt has {lines} lines, {lines - len(every)} of them without images",)
         )
-    if lines == len(every) - 1:
+    if lines == len(every) - 1 > 0:
         return _TimedFrames(every[:-1], 0, (f"the last frame has no line in times.txt and is omitted: {keys[-1]}",))
     raise ValueError(
         f"{directory / 'times.txt'} has {lines} lines for {len(keys)} frames; it needs one line per frame. "

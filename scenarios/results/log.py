@@ -16,7 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from estimators.estimates import Health
+from scenarios.results.parquet_file import read_table
 from vehicle.frames import FloatArray
+from vehicle.user_file import shown
 
 HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
@@ -110,12 +112,18 @@ def write_log(log: Log, path: Path) -> None:
 
 
 def read_log(path: Path) -> Log:
-    """The log written by :func:`write_log`, equal to the original."""
-    table = pq.read_table(path)
-    signals = tuple(_signal(field.name, field.metadata or {}) for field in table.schema)
+    """The log written by :func:`write_log`, equal to the original.
+
+    Raises:
+        ValueError: one line, if the file cannot be read or is not such a log.
+    """
+    table = read_table(path)
+    signals = tuple(_signal(path, field.name, field.metadata or {}) for field in table.schema)
     columns = [column.to_numpy() for column in table.columns]
     return Log(signals, np.column_stack(columns) if columns else np.empty((len(table), 0)))
 
 
-def _signal(name: str, metadata: Mapping[bytes, bytes]) -> Signal:
+def _signal(path: Path, name: str, metadata: Mapping[bytes, bytes]) -> Signal:
+    if not {b"unit", b"description"} <= metadata.keys():
+        raise ValueError(f"{path}: is not a file of signals: {shown(name)} has no unit or no description")
     return Signal(name, metadata[b"unit"].decode(), metadata[b"description"].decode())

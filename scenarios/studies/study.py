@@ -16,6 +16,7 @@ from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of
 from vehicle.parameter_file import read_toml
+from vehicle.user_file import FileKind
 
 FILE = "study.toml"
 
@@ -68,7 +69,7 @@ def load_study(path: Path) -> Study:
         ValueError: one line, naming file and key.
     """
     try:
-        table = _File.model_validate(read_toml(path))
+        table = _File.model_validate(read_toml(path, FileKind.STUDY))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         raise ValueError(f"study {path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None

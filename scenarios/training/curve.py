@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from scenarios.report.plots import ESTIMATED, GREY, INK, SERIES, STYLE, TRUE, WIDTH, legend_below
 from scenarios.results.files import replacing
+from scenarios.results.parquet_file import read_table
 from vehicle.frames import FloatArray
 
 _WINDOW = 15  # points of the moving average
@@ -46,9 +47,9 @@ def read_curve(path: Path) -> list[Point]:
     """The curve in a file of :func:`write_curve`.
 
     Raises:
-        ValueError: one line, if the file has other columns.
+        ValueError: one line, if the file cannot be read or has other columns.
     """
-    table = pq.read_table(path)
+    table = read_table(path)
     if tuple(table.column_names) != Point._fields:
         raise ValueError(f"{path}: has {', '.join(table.column_names)}, must have {', '.join(Point._fields)}")
     return [Point(**row) for row in table.to_pylist()]

@@ -5,7 +5,10 @@ Needs the extra ``rl``. An interrupted training resumes from its last checkpoint
 
 from __future__ import annotations
 
+import io
+import json
 import math
+import os
 import time
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -32,10 +35,14 @@ from scenarios.training.plan import (
     Plan,
     normalisation,
 )
+from vehicle.array_file import read_archive, unpacked
+from vehicle.user_file import FileKind, shown
 
 CHECKPOINT: Final = "checkpoint.zip"
 CURVE: Final = "learning_curve.parquet"
 _NOT_SAVED: Final = ("learning_rate", "lr_schedule")  # of a model: functions that belong to the callback
+_STATES: Final = ("policy", "policy.optimizer")  # of a checkpoint: what training changes, with the counters
+_COUNTERS: Final = ("num_timesteps", "_n_updates")
 _BETWEEN_CHECKPOINTS: Final = 15.0  # [s]
 
 
@@ -89,19 +96,10 @@ def learn(plan: Plan, budget: Budget, directory: Path, progress: Progress) -> Le
 
 
 def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> Any:
-    """Model of the checkpoint, or a new one."""
+    """Model with the state of the checkpoint, if there is one."""
     s = SETTINGS
-    file = directory / CHECKPOINT
-    if file.is_file():
-        rate = dict.fromkeys(_NOT_SAVED, recorder.learning_rate)
-        try:
-            model = PPO.load(file, env=env, device="cpu", **rate)
-        except Exception as error:  # torch, zip and pickle raise different types
-            raise ValueError(f"{file}: training can not be resumed ({error}); choose another --out") from error
-        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
-        return model
     mean, scale = zip(*(normalisation(feature.name) for feature in _features(env)), strict=True)
-    return PPO(
+    model = PPO(
         "MlpPolicy",
         env,
         learning_rate=recorder.learning_rate,
@@ -121,6 +119,34 @@ def _model(plan: Plan, env: Sb3VecEnv, directory: Path, recorder: _Recorder) -> 
         seed=plan.seed,
         device="cpu",
     )
+    if os.path.lexists(directory / CHECKPOINT):
+        _resume(model, directory / CHECKPOINT)
+        recorder.curve = [point for point in read_curve(directory / CURVE) if point.steps <= _steps(model)]
+    return model
+
+
+def _resume(model: Any, file: Path) -> None:
+    """Take weights, optimiser and counters from a checkpoint.
+
+    Only tensors and numbers are read: ``PPO.load`` would also unpickle objects, which can run any code.
+
+    Raises:
+        ValueError: one line, if they cannot be read or do not fit.
+    """
+    members = read_archive(file, FileKind.CHECKPOINT)
+    try:
+        model.set_parameters({name: _tensors(members[f"{name}.pth"]) for name in _STATES}, device="cpu")
+        numbers = json.loads(members["data"])
+        for name in _COUNTERS:
+            setattr(model, name, int(numbers[name]))
+    except Exception as error:  # torch and json raise almost anything for a damaged file
+        reason = shown(str(error).partition("\n")[0])
+        raise ValueError(f"{file}: training can not be resumed ({reason}); choose another --out") from error
+
+
+def _tensors(content: bytes) -> Any:
+    unpacked(content, "a member", FileKind.CHECKPOINT)  # it is an archive itself, whose size is checked here
+    return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
 
 
 class _Recorder(BaseCallback):  # type: ignore[misc]  # likewise

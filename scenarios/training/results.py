@@ -16,6 +16,7 @@ from scenarios.studies.files import check_study_directory, opened_study
 from scenarios.training.curve import Point, draw_curve
 from scenarios.training.evaluation import POLICY, Score, described
 from scenarios.training.plan import Plan
+from vehicle.user_file import FileKind, read_text
 
 PLAN: Final = "training.json"
 NETWORK: Final = "policy.npz"
@@ -34,7 +35,7 @@ def check_directory(plan: Plan, directory: Path) -> None:
     """
     check_study_directory(directory, PLAN)
     file = directory / PLAN
-    if file.is_file() and file.read_text(encoding="utf-8") != _content(plan):
+    if file.is_file() and read_text(file, FileKind.RECORD) != _content(plan):
         raise ValueError(
             f"{file} belongs to a training with other options: choose another --out, or use the same options"
         )

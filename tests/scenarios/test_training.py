@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.util
+import io
 import json
 import math
+import pickle
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +19,7 @@ from typer.testing import CliRunner
 from controllers.trailer_steering.policy import Network, load_network
 from scenarios.cli import app
 from scenarios.environments.domain import Domain
+from scenarios.progress import no_progress
 from scenarios.training import evaluation
 from scenarios.training.curve import Point, draw_curve, read_curve, write_curve
 from scenarios.training.evaluation import CONDITIONS, Condition, scored
@@ -125,3 +131,43 @@ def test_a_training_is_gone_on_with_and_its_network_is_the_learners(
     assert not any(file.name.startswith(".") for file in (tmp_path / "run").iterdir())
     kept = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert set(kept["scores"]["trained"]) == {"policy", "none"}
+
+
+class _Planted:
+    """An object whose unpickling leaves a trace."""
+
+    def __reduce__(self) -> tuple[Any, tuple[Path]]:
+        return Path.touch, (Path("was here"),)
+
+
+@needs_extra
+@pytest.mark.parametrize("place", ["policy_class", "observation_space", "policy.pth"])
+def test_objects_in_a_checkpoint_are_not_unpickled(place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither those in the model's description nor those among its tensors."""
+    import torch
+
+    from scenarios.training.learner import Budget, learn
+
+    monkeypatch.chdir(tmp_path)
+    plan, directory = Plan(envs=8), tmp_path / "run"
+    directory.mkdir()
+    learn(plan, Budget(1024, None), directory, no_progress)
+    with zipfile.ZipFile(directory / "checkpoint.zip") as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    if place in members:
+        stream = io.BytesIO()
+        torch.save({"planted": _Planted()}, stream)
+        members[place] = stream.getvalue()
+    else:
+        description = json.loads(members["data"])
+        description[place] = {":serialized:": base64.b64encode(pickle.dumps(_Planted())).decode()}
+        members["data"] = json.dumps(description).encode()
+    with zipfile.ZipFile(directory / "checkpoint.zip", "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    if place in members:
+        with pytest.raises(ValueError, match=r"^[^\n]*checkpoint\.zip: training can not be resumed[^\n]*$"):
+            learn(plan, Budget(2048, None), directory, no_progress)
+    else:
+        assert len(learn(plan, Budget(2048, None), directory, no_progress).curve) == 2
+    assert not (tmp_path / "was here").exists()
