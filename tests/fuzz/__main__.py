@@ -80,6 +80,7 @@ class Tally:
         self.begin, self._verbose = begin, verbose
         self.finds: list[Tried] = []
         self._kinds: Counter[str] = Counter()
+        self._seconds: dict[str, float] = {}
         self._endings: dict[str, Counter[str]] = {}
         self._shown, self._slowest, self._largest = begin, 0.0, 0.0
 
@@ -87,6 +88,7 @@ class Tally:
         """Count a case; print a find, and now and then the progress."""
         kind = tried.case.kind
         self._kinds[kind] += 1
+        self._seconds[kind] = self._seconds.get(kind, 0.0) + tried.result.seconds
         self._endings.setdefault(kind, Counter())[tried.result.ending] += 1
         self._largest = max(self._largest, tried.result.memory)
         if tried.result.refused:
@@ -106,7 +108,7 @@ class Tally:
         """Print the table of all kinds."""
         for kind, count in sorted(self._kinds.items()):
             endings = ", ".join(f"{ending} {number}" for ending, number in self._endings[kind].most_common())
-            print(f"{kind:44s} {count:5d}: {endings}")
+            print(f"{kind:44s} {count:5d}, {self._seconds[kind] / count:4.1f} s each: {endings}")
         print(
             f"slowest refusal {self._slowest:.1f} s (limit {SLOWEST:g}), largest memory {self._largest:.0f} MB", end=""
         )

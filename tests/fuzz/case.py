@@ -68,9 +68,9 @@ class Result:
     @property
     def ending(self) -> str:
         """How it ended, for the tally."""
-        if self.refused:
-            return "refused"
-        return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code or 0, "died")
+        if self.refused or self.code is None:
+            return "refused" if self.refused else "died"
+        return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code, "traceback")
 
 
 def find(result: Result, before: Tree, after: Tree, *, own: bool = False) -> str | None:

@@ -17,6 +17,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+import gymnasium.error
+
 from tests.fuzz.case import Case, Result
 from tests.fuzz.clock import OwnTime
 
@@ -113,11 +115,10 @@ def _result(case: Case, folder: Path, watch: _Loop) -> Result:
             code = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
         except KeyboardInterrupt:
             code = 130
-        except ValueError as refusal:
-            code, error = (2, "") if case.script else (70, traceback.format_exc())
+        except BaseException as refusal:
+            is_refusal = case.script and isinstance(refusal, ValueError | gymnasium.error.Error)
+            code, error = (2, "") if is_refusal else (70, traceback.format_exc())
             print(str(refusal) or repr(refusal), file=sys.stderr)
-        except BaseException:
-            code, error = 70, traceback.format_exc()
     seconds = clock()
     sys.path[:] = [place for place in sys.path if place != str(folder)]
     os.chdir("/")
