@@ -124,7 +124,7 @@ def _short(scenario: str) -> str:
 def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
     """Run the study, write its directory and print its table."""
     from scenarios.processes import default_jobs
-    from scenarios.studies.files import CELLS, check_study_directory, opened_study, write_study
+    from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
     from scenarios.studies.pool import run_cases
     from scenarios.studies.study import FILE
     from scenarios.studies.table import rows_of
@@ -136,7 +136,7 @@ def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, 
         cases = study.cases()
         for case in cases:
             case.identity()  # refuse invalid scenarios before anything is written
-        with opened_study(directory, FILE, study.to_toml()):
+        with opened_study(directory, FILE, study_text(study, directory)):
             with progress_display(shown=not (quiet or as_json)) as bar:
                 progress = progress_bar(bar, title)
                 outcomes = run_cases(

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from scenarios.results.files import replaced, replacing, sole_user, unfinished_files
 from scenarios.studies.case import Outcome
-from scenarios.studies.study import FILE, Study
+from scenarios.studies.study import FILE, Study, load_study
 from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
 
@@ -31,6 +31,15 @@ def check_study_directory(directory: Path, file: str = FILE) -> None:
         return
     if set(directory.iterdir()) - set(unfinished_files(directory)):
         raise ValueError(f"directory {directory} is not empty and holds no {file}: choose another")
+
+
+def study_text(study: Study, directory: Path) -> str:
+    """The study as TOML: the file that is in the directory, with its comments, if it describes the same study."""
+    try:
+        same = load_study(directory / FILE) == study
+    except ValueError:
+        same = False
+    return (directory / FILE).read_text(encoding="utf-8") if same else study.to_toml()
 
 
 @contextmanager

@@ -83,7 +83,7 @@ def _installed() -> tuple[str, str]:
     return sha.hexdigest(), json.dumps(libraries, sort_keys=True)
 
 
-def unnamed_files(named: Sequence[Any]) -> dict[str, str]:
+def unnamed_files(named: Sequence[Any], output: Path) -> dict[str, str]:
     """Digests of the user's files that this process has opened so far, without the named ones.
 
     The user's are those in the working directory and in the folders of named files, hidden ones excepted. Only files
@@ -91,11 +91,14 @@ def unnamed_files(named: Sequence[Any]) -> dict[str, str]:
 
     Args:
         named: what names files of this run: its resolved scenario, and the file of that.
+        output: file or folder that the study writes, which does not count.
     """
     _named.update(file for text in _texts(named) for file in _files_of(text).values())
     folders = {Path.cwd().resolve(), *(file.parent for file in _named)}
     seen = {_source(Path(os.path.realpath(path))) for path in tuple(_opened)} - _named
-    return {str(file): digest(file) for file in sorted(seen) if file.is_file() and _is_users(file, folders)}
+    output = output.resolve()
+    users = (file for file in sorted(seen) if _is_users(file, folders) and not file.is_relative_to(output))
+    return {str(file): digest(file) for file in users if file.is_file()}
 
 
 def watch_files() -> None:

@@ -77,7 +77,7 @@ def run_case(case: Case, cells: Path, identity: str) -> str:
         return result.outcome
     if case.identity() != identity:
         raise ValueError("what it depends on has changed while the study ran: repeat the command")
-    opened = unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)])
+    opened = unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)], cells)
     signals = _signals(cells, identity)
     with replacing(signals) as path:
         write_log(result.log, path)

@@ -95,7 +95,7 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
     study = _study(tuning, directory, seed)
     if len(finished(tuning, directory)) < trials:
         study.optimize(
-            lambda trial: _values(tuning, trial),
+            lambda trial: _values(tuning, directory, trial),
             callbacks=[MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))],
         )
 
@@ -155,7 +155,7 @@ def _number(outcome: Outcome, objective: str) -> float:
     return value if outcome.completed and value is not None else _FAILED
 
 
-def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
+def _values(tuning: Tuning, directory: Path, trial: optuna.Trial) -> tuple[float, ...]:
     """Run the tuning set with the suggested parameters, and return the objectives."""
     from scenarios.loop.run import run_any
     from scenarios.results.summary import summary
@@ -169,7 +169,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         scenario = case.resolved()
         outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
-        files |= unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)])
+        files |= unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)], directory / JOURNAL)
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
     trial.set_user_attr(_FILES, files)

@@ -12,7 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import optuna
 import pyarrow.parquet as pq
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 600.0  # with a command that hangs [s]
@@ -42,7 +46,7 @@ COMMANDS = {
     "compare": ["compare", "cambered-road", *_set(*_SHORT), "--seeds", "1-2", "--jobs", "2", "--out", "out"],
     "sweep": ["sweep", "study.toml", "--jobs", "2", "--out", "out"],
     "tune": ["tune", "roundabout", *_set(*_TURN), "--seeds", "11", "--judge-seeds", "12", "--range", "gain=0.1:1.0",
-             "--trials", "4", "--jobs", "2", "--out", "out"],
+             "--trials", "3", "--jobs", "2", "--out", "out"],
     "estimate": ["estimate", "off-tracking", "images", "--no-video", "--out", "out"],
     "reproduce": ["reproduce", "reina2008-fig6", "--quick", "--out", "out"],
     "train": ["train", "--steps", "40000", "--envs", "8", "--episodes", "1", "--out", "out"],
@@ -120,9 +124,13 @@ def finished_units(folder: Path) -> dict[str, int]:
     """Saved runs of studies and finished trials, with the time at which they were saved."""
     cells = {path.name: path.stat().st_mtime_ns for path in folder.glob("out/cells/*.json")}
     journal = folder / "out" / "journal.log"
-    lines = journal.read_text(encoding="utf-8").splitlines() if journal.is_file() else []
+    if not journal.is_file() or not journal.stat().st_size:
+        return cells
+    storage = JournalStorage(JournalFileBackend(str(journal)))
+    studies = [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]
+    trials = [trial for study in studies for trial in study.get_trials(states=(TrialState.COMPLETE,))]
     return cells | {
-        f"trial of line {k}": 0 for k, line in enumerate(lines) if '"op_code":6' in line and '"state":1' in line
+        f"trial {one.number}": int(one.datetime_complete.timestamp()) for one in trials if one.datetime_complete
     }
 
 

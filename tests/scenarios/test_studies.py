@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from scenarios.cli import app
 from scenarios.studies.case import Case, Outcome, listed, seeds_of
-from scenarios.studies.files import check_study_directory, opened_study
+from scenarios.studies.files import check_study_directory, opened_study, study_text
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import rows_of, table_csv
@@ -144,6 +144,14 @@ def test_a_study_is_read_as_it_is_written(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(written.to_toml())
     again = load_study(tmp_path / "study.toml")
     assert {case.identity() for case in again.cases()} == {case.identity() for case in written.cases()}
+
+
+def test_a_study_in_its_own_directory_keeps_the_users_file(tmp_path: Path) -> None:
+    """``offtrack sweep study.toml --out .``: comments stay, as long as it is the same study."""
+    text = study(speed_kmh=("60",)).to_toml() + "# mine\n"
+    (tmp_path / "study.toml").write_text(text)
+    assert study_text(study(speed_kmh=("60",)), tmp_path) == text
+    assert study_text(study(speed_kmh=("50",)), tmp_path) == study(speed_kmh=("50",)).to_toml()
 
 
 @pytest.mark.parametrize("seeds", ["[-1]", "[true]", "[1, 1]", "[]"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
@@ -155,5 +156,7 @@ def test_a_file_that_a_law_opens_by_itself_counts_too(tmp_path: Path, monkeypatc
         steer.append(outcome.number("steer.max_deg"))
         kept = before and before == {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
         assert bool(kept) == (len(steer) == 2)
+    for file in tmp_path.glob("cells/*.json"):
+        assert [Path(name).name for name in json.loads(file.read_text())["files_sha256"]] == ["scale.txt"]
     assert steer[0] == steer[1] == 0.0
     assert steer[2] == pytest.approx(2.865, abs=0.05)  # 0.05 rad, which the actuators approach
