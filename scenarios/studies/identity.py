@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from scenarios.results.files import digest
-from scenarios.results.manifest import versions
 from scenarios.studies.own_modules import is_library, own_modules, package_folders
 from vehicle.engine.compiler import compiler
 
@@ -78,9 +77,10 @@ def _installed() -> tuple[str, str]:
         for file in sorted(folder.rglob("*")):
             if file.suffix not in _DERIVED and file.is_file():
                 sha.update(f"{folder.name}/{file.relative_to(folder).as_posix()} {digest(file)}\n".encode())
-    libraries = {**versions(), "scipy": importlib.metadata.version("scipy")}
-    del libraries["engine"]  # it can change with the environment
-    return sha.hexdigest(), json.dumps(libraries, sort_keys=True)
+    lines = [line for line in importlib.metadata.requires("offtrack") or () if ";" not in line]  # without extras
+    needed = {name for line in lines for name in re.findall(r"^[\w.-]+", line)}
+    libraries = {name: importlib.metadata.version(name) for name in sorted(needed)}
+    return sha.hexdigest(), json.dumps([sys.version, libraries])
 
 
 def unnamed_files(named: Sequence[Any], output: Path) -> dict[str, str]:
