@@ -19,6 +19,7 @@ from scenarios.commands.console import (
     one_line_errors,
     progress_bar,
     progress_display,
+    remark,
 )
 from scenarios.interrupts import postponed_interrupts
 from vehicle.user_file import full_path
@@ -213,6 +214,7 @@ def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *
     elif not quiet:
         _print(numbers, directory, groups)
     if numbers["outcome"] == "interrupted":
+        remark(f"interrupted; what was estimated until then is in {directory}")
         raise typer.Exit(INTERRUPTED)
 
 

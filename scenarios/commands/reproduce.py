@@ -78,6 +78,7 @@ def reproduce(
         if as_json:
             typer.echo(json.dumps(results if several else results[0], indent=2, ensure_ascii=False))
     if results[-1]["interrupted"]:
+        remark(f"interrupted; what is finished is in {directory}")
         raise typer.Exit(INTERRUPTED)
 
 

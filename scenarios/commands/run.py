@@ -20,6 +20,7 @@ from scenarios.commands.console import (
     one_line_errors,
     progress_bar,
     progress_display,
+    remark,
 )
 from scenarios.interrupts import postponed_interrupts
 from scenarios.options.scenario import load_any_scenario
@@ -93,6 +94,7 @@ def run(
         elif not quiet:
             _print_summary(numbers, directory)
     if numbers["outcome"] == "interrupted":
+        remark(f"interrupted; what was computed until then is in {directory}")
         raise typer.Exit(INTERRUPTED)
     if result.traceback:
         typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)

@@ -320,7 +320,8 @@ def test_an_interrupt_keeps_what_is_finished(yard: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(images, "_read", interrupted_at)
     result = estimated(yard, "--out", "out", "--quiet")
     assert result.exit_code == 130
-    assert {path.name for path in Path("out").iterdir()} == WRITTEN
+    assert result.stderr == "offtrack: interrupted; what was estimated until then is in out\n"
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN | {".interrupted"}
     found = json.loads(Path("out/summary.json").read_text(encoding="utf-8"))
     assert found["outcome"] == "interrupted"
     assert 40 <= found["frames"]["used"] < FRAMES
@@ -342,14 +343,18 @@ def test_the_shortest_recordings_are_no_obstacle(yard: Path, count: int) -> None
 
 def test_an_interrupt_before_the_first_frame_leaves_empty_results(yard: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As everywhere: exit code 130, and files that can be read."""
+    genuine = images._read
 
     def interrupted(files: Any, size: Any) -> Any:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(images, "_read", interrupted)
     assert estimated(yard, "--out", "out").exit_code == 130
-    assert {path.name for path in Path("out").iterdir()} == WRITTEN
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN | {".interrupted"}
     assert rows() == []
+    monkeypatch.setattr(images, "_read", genuine)
+    assert estimated(yard, "--out", "out", "--no-video").exit_code == 0  # the next one takes the place
+    assert len(rows()) == FRAMES
 
 
 @pytest.mark.skipif(not importlib.util.find_spec("av"), reason="needs the extra 'video'")
