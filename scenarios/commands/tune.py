@@ -119,8 +119,8 @@ def tune(
             check_study_directory(directory, _FILE)
         description = _description(tuning)
         _check_same(directory / _FILE, description)
+        unusable = former(tuning, directory)
         with opened_study(directory, _FILE, description):
-            unusable = former(tuning, directory)
             if unusable:
                 remark(f"{unusable} earlier trials are not used: the law, a file or offtrack has changed since")
             workers = jobs or default_jobs()

@@ -7,6 +7,7 @@ result is judged on another set. Trials with other files, another law or another
 from __future__ import annotations
 
 import fcntl
+import json
 import math
 import os
 import time
@@ -22,6 +23,7 @@ from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.identity import unnamed_files, watch_files
 from scenarios.studies.study import Study
 from scenarios.studies.subject import subject_of
+from vehicle.user_file import FileKind, read_bytes
 
 if TYPE_CHECKING:
     import optuna
@@ -101,14 +103,27 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
 
 
 def former(tuning: Tuning, directory: Path) -> int:
-    """Number of finished trials in the journal that this tuning cannot use, as what they depend on has changed."""
+    """Number of finished trials in the journal that this tuning cannot use, as what they depend on has changed.
+
+    Raises:
+        ValueError: one line, if the journal is damaged.
+    """
     from optuna.trial import TrialState
 
-    if not (directory / JOURNAL).is_file():
+    path = directory / JOURNAL
+    if not os.path.lexists(path):
         return 0
-    trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
-    own = trials.pop(_name(tuning), [])
-    return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
+    lines = read_bytes(path, FileKind.RECORD).split(b"\n")
+    try:
+        for line in lines[:-1]:  # what follows the last line end was cut off by a kill
+            json.loads(line)  # Optuna would notice a damaged last line only after the next one is written
+        trials = {study.study_name: study.get_trials(states=(TrialState.COMPLETE,)) for study in _studies(directory)}
+        own = trials.pop(_name(tuning), [])
+        return sum(map(len, trials.values())) + sum(_is_outdated(trial) for trial in own)
+    except Exception as error:  # whatever a damaged line leads to in Optuna
+        raise ValueError(
+            f"{path} is damaged ({type(error).__name__}: {error}): remove it, or choose another --out"
+        ) from error
 
 
 def finished(tuning: Tuning, directory: Path) -> list[Trial]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import optuna
@@ -140,3 +141,25 @@ def test_what_can_not_be_tuned_is_one_line(changed: list[str], said: str, tmp_pa
     assert result.exit_code == 2
     assert said in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("damage", ["{\n", '1 {"op_code": 0}\n', '{"op_code": 4}\n', "\x00\n"])
+def test_a_damaged_journal_is_named_and_nothing_is_written(damage: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "journal.log").write_text(damage)
+    result = CliRunner().invoke(app, arguments(out, 2))
+    assert result.exit_code == 2, result.output
+    assert f"{out / 'journal.log'} is damaged" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert [path.name for path in out.iterdir()] == ["journal.log"]
+
+
+def test_a_pipe_in_place_of_a_journal_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "tuning.toml").write_text("")
+    os.mkfifo(out / "journal.log")
+    result = CliRunner().invoke(app, arguments(out, 2))
+    assert result.exit_code == 2, result.output
+    assert result.stderr.count("\n") == 1
