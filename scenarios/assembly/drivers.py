@@ -10,7 +10,7 @@ from typing import Any
 
 from controllers.checked import CheckedDriver
 from controllers.driver import DriverLike, PreviewDriver
-from controllers.driver_trace import TraceDriver
+from controllers.driver_trace import DriverTrace, TraceDriver
 from controllers.reversing.chain import RollingChain
 from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
@@ -43,7 +43,7 @@ class OpenedDriver:
     driver: DriverLike[Any]
     duration: float  # planned duration of the drive [s]
     start_speed: float  # [m/s]
-    is_recorded: bool = False  # repeats a recorded drive, not bound to the course
+    trace: DriverTrace | None = None  # the recorded drive that is repeated; it is not bound to the course
 
 
 class OnCourse:
@@ -80,9 +80,10 @@ class AsRecorded:
             raise ValueError(
                 "driver.stops and driver.trace: give only one of them; a recorded drive contains its stops"
             )
-        driver = TraceDriver(read_trace(Path(options.trace)))
+        trace = read_trace(Path(options.trace))
+        driver = TraceDriver(trace)
         start_speed = context.speed if driver.start_speed is None else driver.start_speed
-        return OpenedDriver(driver=driver, duration=driver.duration, start_speed=start_speed, is_recorded=True)
+        return OpenedDriver(driver=driver, duration=driver.duration, start_speed=start_speed, trace=trace)
 
 
 def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> OpenedDriver:
@@ -105,4 +106,6 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
     driver = constructed("driver.kind", kind, part, context)
     if not isinstance(driver, OpenedDriver):
         driver = OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)
+    if not 0.0 < driver.duration < math.inf:  # a run that gets stuck would never end
+        raise ValueError(f"driver.kind = {kind}: duration = {driver.duration} s must be positive and finite")
     return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.driver_trace import DriverTrace
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry, vehicle_of, watched_units
@@ -68,9 +69,9 @@ class Assembly:
         return self.recording.cameras if self.recording else self.trailers[-1].sensing.cameras
 
     @property
-    def is_recorded(self) -> bool:
-        """True if a recorded drive is repeated."""
-        return self.driver is not None and self.driver.is_recorded
+    def trace(self) -> DriverTrace | None:
+        """The recorded drive that is repeated."""
+        return self.driver.trace if self.driver else None
 
     @property
     def duration(self) -> float:

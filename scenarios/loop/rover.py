@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from typing import Final
@@ -15,14 +16,17 @@ from scenarios.loop.pictures import TracePictures
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.recordings.rover_writer import RoverRecordingWriter
-from scenarios.results.rover_signals import RoverRecord, path_coordinates
+from scenarios.results.rover_signals import RoverRecord
 from sensors.messages import LaserFix, RoverReadings
 from sensors.sensor import Message
 from vehicle.clock import TICK
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.truth import RoverTruth
 
-LOST_AT: Final = 1.0  # largest distance from the path, nearly two rover lengths; beyond it the run ends [m]
+# A rover that is nearly two of its lengths off its path does not correct a slip any more, it drives somewhere else. On
+# tight circles it is half the radius: from the centre all parts of a circle are equally far.
+LOST_AT: Final = 1.0  # largest distance from the path; beyond it the run ends [m]
+_LOST_SHARE: Final = 0.5  # of the smallest radius [-]
 _PATIENCE: Final = 3.0  # longest duration over that at the wheels' speed; large, because wheels slip much
 _GRACE: Final = 10.0  # added for the start [s]
 
@@ -72,6 +76,8 @@ class RoverJudge:
     def __init__(self, parts: RoverAssembly) -> None:
         self._parts = parts
         self._station = 0.0  # of the true position along the path [m]
+        sharpest = max(abs(c) for part in parts.path.segments for c in (part.start_curvature, part.end_curvature))
+        self._lost_at = LOST_AT if sharpest == 0.0 else min(LOST_AT, _LOST_SHARE / sharpest)
 
     @property
     def progress(self) -> float:
@@ -81,10 +87,13 @@ class RoverJudge:
     def outcome(self, truth: RoverTruth) -> str | None:
         """Outcome of the run; None if it continues."""
         path = self._parts.path
-        self._station, offset = path_coordinates(path, truth, self._station)
+        x, y, _ = truth.pose.tolist()
+        self._station = path.project(x, y, self._station)
         if self._parts.plant.entrapped(truth):
             return "entrapped"
-        if abs(offset) > LOST_AT:
+        on_path = path.pose(self._station)  # it goes on straight before the start, where a rover may slide back
+        off_path = math.hypot(x - on_path.x, y - on_path.y)
+        if max(off_path, -self._station) > self._lost_at:
             return "left the path"
         if self._station >= path.length - 1e-6:
             return "completed"
