@@ -38,8 +38,8 @@ class Pictures(Generic[TruthT, RecorderT]):
 
     @property
     def frames(self) -> list[tuple[int, bytes]]:
-        """Tick and JPEG of every kept picture."""
-        return [(tick, jpeg.result()) for tick, jpeg in self._kept]
+        """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
+        return [(tick, jpeg.result()) for tick, jpeg in self._kept if jpeg.exception() is None]
 
     @property
     def sha256(self) -> str:

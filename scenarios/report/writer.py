@@ -1,14 +1,16 @@
 """Writer of run directories.
 
 A run directory holds ``scenario.toml`` (runs again identically), ``manifest.json`` (versions, seed, hashes),
-``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html``, a video, and ``traceback.txt`` if an
-exception ended the run.
+``signals.parquet`` (SI, units in the schema), ``summary.json``, ``report.html``, a video, and after an exception
+``traceback.txt``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from scenarios.progress import Progress, no_progress
@@ -27,28 +29,46 @@ def write_run(
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
     Raises:
-        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``.
+        ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or if the report or
+            the video can not be drawn: all other files are written then.
         KeyboardInterrupt: if the video was interrupted; all other files are written.
     """
-    numbers, interrupt = summary(result), None
+    numbers, interrupt, failures = summary(result), None, list[str]()
     with appearing_at_once(directory) as folder:
         (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
-        if result.traceback:
-            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
         write_log(result.log, folder / "signals.parquet")
         _write_json(folder / "manifest.json", manifest(result))
-        _write_report(result, numbers, folder)
         _write_json(folder / "summary.json", numbers)
+        with _lost_alone("report", failures):
+            _write_report(result, numbers, folder)
         try:
-            if video and len(result.log) > 1:
-                _write_video(result, folder, progress)
+            with _lost_alone("video", failures):
+                if video and len(result.log) > 1:
+                    _write_video(result, folder, progress)
         except KeyboardInterrupt as error:
             interrupt = error
+        if tracebacks := "\n".join([result.traceback, *failures]).strip():
+            (folder / "traceback.txt").write_text(tracebacks + "\n", encoding="utf-8", errors="replace")
         if interrupt or result.outcome == "interrupted":
             mark_interrupted(folder)
     if interrupt:
         raise interrupt
+    if failures:
+        what = " and ".join(failure.partition("\n")[0] for failure in failures)
+        raise ValueError(f"{what}; all else is in {directory}, and traceback.txt tells more")
     return directory
+
+
+@contextmanager
+def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
+    """Note an exception, as a line and its traceback, and go on: a drawing is less than the run. A full disk is not."""
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
+        failures.append(f"{line}\n{traceback.format_exc()}")
 
 
 def _write_report(result: RunResult | RoverResult, numbers: Summary, folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,9 @@ from controllers.rover_driver import RoverDriver
 from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.slip.reference import ReferenceSlip
 from scenarios.cli import app
+from scenarios.loop.channel import InLine
 from scenarios.loop.combination import CourseJudge
-from scenarios.loop.pictures import Pictures
+from scenarios.loop.pictures import Pictures, StereoPictures
 from scenarios.loop.run import run_any
 from scenarios.options.scenario import load_any_scenario
 from scenarios.report.rover_page import rover_report_html
@@ -138,6 +140,27 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
         assert "bye [/]" in result.stdout
 
 
+@pytest.mark.parametrize("broken", ["run_page.report_html", "run_video.write_video"])
+def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
+    broken: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All else is written, and the command says so."""
+
+    def breaking(*arguments: Any, **options: Any) -> None:
+        raise IndexError("no such colour")
+
+    monkeypatch.setattr(f"scenarios.report.{broken}", breaking)
+    break_after(Plant, "observe", 3, RuntimeError("first"))
+    result = run_any(load_any_scenario("cambered-road", SHORT), 1)
+    with pytest.raises(ValueError, match=r"^the (report|video) could not be drawn: IndexError: no such colour; all"):
+        write_run(result, tmp_path / "run")
+    assert read_log(tmp_path / "run" / "signals.parquet") == result.log
+    text = (tmp_path / "run" / "traceback.txt").read_text(encoding="utf-8")
+    assert "RuntimeError: first" in text
+    assert "IndexError: no such colour" in text
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
 @pytest.mark.parametrize(
     ("estimate", "line"),
     [
@@ -173,3 +196,13 @@ def test_duplicated_fixes_are_no_failure() -> None:
     assert result.outcome == "completed"
     assert isinstance(result, RunResult)
     assert np.isfinite(result.signal("off_tracking_estimate")).any()
+
+
+def test_a_picture_that_is_none_does_not_lose_the_others() -> None:
+    """They are compressed while the run goes on, and asked for after its end."""
+    pictures: StereoPictures = StereoPictures(0, 1, None, InLine(), keep=True, recorder=None)
+    good, bad = Future[bytes](), Future[bytes]()
+    good.set_result(b"jpeg")
+    bad.set_exception(ValueError("three channels expected"))
+    pictures._kept += [(0, bad), (100, good)]
+    assert pictures.frames == [(100, b"jpeg")]
