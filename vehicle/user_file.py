@@ -89,14 +89,17 @@ def read_text(path: Path, kind: FileKind) -> str:
 
 
 def full_path(path: str | Path) -> str:
-    """Absolute path without symbolic links.
+    """Absolute path without symbolic links, except of its last name, whose suffix may tell the kind of file.
 
     Raises:
         ValueError: if it contains a null character.
     """
     if "\0" in str(path):
         raise ValueError(f"{str(path)!r}: a path must not contain a null character")
-    return os.path.realpath(path)  # Path.resolve raises RuntimeError for links in a circle
+    folder, name = os.path.split(path)
+    if name in (".", ".."):
+        folder, name = os.fspath(path), ""
+    return str(Path(os.path.realpath(folder), name))  # Path.resolve raises RuntimeError for links in a circle
 
 
 def reason(error: OSError) -> str:

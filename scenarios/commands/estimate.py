@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +23,6 @@ from scenarios.commands.console import (
     remark,
 )
 from scenarios.interrupts import postponed_interrupts
-from vehicle.user_file import full_path
 
 if TYPE_CHECKING:
     from estimators.context import OffTrackingSource
@@ -113,7 +113,7 @@ def off_tracking(
     from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
-        results = out or next_run_directory(Path(full_path(directory)).name)
+        results = out or next_run_directory(os.path.basename(os.path.realpath(directory)))
         check_run_directory(results)
         check_number("--camera-x", camera_x, -100.0, 100.0)
         check_number("--camera-y", camera_y, -10.0, 10.0)
@@ -174,7 +174,7 @@ def slip(
     from scenarios.results.run_directory import check_run_directory, next_run_directory
 
     with one_line_errors():
-        results = out or next_run_directory(Path(full_path(directory)).name)
+        results = out or next_run_directory(os.path.basename(os.path.realpath(directory)))
         check_run_directory(results)
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")

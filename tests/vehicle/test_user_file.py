@@ -102,7 +102,20 @@ def test_a_path_with_a_null_character_is_refused() -> None:
             read("a\0b")
 
 
+def test_the_full_path_follows_links_of_folders_and_keeps_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A vehicle is a file if its name ends in ``.toml``, wherever a link of that name leads."""
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("folder")
+    (tmp_path / "folder" / "mine.toml").symlink_to("data")
+    monkeypatch.chdir(tmp_path)
+    assert full_path("link/mine.toml") == str(tmp_path.resolve() / "folder" / "mine.toml")
+    assert full_path("link/..") == full_path(".") == full_path("") == str(tmp_path.resolve())
+
+
 def test_the_full_path_of_a_circle_of_links_is_a_path(tmp_path: Path) -> None:
     """``Path.resolve`` raises RuntimeError for it."""
     (tmp_path / "circle").symlink_to("circle")
-    assert full_path(tmp_path / "circle").endswith("circle")
+    for name in ("circle", "circle/mine.toml"):
+        assert full_path(tmp_path / name).endswith(name)
