@@ -33,13 +33,13 @@ def check_run_directory(directory: Path) -> None:
     Raises:
         ValueError: if it is a file, contains anything but interrupted results, can not be replaced, or can not be made.
     """
-    if directory.exists() and not directory.is_dir():
-        raise ValueError(f"{directory} is a file: choose another name")
+    if os.path.lexists(directory) and not directory.is_dir():
+        raise ValueError(f"{directory} is a file or a broken link: choose another name")
     if directory.is_dir() and any(directory.iterdir()) and not _is_interrupted(directory):
         raise ValueError(f"directory {directory} is not empty: choose another, or remove it first")
-    if directory.is_dir() and (directory.is_mount() or directory.resolve() == Path.cwd()):
+    if directory.is_dir() and (directory.is_mount() or directory.samefile(Path.cwd())):
         raise ValueError(f"directory {directory} can not be replaced as a whole: name a new folder inside it")
-    parent = next(path for path in directory.resolve().parents if path.exists())
+    parent = next(path for path in _real(directory).parents if os.path.lexists(path))
     if not (parent.is_dir() and os.access(parent, os.W_OK)):
         raise ValueError(f"directory {directory} can not be made: no permission to write in {parent}")
 
@@ -50,7 +50,7 @@ def check_apart(first: Path, second: Path) -> None:
     Raises:
         ValueError: one line.
     """
-    one, other = first.resolve(), second.resolve()
+    one, other = _real(first), _real(second)
     if one.is_relative_to(other) or other.is_relative_to(one):
         raise ValueError(f"directories {first} and {second}: one contains the other; choose two apart from each other")
 
@@ -71,7 +71,7 @@ def appearing_at_once(directory: Path) -> Iterator[Path]:
         ValueError: if the directory has been filled meanwhile; the results then are in one of a similar name.
     """
     check_run_directory(directory)
-    directory = directory.resolve()
+    directory = _real(directory)
     directory.parent.mkdir(parents=True, exist_ok=True)
     _remove_left(directory)
     unfinished = directory.with_name(f".{directory.name}.{os.getpid()}.unfinished")
@@ -85,6 +85,10 @@ def appearing_at_once(directory: Path) -> Iterator[Path]:
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
         os.close(descriptor)
+
+
+def _real(path: Path) -> Path:
+    return Path(os.path.realpath(path))  # Path.resolve raises RuntimeError for links in a circle
 
 
 def _rename(unfinished: Path, directory: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,8 +26,8 @@ def check_study_directory(directory: Path, file: str = FILE) -> None:
     Raises:
         ValueError: one line.
     """
-    if directory.exists() and not directory.is_dir():
-        raise ValueError(f"{directory} is a file: choose another name")
+    if os.path.lexists(directory) and not directory.is_dir():
+        raise ValueError(f"{directory} is a file or a broken link: choose another name")
     if not directory.is_dir() or (directory / file).is_file():
         return
     if set(directory.iterdir()) - set(unfinished_files(directory)):

@@ -134,6 +134,11 @@ def test_what_can_not_become_a_run_directory_is_refused_beforehand(
         check_run_directory(tmp_path / "file")
     with pytest.raises(ValueError, match="can not be made"):
         check_run_directory(tmp_path / "file" / "a")
+    (tmp_path / "circle").symlink_to("circle")
+    with pytest.raises(ValueError, match=r"circle is a file or a broken link: choose another name"):
+        check_run_directory(tmp_path / "circle")
+    with pytest.raises(ValueError, match=r"circle/a can not be made"):
+        check_run_directory(tmp_path / "circle" / "a")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     with pytest.raises(ValueError, match="name a new folder inside it"):
