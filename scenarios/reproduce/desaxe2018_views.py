@@ -26,7 +26,7 @@ from scenarios.report.plots import ESTIMATED
 from scenarios.reproduce.desaxe2018_drive import with_estimator
 from scenarios.reproduce.desaxe2018_field import Facing, field_case
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Reproduction, compared
 from scenarios.results.log import Log, Signal
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame
@@ -58,12 +58,7 @@ def fig13(quick: bool, progress: Progress) -> Reproduction:
         title="Fig. 13: example views with matched features",
         source=SOURCE,
         comparisons=[
-            Comparison(
-                quantity=f"{name} cameras: matches of the pair shown",
-                published="400–800",
-                own=float(len(view.matches.current)),
-                unit="-",
-            )
+            compared(f"{name} cameras: matches of the pair shown", "400–800", float(len(view.matches.current)), "-")
             for name, view in zip(("rear", "side"), views, strict=True)
         ],
         notes=(

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
 from scenarios.report.plots import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction, compared
 from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import TraceStatistics
 
@@ -59,17 +59,13 @@ def table3(quick: bool, progress: Progress) -> Reproduction:
 def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
     rates = (got.false_positives, got.false_negatives, got.misidentified)
     names = ("false positives", "false negatives", "misidentified")
-    lines = [
-        Comparison(quantity=f"set {one.name}: frames", published=_FRAMES.get(one.name, ""), own=got.frames, unit="-")
-    ]
+    lines = [compared(f"set {one.name}: frames", _FRAMES.get(one.name, ""), got.frames, "-")]
     lines += [
-        Comparison(quantity=f"set {one.name}: {name}", published=published, own=rate, unit="%")
+        compared(f"set {one.name}: {name}", published, rate, "%")
         for name, published, rate in zip(names, _PUBLISHED.get(one.name, _UNPUBLISHED), rates, strict=True)
     ]
     published_rms = "< 2" if one.name in _FRAMES else ""
-    slip = Comparison(
-        quantity=f"set {one.name}: slip angle RMS", published=published_rms, own=math.degrees(got.rms), unit="deg"
-    )
+    slip = compared(f"set {one.name}: slip angle RMS", published_rms, math.degrees(got.rms), "deg")
     return [*lines, slip]
 
 

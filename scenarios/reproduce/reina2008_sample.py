@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from estimators.slip.wheel_trace.ftrace import CANDIDATES, Explanation, FTrace
 from scenarios.progress import Progress
 from scenarios.report.plots import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Reproduction, compared
 from scenarios.results.log import Log, Signal
 from sensors.sand.rig import nominal_rig
 from sensors.sand.sequence import labelled_sequence
@@ -45,8 +45,7 @@ def table2(quick: bool, progress: Progress) -> Reproduction:
         title="Table II: confidence match of the candidates in one image, best first",
         source=_SOURCE,
         comparisons=[
-            Comparison(quantity=f"candidate {k + 1}", published=f"{published[k]:.1f}", own=float(own[k]), unit="%")
-            for k in range(CANDIDATES)
+            compared(f"candidate {k + 1}", f"{published[k]:.1f}", float(own[k]), "%") for k in range(CANDIDATES)
         ],
         notes=_NOTES,
         data=_data(explanation, ground),
@@ -64,11 +63,11 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
         title="Fig. 6: FTrace on one image",
         source=_SOURCE,
         comparisons=[
-            Comparison(quantity="candidates", published="10", own=len(explanation.confidences), unit="-"),
-            Comparison(quantity="confidence of the trace", published="87", own=best, unit="%"),
-            Comparison(quantity="angle of the trace", published="0 (no slip)", own=math.degrees(theta), unit="deg"),
-            Comparison(quantity="distance of the trace from G", published="", own=d, unit="m"),
-            Comparison(quantity="distance of the trace from the wheel's centre", published="", own=offset, unit="m"),
+            compared("candidates", "10", len(explanation.confidences), "-"),
+            compared("confidence of the trace", "87", best, "%"),
+            compared("angle of the trace", "0 (no slip)", math.degrees(theta), "deg"),
+            compared("distance of the trace from G", "", d, "m"),
+            compared("distance of the trace from the wheel's centre", "", offset, "m"),
         ],
         notes=_NOTES,
         data=_data(explanation, ground),

@@ -21,7 +21,7 @@ from estimators.slip.wheel_trace.ftrace import FTrace
 from scenarios.progress import Progress
 from scenarios.randomness import stream
 from scenarios.report.plots import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Reproduction, compared
 from scenarios.results.log import Log, Signal
 from sensors.instruments.rover_navigation import LaserTracker
 from sensors.sand.rig import nominal_rig
@@ -67,21 +67,12 @@ def fig8(quick: bool, progress: Progress) -> Reproduction:
         title="Fig. 8: slip angle on a sandy slope of 5 degrees, driven straight ahead",
         source="Reina et al., ICRA 2008",
         comparisons=[
-            Comparison(quantity="RMS against laser and compass", published="< 2", own=_rms(ftrace, laser), unit="deg"),
-            Comparison(quantity="RMS against the truth", published="1.4", own=_rms(ftrace, true), unit="deg"),
-            Comparison(
-                quantity="images with an estimate", published="> 98", own=100.0 * np.isfinite(ftrace).mean(), unit="%"
-            ),
-            Comparison(quantity="largest true slip angle", published="", own=_largest(true), unit="deg"),
-            Comparison(
-                quantity="true slip in the first stage, RMS", published="0", own=_calm(time, true, calm), unit="deg"
-            ),
-            Comparison(
-                quantity="lateral drift from the initial heading line",
-                published="",
-                own=abs(float(rows[-1, 5])),
-                unit="m",
-            ),
+            compared("RMS against laser and compass", "< 2", _rms(ftrace, laser), "deg"),
+            compared("RMS against the truth", "1.4", _rms(ftrace, true), "deg"),
+            compared("images with an estimate", "> 98", 100.0 * np.isfinite(ftrace).mean(), "%"),
+            compared("largest true slip angle", "", _largest(true), "deg"),
+            compared("true slip in the first stage, RMS", "0", _calm(time, true, calm), "deg"),
+            compared("lateral drift from the initial heading line", "", abs(float(rows[-1, 5])), "m"),
         ],
         notes=(
             "The paper does not explain why there is no drift in the first 60 s; here the ground is level until then.",

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
 from scenarios.report.plots import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.figure import Comparison, Reproduction
+from scenarios.reproduce.figure import Comparison, Reproduction, compared
 from scenarios.reproduce.trace_sets import HARD, PLAIN, SLOPE, Table, TraceSet
 from scenarios.reproduce.trace_statistics import SIGMAS, TraceStatistics
 from sensors.sand.rover_pass import SlipProfile
@@ -62,10 +62,7 @@ def _comparisons(one: TraceSet, got: TraceStatistics) -> list[Comparison]:
         ("slip angle RMS, two seconds late", "", math.degrees(got.lagged_rms), "deg"),
         (f"errors within {SIGMAS} standard deviations", "", got.within, "%"),
     )
-    return [
-        Comparison(quantity=f"{one.name}: {quantity}", published=published, own=own, unit=unit)
-        for quantity, published, own, unit in rows
-    ]
+    return [compared(f"{one.name}: {quantity}", published, own, unit) for quantity, published, own, unit in rows]
 
 
 def _draw(results: Sequence[tuple[TraceSet, TraceStatistics]]) -> Figure:

@@ -6,7 +6,7 @@ On disk a log is a Parquet file in SI units; its schema holds the unit and meani
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Generic, TypeVar
@@ -23,6 +23,15 @@ from vehicle.user_file import shown
 HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
 LOST: Final = HEALTH[Health.LOST]
+
+MOTION: Final = (  # of a unit or a rover: name, unit and meaning
+    ("x", "m", "position east"),
+    ("y", "m", "position north"),
+    ("psi", "rad", "yaw, continuous"),
+    ("v_x", "m/s", "forward speed"),
+    ("v_y", "m/s", "lateral speed, + left"),
+    ("yaw_rate", "rad/s", "yaw rate"),
+)
 
 TruthT = TypeVar("TruthT")
 RecordT = TypeVar("RecordT")
@@ -43,6 +52,9 @@ class Signal:
     name: str
     unit: str  # "m", "rad", "m/s", "-" for a pure number
     description: str
+
+
+Column = tuple[Signal, Sequence[float] | FloatArray]  # a signal with its values (n_rows,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,8 +104,15 @@ class Log:
 
     __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
 
-    def with_signals(self, signals: Sequence[Signal], values: Sequence[FloatArray]) -> Log:
-        """The log with further signals; values are (n_rows,) each."""
+    @classmethod
+    def of(cls, columns: Iterable[Column]) -> Log:
+        """The log of these columns."""
+        signals, values = zip(*columns, strict=True)
+        return cls(signals, np.column_stack(values))
+
+    def with_columns(self, columns: Iterable[Column]) -> Log:
+        """The log with further columns."""
+        signals, values = zip(*columns, strict=True)
         return Log((*self.signals, *signals), np.column_stack([self.rows, *values]))
 
     def sha256(self) -> str:

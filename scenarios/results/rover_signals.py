@@ -12,10 +12,11 @@ import numpy as np
 from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import RoverPose
-from scenarios.results.log import HEALTH, Log, Row, Signal
+from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
+from vehicle.frames import FloatArray
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.truth import RoverTruth
 
@@ -61,76 +62,66 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
 
 def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Sequence[SlipAngle], path: Path) -> Log:
     """The log of a run along a path."""
+    return Log.of([*_true_columns(rig, rows, path), *_estimate_columns(rows, estimates)])
+
+
+def _true_columns(rig: TraceRig, rows: Sequence[RoverRow], path: Path) -> Iterator[Column]:
+    """Truth, commands and readings of every row."""
+    truths, records = [row.truth for row in rows], [row.record for row in rows]
+    yield Signal("tick", "ms", "time in whole ticks"), [truth.tick for truth in truths]
+    yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
+    motion = np.array([(*truth.pose, *truth.velocity) for truth in truths]).reshape(-1, len(MOTION))
+    yield from ((Signal(*signal), values) for signal, values in zip(MOTION, motion.T, strict=True))
+    direction = "direction of travel against the body's x axis, + left"
+    yield Signal("slip_angle_true", "rad", direction), [truth.slip_angle for truth in truths]
+    direction = "direction of travel of the left rear wheel against its heading, + left"
+    yield Signal("wheel_slip_true", "rad", direction), [truth.slip_angles[rig.watched] for truth in truths]
+    along = _along(path, truths)
+    yield Signal("station", "m", "distance along the path"), along[:, 0]
+    for k, wheel in enumerate(place.name for place in rig.wheels):
+        for name, unit, meaning, values in (
+            (f"slip_ratio_{wheel}", "-", "longitudinal slip", [truth.slip_ratios[k] for truth in truths]),
+            (f"sinkage_{wheel}", "m", "sinkage", [truth.sinkages[k] for truth in truths]),
+            (f"load_{wheel}", "N", "load normal to the ground", [truth.loads[k] for truth in truths]),
+            (f"steer_{wheel}", "rad", "steer angle against the body, + left", [truth.steer[k] for truth in truths]),
+            (f"steer_{wheel}_command", "rad", "its demand", [one.command.steer[k] for one in records]),
+            (f"wheel_speed_{wheel}", "rad/s", "speed of rotation", [truth.wheel_speeds[k] for truth in truths]),
+            (f"wheel_speed_{wheel}_command", "rad/s", "its demand", [one.command.wheel_speed[k] for one in records]),
+        ):
+            yield Signal(name, unit, meaning), values
+    yield Signal("compass", "rad", "heading by the compass, wrapped"), [one.readings.heading for one in records]
+    for name, meaning, poses in (
+        ("wheels", "by encoders and compass", [one.wheels_only for one in records]),
+        ("corrected", "by encoders, compass and slip angle", [one.corrected for one in records]),
+    ):
+        yield Signal(f"x_{name}", "m", f"position east, {meaning}"), [pose.x for pose in poses]
+        yield Signal(f"y_{name}", "m", f"position north, {meaning}"), [pose.y for pose in poses]
+    drift = Signal("drift_navigated", "rad", "slip angle that the driver compensates, + left")
+    yield drift, [one.navigated.drift for one in records]
+    laser = Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, some seconds old")
+    yield laser, [math.nan if one.laser_slip is None else one.laser_slip for one in records]
+    yield Signal("cross_track_true", "m", "lateral offset of R's origin from the path, + left"), along[:, 1]
+
+
+def _along(path: Path, truths: Sequence[RoverTruth]) -> FloatArray:
+    """Station and lateral offset over time, (n, 2) [m]."""
+    station, coordinates = 0.0, []
+    for truth in truths:
+        station, offset = path_coordinates(path, truth, station)
+        coordinates.append((station, offset))
+    return np.array(coordinates).reshape(-1, 2)
+
+
+def _estimate_columns(rows: Sequence[RoverRow], estimates: Sequence[SlipAngle]) -> Iterator[Column]:
+    """Estimates in the rows of their captures; NaN in the others."""
     index = {row.truth.tick: k for k, row in enumerate(rows)}
-    estimated = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
+    table = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
     for estimate in estimates:
         if estimate.tick in index:
-            estimated[index[estimate.tick], : len(_ESTIMATE)] = list(_estimate_values(estimate))
+            table[index[estimate.tick], : len(_ESTIMATE)] = list(_estimate_values(estimate))
         if estimate.lagged_tick in index:
-            estimated[index[estimate.lagged_tick], len(_ESTIMATE) :] = estimate.lagged_value, estimate.lagged_std
-    signals, values, station = tuple(_signals(rig)), [], 0.0
-    for row in rows:
-        station, cross_track = path_coordinates(path, row.truth, station)
-        values.append([*_values(rig, row, station), cross_track])
-    lateral = Signal("cross_track_true", "m", "lateral offset of R's origin from the path, + left")
-    table = np.array(values).reshape(len(rows), len(signals) + 1)
-    return Log((*signals, lateral, *_ESTIMATE, *_LAGGED), np.hstack([table, estimated]))
-
-
-def _signals(rig: TraceRig) -> Iterator[Signal]:
-    yield Signal("tick", "ms", "time in whole ticks")
-    yield Signal("time", "s", "time")
-    for name, unit, meaning in (
-        ("x", "m", "position east"),
-        ("y", "m", "position north"),
-        ("psi", "rad", "yaw, continuous"),
-        ("v_x", "m/s", "forward speed"),
-        ("v_y", "m/s", "lateral speed, + left"),
-        ("yaw_rate", "rad/s", "yaw rate"),
-    ):
-        yield Signal(name, unit, meaning)
-    yield Signal("slip_angle_true", "rad", "direction of travel against the body's x axis, + left")
-    yield Signal("wheel_slip_true", "rad", "direction of travel of the left rear wheel against its heading, + left")
-    yield Signal("station", "m", "distance along the path")
-    for wheel in (place.name for place in rig.wheels):
-        yield Signal(f"slip_ratio_{wheel}", "-", "longitudinal slip")
-        yield Signal(f"sinkage_{wheel}", "m", "sinkage")
-        yield Signal(f"load_{wheel}", "N", "load normal to the ground")
-        yield Signal(f"steer_{wheel}", "rad", "steer angle against the body, + left")
-        yield Signal(f"steer_{wheel}_command", "rad", "its demand")
-        yield Signal(f"wheel_speed_{wheel}", "rad/s", "speed of rotation")
-        yield Signal(f"wheel_speed_{wheel}_command", "rad/s", "its demand")
-    yield Signal("compass", "rad", "heading by the compass, wrapped")
-    for name, meaning in (("wheels", "by encoders and compass"), ("corrected", "by encoders, compass and slip angle")):
-        yield Signal(f"x_{name}", "m", f"position east, {meaning}")
-        yield Signal(f"y_{name}", "m", f"position north, {meaning}")
-    yield Signal("drift_navigated", "rad", "slip angle that the driver compensates, + left")
-    yield Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, some seconds old")
-
-
-def _values(rig: TraceRig, row: RoverRow, station: float) -> Iterator[float]:
-    truth, record, command = row.truth, row.record, row.record.command
-    yield truth.tick
-    yield truth.tick * TICK
-    yield from truth.pose
-    yield from truth.velocity
-    yield truth.slip_angle
-    yield truth.slip_angles[rig.watched]
-    yield station
-    for k in range(len(rig.wheels)):
-        yield truth.slip_ratios[k]
-        yield truth.sinkages[k]
-        yield truth.loads[k]
-        yield truth.steer[k]
-        yield command.steer[k]
-        yield truth.wheel_speeds[k]
-        yield command.wheel_speed[k]
-    yield record.readings.heading
-    for pose in (record.wheels_only, record.corrected):
-        yield pose.x
-        yield pose.y
-    yield record.navigated.drift
-    yield np.nan if record.laser_slip is None else record.laser_slip
+            table[index[estimate.lagged_tick], len(_ESTIMATE) :] = estimate.lagged_value, estimate.lagged_std
+    yield from zip((*_ESTIMATE, *_LAGGED), table.T, strict=True)
 
 
 def _estimate_values(estimate: SlipAngle) -> Iterator[float]:

@@ -12,18 +12,11 @@ from controllers.trailer import SteerCommand
 from estimators.calibration.self_calibration import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
 from scenarios.results import metrics
-from scenarios.results.log import HEALTH, Log, Row, Signal
+from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
 from vehicle.clock import TICK
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, inverse, planar
 
-_POSE = (("x", "m", "position east"), ("y", "m", "position north"), ("psi", "rad", "yaw, continuous"))
-_VELOCITY = (
-    ("v_x", "m/s", "forward speed"),
-    ("v_y", "m/s", "lateral speed, + left"),
-    ("yaw_rate", "rad/s", "yaw rate"),
-)
-_ATTITUDE = (("roll", "rad", "roll of the body in W"), ("pitch", "rad", "pitch of the body in W"))
 _ESTIMATE = (
     Signal("off_tracking_estimate", "m", "estimated off-tracking, at the tick of capture"),
     Signal("off_tracking_std", "m", "its standard deviation"),
@@ -81,8 +74,7 @@ def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, uni
         units: names of the units, tractor first.
         n_front: number of steered axles of the tractor.
     """
-    table = np.array([list(_values(row, n_front)) for row in rows])
-    log = Log(common := tuple(_signals(units, n_front)), table.reshape(len(rows), len(common)))
+    log = Log.of(_common_columns(rows, units, n_front))
     index = {row.truth.tick: k for k, row in enumerate(rows)}
     for place, trailer in enumerate(trailers):
         columns = [
@@ -90,10 +82,9 @@ def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, uni
             *_estimate_columns(index, trailer),
             *_true_columns(log, trailer),
         ]
-        signals, values = zip(*columns, strict=True)
-        log = log.with_signals([_of(trailer.name, signal) for signal in signals], values)
+        log = log.with_columns((_of(trailer.name, signal), values) for signal, values in columns)
         if place == len(trailers) - 1:
-            log = log.with_signals(signals, values)
+            log = log.with_columns(columns)
     return log
 
 
@@ -101,7 +92,40 @@ def _of(trailer: str, signal: Signal) -> Signal:
     return Signal(f"{signal.name}_{trailer}", signal.unit, f"{trailer}: {signal.description}")
 
 
-Column = tuple[Signal, FloatArray]
+def unit_columns(truths: Sequence[Truth], unit: int, name: str) -> Iterator[Column]:
+    """Pose, velocity and roll of a unit over time."""
+    motion = np.array([(*truth.poses[unit], *truth.velocities[unit]) for truth in truths]).reshape(-1, len(MOTION))
+    for (quantity, dimension, meaning), values in zip(MOTION, motion.T, strict=True):
+        yield Signal(f"{quantity}_{name}", dimension, f"{name}: {meaning}"), values
+    roll = [np.arctan2(*truth.bodies[unit][2, 1:3]) for truth in truths]
+    yield Signal(f"roll_{name}", "rad", f"{name}: roll of the body in W"), roll
+
+
+def tyre_columns(truths: Sequence[Truth]) -> Iterator[Column]:
+    """Largest use of friction and smallest load of all wheels over time."""
+    used = Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses")
+    yield used, [truth.friction_used.max() for truth in truths]
+    yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel"), [t.wheel_loads.min() for t in truths]
+
+
+def _common_columns(rows: Sequence[TrailerRow], units: Sequence[str], n_front: int) -> Iterator[Column]:
+    truths, drivers = [row.truth for row in rows], [row.record.driver for row in rows]
+    yield Signal("tick", "ms", "time in whole ticks"), [truth.tick for truth in truths]
+    yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
+    for k, unit in enumerate(units):
+        yield from unit_columns(truths, k, unit)
+        pitch = Signal(f"pitch_{unit}", "rad", f"{unit}: pitch of the body in W")
+        yield pitch, [-np.arcsin(truth.bodies[k][2, 0]) for truth in truths]
+    for k in range(n_front):
+        ending, axle = (f"_{k + 1}", f"steered axle {k + 1}") if k else ("", "the foremost axle")
+        steer = Signal(f"steer_tractor{ending}", "rad", f"tractor: road-wheel angle of {axle}, + left")
+        yield steer, [truth.steer[k] for truth in truths]
+    demand = Signal("steer_tractor_command", "rad", "the driver's demand for the foremost axle")
+    yield demand, [driver.steer for driver in drivers]
+    meaning = "the driver's demand: above 0 drives in the direction of the gear, below 0 brakes"
+    yield Signal("acceleration_command", "m/s2", meaning), [driver.acceleration for driver in drivers]
+    yield Signal("gear", "-", "+1 forward, -1 backward"), [driver.gear for driver in drivers]
+    yield from tyre_columns(truths)
 
 
 def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack) -> Iterator[Column]:
@@ -135,43 +159,6 @@ def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:
     yield Signal("off_tracking_true", "m", "lateral distance from the follow point to the hitch's path, + left"), true
     if trailer.reference is not None:
         yield Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit"), trailer.reference
-
-
-def _signals(units: Sequence[str], n_front: int) -> Iterator[Signal]:
-    yield Signal("tick", "ms", "time in whole ticks")
-    yield Signal("time", "s", "time")
-    for unit in units:
-        for name, dimension, meaning in (*_POSE, *_VELOCITY, *_ATTITUDE):
-            yield Signal(f"{name}_{unit}", dimension, f"{unit}: {meaning}")
-    yield Signal("steer_tractor", "rad", "tractor: road-wheel angle of the foremost axle, + left")
-    for k in range(2, n_front + 1):
-        yield Signal(f"steer_tractor_{k}", "rad", f"tractor: road-wheel angle of steered axle {k}, + left")
-    yield Signal("steer_tractor_command", "rad", "the driver's demand for the foremost axle")
-    yield Signal(
-        "acceleration_command",
-        "m/s2",
-        "the driver's demand: above 0 drives in the direction of the gear, below 0 brakes",
-    )
-    yield Signal("gear", "-", "+1 forward, -1 backward")
-    yield Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses")
-    yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel")
-
-
-def _values(row: TrailerRow, n_front: int) -> Iterator[float]:
-    truth, driver = row.truth, row.record.driver
-    yield truth.tick
-    yield truth.tick * TICK
-    for pose, velocity, X_WB in zip(truth.poses, truth.velocities, truth.bodies, strict=True):
-        yield from pose
-        yield from velocity
-        yield float(np.arctan2(X_WB[2, 1], X_WB[2, 2]))
-        yield float(-np.arcsin(X_WB[2, 0]))
-    yield from truth.steer[:n_front]
-    yield driver.steer
-    yield driver.acceleration
-    yield driver.gear
-    yield float(truth.friction_used.max())
-    yield float(truth.wheel_loads.min())
 
 
 def _estimate_values(estimate: Estimate, X_SC: FloatArray | None) -> tuple[float, ...]:

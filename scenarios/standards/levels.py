@@ -6,7 +6,7 @@ Most of these numbers are from memory, not from the text of the standards; the t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Final
 
 from scenarios.standards.manoeuvre import Figures
@@ -17,13 +17,14 @@ _DIRECTIVE: Final = "97/27/EC"
 _SWEDISH: Final = "HCT (Sweden), typical"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Criterion:
     """Limits of a standard on a quantity, strictest first."""
 
     quantity: str
     standard: str
     bounds: tuple[tuple[str, float], ...]  # level and its limit; a single limit has the level ""
+    _: KW_ONLY
     at_most: bool = True  # True: the limit is an upper one; False: a lower one
     times: str | None = None  # the limits are multiples of this other quantity
     source: str
@@ -72,54 +73,35 @@ def _single(bound: float) -> tuple[tuple[str, float], ...]:
 
 
 CRITERIA: Final = (
-    Criterion(quantity="swept_path_m", standard=_PBS, bounds=_levels(7.4, 8.7, 10.6, 13.7), source=_MEMORY),
-    Criterion(quantity="swept_path_m", standard=_SWEDISH, bounds=_single(8.5), source="OpenPBS documentation"),
-    Criterion(quantity="frontal_swing_m", standard=_PBS, bounds=_single(0.7), source=_MEMORY),
-    Criterion(quantity="frontal_swing_mod_m", standard=_PBS, bounds=_single(0.4), source=_MEMORY),
-    Criterion(quantity="frontal_swing_dom_m", standard=_PBS, bounds=_single(0.2), source=_MEMORY),
-    Criterion(quantity="tail_swing_entry_m", standard=_PBS, bounds=_levels(0.30, 0.35, 0.35, 0.50), source=_MEMORY),
+    Criterion("swept_path_m", _PBS, _levels(7.4, 8.7, 10.6, 13.7), source=_MEMORY),
+    Criterion("swept_path_m", _SWEDISH, _single(8.5), source="OpenPBS documentation"),
+    Criterion("frontal_swing_m", _PBS, _single(0.7), source=_MEMORY),
+    Criterion("frontal_swing_mod_m", _PBS, _single(0.4), source=_MEMORY),
+    Criterion("frontal_swing_dom_m", _PBS, _single(0.2), source=_MEMORY),
+    Criterion("tail_swing_entry_m", _PBS, _levels(0.30, 0.35, 0.35, 0.50), source=_MEMORY),
     Criterion(
-        quantity="tail_swing_exit_m",
-        standard=_PBS,
-        bounds=_levels(0.30, 0.35, 0.35, 0.50),
+        "tail_swing_exit_m",
+        _PBS,
+        _levels(0.30, 0.35, 0.35, 0.50),
         source="from memory, for the entry; applied to the exit too, as steered trailers swing there",
     ),
-    Criterion(quantity="steer_friction_demand", standard=_PBS, bounds=_single(0.80), source=_MEMORY),
+    Criterion("steer_friction_demand", _PBS, _single(0.80), source=_MEMORY),
     Criterion(
-        quantity="roundabout_inner_radius_m",
-        standard=_DIRECTIVE,
-        bounds=_single(5.30),
-        at_most=False,
-        source="extracts of 97/27/EC 7.6.1, read",
+        "roundabout_inner_radius_m", _DIRECTIVE, _single(5.30), at_most=False, source="extracts of 97/27/EC 7.6.1, read"
     ),
+    Criterion("roundabout_tail_swing_m", _DIRECTIVE, _single(0.80), source="from memory, for rigid vehicles on entry"),
     Criterion(
-        quantity="roundabout_tail_swing_m",
-        standard=_DIRECTIVE,
-        bounds=_single(0.80),
-        source="from memory, for rigid vehicles on entry",
-    ),
-    Criterion(
-        quantity="rearward_amplification",
-        standard=_PBS,
-        bounds=_single(5.7),
+        "rearward_amplification",
+        _PBS,
+        _single(5.7),
         times="rollover_threshold_g",
         source="from memory: 5.7 times the static rollover threshold in g",
     ),
-    Criterion(quantity="transient_off_tracking_m", standard=_PBS, bounds=_levels(0.6, 0.8, 1.0, 1.2), source=_MEMORY),
-    Criterion(quantity="tracking_width_m", standard=_PBS, bounds=_levels(2.9, 3.0, 3.1, 3.3), source=_MEMORY),
-    Criterion(quantity="yaw_damping", standard=_PBS, bounds=_single(0.15), at_most=False, source=_MEMORY),
+    Criterion("transient_off_tracking_m", _PBS, _levels(0.6, 0.8, 1.0, 1.2), source=_MEMORY),
+    Criterion("tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_MEMORY),
+    Criterion("yaw_damping", _PBS, _single(0.15), at_most=False, source=_MEMORY),
     Criterion(
-        quantity="rollover_threshold_g",
-        standard=_PBS,
-        bounds=(("dangerous goods", 0.40), ("general", 0.35)),
-        at_most=False,
-        source=_MEMORY,
+        "rollover_threshold_g", _PBS, (("dangerous goods", 0.40), ("general", 0.35)), at_most=False, source=_MEMORY
     ),
-    Criterion(
-        quantity="rollover_acceleration_m_s2",
-        standard=_SWEDISH,
-        bounds=_single(3.5),
-        at_most=False,
-        source="OpenPBS documentation",
-    ),
+    Criterion("rollover_acceleration_m_s2", _SWEDISH, _single(3.5), at_most=False, source="OpenPBS documentation"),
 )

@@ -15,7 +15,8 @@ from scenarios.loop.combination import CombinationPilot, SteeredTrailer
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
-from scenarios.results.log import Log, Signal
+from scenarios.results.log import Column, Log, Signal
+from scenarios.results.trailer_signals import tyre_columns, unit_columns
 from scenarios.standards.pilots import steered_trailer
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
@@ -27,23 +28,6 @@ from vehicle.surface import Surface
 MemoryT = TypeVar("MemoryT")
 
 PERIOD: Final = to_ticks(DRIVER_PERIOD, "control period")  # of pilots and log alike [ticks]
-
-_UNIT: Final = (
-    ("x", "m", "position east"),
-    ("y", "m", "position north"),
-    ("psi", "rad", "yaw, continuous"),
-    ("v_x", "m/s", "forward speed"),
-    ("v_y", "m/s", "lateral speed of the frame's origin, + left"),
-    ("yaw_rate", "rad/s", "yaw rate"),
-    ("roll", "rad", "roll of the body in W"),
-    ("load_transfer", "-", "right less left wheel loads over their sum"),
-)
-_WHOLE: Final = (
-    Signal("steer_tractor", "rad", "road-wheel angle of the first steered axle, + left"),
-    Signal("friction_used_steer", "-", "horizontal over available tyre force, all wheels of the first steered axle"),
-    Signal("friction_used_max", "-", "largest share of the available friction that any tyre uses"),
-    Signal("wheel_load_min", "N", "smallest vertical load of any wheel"),
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -118,25 +102,22 @@ def drive(
 
 def drive_log(vehicle: Vehicle, truths: Sequence[Truth]) -> Log:
     """The log of a drive, a row for each of the truths, in the names of a run's log."""
-    units = [unit.name for unit in vehicle.units]
+    return Log.of(_columns(vehicle, truths))
+
+
+def _columns(vehicle: Vehicle, truths: Sequence[Truth]) -> Iterator[Column]:
+    yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
+    for k, unit in enumerate(vehicle.units):
+        yield from unit_columns(truths, k, unit.name)
+        transfer = Signal(f"load_transfer_{unit.name}", "-", f"{unit.name}: right less left wheel loads over their sum")
+        yield transfer, [truth.load_transfer[k] for truth in truths]
+    steer = Signal("steer_tractor", "rad", "road-wheel angle of the first steered axle, + left")
+    yield steer, [truth.steer[0] for truth in truths]
     tractor = vehicle.units[0]
     first = tractor.axles.index(tractor.steered_axles[0])
     wheels = slice(2 * first, 2 * first + 2)  # wheels are listed axle by axle, tractor first
-    rows = np.array([list(_values(truth, wheels)) for truth in truths])
-    per_unit = tuple(Signal(f"{name}_{u}", unit, f"{u}: {meaning}") for u in units for name, unit, meaning in _UNIT)
-    return Log((Signal("time", "s", "time"), *per_unit, *_WHOLE), rows)
-
-
-def _values(truth: Truth, wheels: slice) -> Iterator[float]:
-    yield truth.tick * TICK
-    for pose, velocity, X_WB, transfer in zip(
-        truth.poses, truth.velocities, truth.bodies, truth.load_transfer, strict=True
-    ):
-        yield from pose
-        yield from velocity
-        yield float(np.arctan2(X_WB[2, 1], X_WB[2, 2]))
-        yield float(transfer)
-    yield float(truth.steer[0])
-    yield float(np.average(truth.friction_used[wheels], weights=truth.wheel_loads[wheels]))
-    yield float(truth.friction_used.max())
-    yield float(truth.wheel_loads.min())
+    used = Signal(
+        "friction_used_steer", "-", "horizontal over available tyre force, all wheels of the first steered axle"
+    )
+    yield used, [np.average(truth.friction_used[wheels], weights=truth.wheel_loads[wheels]) for truth in truths]
+    yield from tyre_columns(truths)

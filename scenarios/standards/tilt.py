@@ -43,9 +43,8 @@ class TiltTable(Surface):
 def tilt(vehicle: Vehicle) -> Manoeuvre:
     """Tilt the combination on a table, left side up."""
     slopes, truths, outcome = _tilted(vehicle)
-    log = drive_log(vehicle, truths).with_signals(
-        [Signal("slope", "-", "lateral slope of the table, + left side up")], [slopes]
-    )
+    slope = Signal("slope", "-", "lateral slope of the table, + left side up")
+    log = drive_log(vehicle, truths).with_columns([(slope, slopes)])
     return Manoeuvre(
         key="tilt",
         title="Static rollover threshold",

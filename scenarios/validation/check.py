@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Final, Literal, NamedTuple, get_args
 
 from vehicle.frames import FloatArray
@@ -13,15 +13,16 @@ Verdict = Literal["passed", "failed", "skipped"]
 VERDICTS: Final = get_args(Verdict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Check:
     """A value that must lie within ``tolerance`` of ``target``."""
 
     name: str
     value: float | None  # None: not available; ``remark`` has the reason
+    unit: str
+    _: KW_ONLY
     target: float
     tolerance: float
-    unit: str
     source: str  # of the target: a publication or a derivation
     remark: str = ""
 

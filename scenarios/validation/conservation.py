@@ -28,11 +28,11 @@ def conservation(vehicle: Vehicle) -> tuple[Check, ...]:
     bounds = (("energy", 1e-12), ("momentum", 1e-11), ("angular momentum", 3e-10))
     return tuple(
         Check(
-            name=f"{n} units, {_FREE:g} s without forces: relative change of {name}",
-            value=float(np.linalg.norm(b - a) / np.linalg.norm(a)),
+            f"{n} units, {_FREE:g} s without forces: relative change of {name}",
+            float(np.linalg.norm(b - a) / np.linalg.norm(a)),
+            "",
             target=0.0,
             tolerance=bound,
-            unit="",
             source=_MECHANICS,
         )
         for (name, bound), a, b in zip(bounds, before, after, strict=True)

@@ -37,11 +37,11 @@ def design_vehicles(quick: bool) -> Section:
     turns = [(design, *_turned(design)) for design in _designs()[: 2 if quick else 3]]
     checks = tuple(
         Check(
-            name=f"{design.name}: minimum inside radius, 180° turn on {design.radius:g} ft",
-            value=float(_radii(design, centre, poses).min()) / _FOOT,
+            f"{design.name}: minimum inside radius, 180° turn on {design.radius:g} ft",
+            float(_radii(design, centre, poses).min()) / _FOOT,
+            "ft",
             target=design.inside,
             tolerance=design.tolerance,
-            unit="ft",
             source=design.source,
         )
         for design, centre, poses in turns

@@ -39,11 +39,11 @@ def integration(quick: bool) -> Section:
         "default step of 1 ms. The metrics of a closed-loop roundabout with half of that step.",
         checks=(
             Check(
-                name="braking into a turn: order of the position error, from 1 ms to 0.5 ms",
-                value=float(np.diff(np.log(errors[-2:]))[0] / np.diff(np.log(steps[-2:]))[0]),
+                "braking into a turn: order of the position error, from 1 ms to 0.5 ms",
+                float(np.diff(np.log(errors[-2:]))[0] / np.diff(np.log(steps[-2:]))[0]),
+                "",
                 target=2.0,
                 tolerance=0.1,
-                unit="",
                 source=_METHOD,
             ),
             *_difficult_cases(vehicle),
@@ -90,27 +90,27 @@ def _difficult_cases(vehicle: Vehicle) -> tuple[Check, ...]:
     stopping = _default_error(vehicle, 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
     return (
         Check(
-            name="held by its brakes on a 5 % hill: creep",
-            value=1e3 * _creep(vehicle),
+            "held by its brakes on a 5 % hill: creep",
+            1e3 * _creep(vehicle),
+            "mm/s",
             target=0.0,
             tolerance=1.0,
-            unit="mm/s",
             source="brakes hold",
         ),
         Check(
-            name="4 s of wheelspin on friction 0.1: position error",
-            value=1e3 * spinning,
+            "4 s of wheelspin on friction 0.1: position error",
+            1e3 * spinning,
+            "mm",
             target=0.0,
             tolerance=5.0,
-            unit="mm",
             source="the same at a quarter of the step",
         ),
         Check(
-            name="8 m/s braked to a stop on friction 0.1: position error",
-            value=1e3 * stopping,
+            "8 m/s braked to a stop on friction 0.1: position error",
+            1e3 * stopping,
+            "mm",
             target=0.0,
             tolerance=10.0,
-            unit="mm",
             source="the same at a quarter of the step",
         ),
     )
@@ -143,11 +143,11 @@ def _half_step(vehicle: Vehicle) -> tuple[Check, ...]:
     whole, half = metrics
     return tuple(
         Check(
-            name=f"roundabout at 15 km/h, step halved: change of {name}",
-            value=100.0 * (half[name] / whole[name] - 1.0),
+            f"roundabout at 15 km/h, step halved: change of {name}",
+            100.0 * (half[name] / whole[name] - 1.0),
+            "%",
             target=0.0,
             tolerance=1.0,
-            unit="%",
             source="the same run at half the step",
         )
         for name in whole

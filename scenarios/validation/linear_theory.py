@@ -74,7 +74,7 @@ def _modes(model: LateralModel) -> tuple[Check, ...]:
 
 
 def _relative(name: str, value: float, target: float, unit: str) -> Check:
-    return Check(name=name, value=value, target=target, tolerance=_RELATIVE * abs(target), unit=unit, source=_AUDIT)
+    return Check(name, value, unit, target=target, tolerance=_RELATIVE * abs(target), source=_AUDIT)
 
 
 def _gains(vehicle: Vehicle, model: LateralModel) -> tuple[Check, ...]:
@@ -106,11 +106,11 @@ def _trailer_steer(vehicle: Vehicle) -> tuple[Check, ...]:
             ("steady yaw rate over trailer steer", "yaw_rate_0", 0.0, "1/s"))  # fmt: skip
     return tuple(
         Check(
-            name=name,
-            value=model.steady_gain(output, "trailer_steer_0"),
+            name,
+            model.steady_gain(output, "trailer_steer_0"),
+            unit,
             target=target,
             tolerance=_RELATIVE,
-            unit=unit,
             source="in steady state the trailer's wheels run straight ahead, so its articulation equals their angle",
         )
         for name, output, target, unit in rows

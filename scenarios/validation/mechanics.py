@@ -73,11 +73,11 @@ def _derivations(vehicle: Vehicle) -> tuple[Check, ...]:
     )
     return tuple(
         Check(
-            name=f"N = {n}, {_STATES} random states: accelerations against {name}, relative",
-            value=difference,
+            f"N = {n}, {_STATES} random states: accelerations against {name}, relative",
+            difference,
+            "",
             target=0.0,
             tolerance=1e-9,
-            unit="",
             source=source,
         )
         for name, difference, source in rows
@@ -102,11 +102,11 @@ def _friction_circle(vehicle: Vehicle, count: int) -> Check:
     outputs = np.array(compiled_output(vehicle).map(count)(_states(vehicle, rng, count), _inputs(vehicle, rng, count)))
     used = Output(*parts(outputs, output_sizes(vehicle))).friction_used
     return Check(
-        name=f"{vehicle.n_wheels} wheels in {count} random states: horizontal force beyond friction times load",
-        value=max(0.0, float(used.max()) - 1.0),
+        f"{vehicle.n_wheels} wheels in {count} random states: horizontal force beyond friction times load",
+        max(0.0, float(used.max()) - 1.0),
+        "",
         target=0.0,
         tolerance=1e-12,
-        unit="",
         source="Coulomb's law; tolerance: rounding",
     )
 

@@ -64,19 +64,19 @@ def _limit_checks(turns: dict[float, list[_Turn]]) -> tuple[Check, ...]:
             source="side force and slip are proportional to the square of speed",
         ),
         Check(
-            name=f"distance on friction {most:g} at {speeds[0]:.2g} m/s",
-            value=float(distances[0]),
+            f"distance on friction {most:g} at {speeds[0]:.2g} m/s",
+            float(distances[0]),
+            "m",
             target=0.0,
             tolerance=0.01,
-            unit="m",
             source="no slip without side force",
         ),
         Check(
-            name=f"distance on friction {most:g} over that on {least:g}, at {speeds[-1]:.2g} m/s",
-            value=turns[most][-1].distance / turns[least][-1].distance,
+            f"distance on friction {most:g} over that on {least:g}, at {speeds[-1]:.2g} m/s",
+            turns[most][-1].distance / turns[least][-1].distance,
+            "",
             target=0.5,
             tolerance=0.5,
-            unit="",
             source="less slip with more friction: between 0 and 1",
         ),
     )
@@ -111,11 +111,11 @@ def _slalom_checks() -> tuple[Check, ...]:
     rows = (("position", 0.01, "m"), ("yaw", 0.02, "°"), ("articulation", 0.02, "°"))
     return tuple(
         Check(
-            name=f"slalom of {_SLALOM_SPEED * _SLALOM_TIME:g} m: largest difference of {name}",
-            value=value,
+            f"slalom of {_SLALOM_SPEED * _SLALOM_TIME:g} m: largest difference of {name}",
+            value,
+            unit,
             target=0.0,
             tolerance=tolerance,
-            unit=unit,
             source=f"{PACKAGE}, kinematic single-track model with a trailer (KST)",
             remark="" if installed() else "not installed: pip install commonroad-vehicle-models",
         )

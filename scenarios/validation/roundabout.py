@@ -86,7 +86,7 @@ def _checks(case: _Case, vehicle: Vehicle, course: Course, poses: FloatArray) ->
         ),
     )
     return tuple(
-        Check(name=f"{case.name}: {name}", value=value, target=target, tolerance=tolerance, unit=unit, source=_SOURCE)
+        Check(f"{case.name}: {name}", value, unit, target=target, tolerance=tolerance, source=_SOURCE)
         for name, value, target, tolerance, unit in rows
     )
 

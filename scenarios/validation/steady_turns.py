@@ -67,11 +67,11 @@ def _front_axle_off_tracking(radius: float) -> float:
 
 def _whi_check(radius: float, value: float, published: float) -> Check:
     return Check(
-        name=f"off-tracking of the trailer's axle, front axle on {radius:g} m",
-        value=value,
+        f"off-tracking of the trailer's axle, front axle on {radius:g} m",
+        value,
+        "m",
         target=published,
         tolerance=_MILLIMETRE,
-        unit="m",
         source="WHI and SAE formula: R - sqrt(R² - L1² + h² - L2²)",
     )
 
@@ -94,11 +94,11 @@ def _whi_plot(simulated: dict[float, float]) -> Plot:
 def _follow_check(radius: float, axle: float, follow: float) -> Check:
     vehicle = gripping(_rig(length=axle, hitch_x=0.0, follow=follow))
     return Check(
-        name=f"off-tracking of the follow point {follow:g} m behind a hitch on {radius:g} m, axle at {axle:g} m",
-        value=-_off_tracking(_settled(vehicle, radius, axle), follow),
+        f"off-tracking of the follow point {follow:g} m behind a hitch on {radius:g} m, axle at {axle:g} m",
+        -_off_tracking(_settled(vehicle, radius, axle), follow),
+        "m",
         target=closed_forms.follow_point_off_tracking(radius, axle, follow),
         tolerance=_MILLIMETRE,
-        unit="m",
         source="sqrt(R² - (Lf - La)²) - sqrt(R² - La²), square to the trailer's axis",
     )
 
@@ -139,19 +139,19 @@ def _path_following_checks() -> tuple[Check, ...]:
     wheels = truths[-1].wheel_slip_angles[-2 * len(distances) :]
     return (
         Check(
-            name=f"off-tracking {follow:g} m behind a hitch on {hitch_radius:g} m, all axles by the path-following law",
-            value=_off_tracking(truths, follow),
+            f"off-tracking {follow:g} m behind a hitch on {hitch_radius:g} m, all axles by the path-following law",
+            _off_tracking(truths, follow),
+            "m",
             target=0.0,
             tolerance=_MILLIMETRE,
-            unit="m",
             source="tan δ(x) = -(x - Lf/2) / sqrt(R² - Lf²/4) at each axle",
         ),
         Check(
-            name="path-following law: largest slip angle of the trailer's wheels",
-            value=math.degrees(float(np.abs(wheels).max())),
+            "path-following law: largest slip angle of the trailer's wheels",
+            math.degrees(float(np.abs(wheels).max())),
+            "°",
             target=0.0,
             tolerance=0.01,
-            unit="°",
             source="common turning centre: no wheel slips",
         ),
     )

@@ -34,11 +34,11 @@ def tractrix(quick: bool) -> Section:
             _angle(f"R = {radius:g} m, L = {length:g} m: articulation after 90°", turned, articulation, 90.0, at_90),
             _angle(f"R = {radius:g} m, L = {length:g} m: articulation after 180°", turned, articulation, 180.0, at_180),
             Check(
-                name=f"R = {radius:g} m, L = {length:g} m: largest distance from the closed form",
-                value=math.degrees(float(np.abs(articulation - exact).max())),
+                f"R = {radius:g} m, L = {length:g} m: largest distance from the closed form",
+                math.degrees(float(np.abs(articulation - exact).max())),
+                "°",
                 target=0.0,
                 tolerance=1e-3,
-                unit="°",
                 source="tractrix onto a circle, closed form with the half-angle tangent",
             ),
         ]

@@ -68,7 +68,7 @@ def test_every_nan_is_the_same_nan() -> None:
 
 def test_a_signal_can_be_added_after_the_run() -> None:
     """The true off-tracking needs the whole path."""
-    log = a_log().with_signals([Signal("true", "m", "truth")], [np.array([1.0, 2.0, 3.0])])
+    log = a_log().with_columns([(Signal("true", "m", "truth"), np.array([1.0, 2.0, 3.0]))])
     assert log.names == ("time", "e", "std", "true")
     assert log["true"].tolist() == [1.0, 2.0, 3.0]
     assert "true" in log
