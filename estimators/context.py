@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Protocol, Self, TypeAlias
 import numpy as np
 
 from estimators.estimates import CameraOffTracking, OffTracking, SlipAngle
-from estimators.odometry.protocol import Odometry
-from estimators.protocol import Estimator
+from estimators.protocol import Estimator, Odometry
 from estimators.rover_geometry import RoverGeometry
 from sensors.camera.rig import StereoCalibration
 from sensors.sand.trace_rig import TraceRig

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol, TypeVar
 
+from estimators.estimates import Motion
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
+
 Memory = TypeVar("Memory")
 MessageT_contra = TypeVar("MessageT_contra", contravariant=True)
 EstimateT_co = TypeVar("EstimateT_co", covariant=True)
@@ -17,3 +21,19 @@ class Estimator(Protocol[Memory, MessageT_contra, EstimateT_co]):
 
     def step(self, memory: Memory, message: MessageT_contra, /) -> tuple[Memory, EstimateT_co | None]:
         """Memory after the message, and the estimate at its tick if there is a new one."""
+
+
+class Odometry(Estimator[Memory, StereoFrame, Motion], Protocol[Memory]):
+    """Motion of the left camera from frame to frame, constructed from a `StereoCalibration`; None for the first."""
+
+
+def above_ground(calibration: StereoCalibration) -> StereoCalibration:
+    """Return the calibration if its left camera is above the ground.
+
+    Raises:
+        ValueError: if the left camera is not above the ground.
+    """
+    height = float(calibration.X_SC[2, 3])
+    if not height > 0.0:
+        raise ValueError(f"camera height X_SC[2, 3] = {height} m must be positive")
+    return calibration

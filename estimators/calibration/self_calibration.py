@@ -20,8 +20,7 @@ from estimators.calibration.right_rotation import RightRotation, straightened
 from estimators.calibration.rotation_fit import Estimate, from_motion, from_rows
 from estimators.calibration.rotation_views import FEWEST, View, new_view, rematched
 from estimators.estimates import Health, Motion
-from estimators.odometry.protocol import Odometry
-from estimators.protocol import Memory
+from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import chained, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

@@ -7,17 +7,33 @@ Zhang 2000: Z. Zhang, "A flexible new technique for camera calibration", IEEE PA
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from estimators.calibration.board_views import BoardView, Corners
-from estimators.calibration.single_thread import single_thread
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.lens import CameraModel
 from vehicle.frames import FloatArray, so3_exp
+
+
+@contextmanager
+def single_thread() -> Iterator[None]:
+    """Run OpenCV on one thread, for calibrations that must be equal to the bit from run to run.
+
+    ``cv2.calibrateCamera`` and ``cv2.stereoCalibrate`` sum the normal equations in the order in which threads finish.
+    The setting is global; it is restored at the end.
+    """
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
 
 FEWEST = 8  # photographs: with fewer the distortion follows the noise
 _OUTLIER, _OUTLIER_LEAST = 2.5, 0.3  # an image is dropped if its error exceeds both: [median errors], [px]

@@ -18,8 +18,8 @@ from estimators.calibration.single_camera import (
     camera_model,
     corners_of,
     error_limit,
+    single_thread,
 )
-from estimators.calibration.single_thread import single_thread
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.calibration_target import Checkerboard
 from sensors.camera.lens import CameraModel

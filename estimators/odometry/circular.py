@@ -16,8 +16,8 @@ from estimators.estimates import Health, Motion
 from estimators.odometry.circular_matching import Matches, match
 from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.pose import Observations, Solution, point_covariance, refined
-from estimators.odometry.protocol import above_ground
 from estimators.odometry.ransac import consensus
+from estimators.protocol import above_ground
 from estimators.rigid_motion import stretched
 from estimators.stereo_geometry import triangulate
 from sensors.camera.rig import StereoCalibration

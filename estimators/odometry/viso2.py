@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
 from estimators.odometry.circular_matching import Matches
-from estimators.odometry.protocol import above_ground
 from estimators.odometry.ransac import consensus
 from estimators.odometry.reprojection import linearised
-from estimators.odometry.velocity_filter import Velocity, expected_motion, started, updated
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
-from estimators.rigid_motion import UncertainMotion
+from estimators.protocol import above_ground
+from estimators.rigid_motion import UncertainMotion, rotation_vector
 from estimators.stereo_geometry import triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
+# Density of white jerk: 6 m/s3 and 3 rad/s3 for a tenth of a second, as in braking and as a trailer's body rolls and
+# pitches over bumps.
+_JERK = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # [rad/s3/sqrt(Hz)], [m/s3/sqrt(Hz)]
+_START = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])  # initial standard deviation of the acceleration [rad/s2], [m/s2]
 NEAR, _FAR = 24.0, 60.0  # search radius around the prediction, and around no motion without one [px]
 _GATE = 2.0  # largest reprojection error of an inlier: four roundings and their effect on the point [px]
 _FEWEST_INLIERS = 12  # two for each unknown
@@ -32,6 +36,14 @@ _ITERATIONS = 20  # of Gauss-Newton, at most
 _CONVERGED = 1e-6  # [rad, m]
 _CORRELATION = 1.6  # factor for correlated rounding errors: measured
 _BOTH_ROWS = np.array([1.0, 2.0, 1.0])  # weights: the row is the mean of two images
+
+
+class Velocity(NamedTuple):
+    """Velocity and acceleration of six components (rotation, then translation) at a tick, each with its covariance."""
+
+    tick: int
+    state: FloatArray  # (6, 2) velocity [rad/s, m/s], acceleration [rad/s2, m/s2]
+    covariance: FloatArray  # (6, 2, 2)
 
 
 class Viso2Memory(NamedTuple):
@@ -142,3 +154,42 @@ def _lost(tick: int, previous_tick: int, matches: Matches) -> Motion:
         health=Health.LOST,
         tracks=np.zeros((0, 4), np.float32),
     )
+
+
+def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:
+    """Initial velocity from the first motion, which took ``span`` ticks."""
+    velocity, variance = _velocity(span, measured)
+    covariance = np.zeros((6, 2, 2))
+    covariance[:, 0, 0], covariance[:, 1, 1] = variance, _START**2
+    return Velocity(tick, np.column_stack([velocity, np.zeros(6)]), covariance)
+
+
+def updated(last: Velocity, tick: int, span: int, measured: UncertainMotion) -> Velocity:
+    """Velocity updated with a motion of ``span`` ticks that ended at ``tick``."""
+    predicted = _predicted(last, tick)
+    velocity, variance = _velocity(span, measured)
+    gain = predicted.covariance[:, :, 0] / (predicted.covariance[:, 0, 0] + variance)[:, None]
+    state = predicted.state + gain * (velocity - predicted.state[:, 0])[:, None]
+    covariance = predicted.covariance - gain[:, :, None] * predicted.covariance[:, None, 0, :]
+    return Velocity(tick, state, covariance)
+
+
+def expected_motion(last: Velocity, tick: int, span: int) -> FloatArray:
+    """Motion X (4, 4) over the ``span`` ticks before ``tick`` at the velocity predicted for ``tick``."""
+    twist = _predicted(last, tick).state[:, 0] * (span * TICK)
+    return transform(so3_exp(twist[:3]), twist[3:])
+
+
+def _velocity(span: int, measured: UncertainMotion) -> tuple[FloatArray, FloatArray]:
+    """Mean velocity (6,) over a motion, and its variance."""
+    seconds = span * TICK
+    velocity = np.concatenate([rotation_vector(measured.X[:3, :3]), measured.X[:3, 3]]) / seconds
+    return velocity, np.diag(measured.covariance) / seconds**2
+
+
+def _predicted(last: Velocity, tick: int) -> Velocity:
+    """Velocity predicted for a later tick at constant acceleration, with white jerk as process noise."""
+    t = (tick - last.tick) * TICK
+    F = np.array([[1.0, t], [0.0, 1.0]])
+    Q = np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])
+    return Velocity(tick, last.state @ F.T, F @ last.covariance @ F.T + (_JERK**2)[:, None, None] * Q)

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Anchor
-from estimators.rigid_motion import UncertainMotion, chained, composed
-from vehicle.frames import FloatArray, transform
+from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
+from vehicle.frames import FloatArray, inverse, transform
+from vehicle.polyline import arc_length
 
 _STEP = 0.02  # least distance between samples [m]
 
@@ -172,3 +173,18 @@ def _reanchored(sample: Sample, gone: Sample) -> Sample:
 
 def _distance(a: Sample, b: Sample) -> float:
     return float(np.linalg.norm(a.X_OS[:3, 3] - b.X_OS[:3, 3]))
+
+
+def closed(samples: tuple[Sample, ...], index: int, X_CK: FloatArray) -> tuple[Sample, ...]:
+    """Samples corrected so that the one at ``index`` has its measured pose X_CK (4, 4) in the newest one.
+
+    Older samples move with it rigidly; those between are corrected by their share of the distance.
+    """
+    X_OC = samples[0].X_OS
+    distance = arc_length(positions_now(samples)[:, :2])
+    share = np.minimum(distance / distance[index], 1.0)
+    correction = X_CK @ inverse(inverse(X_OC) @ samples[index].X_OS)
+    return tuple(
+        sample._replace(X_OS=chained(X_OC, stretched(correction, float(part)) @ inverse(X_OC) @ sample.X_OS))
+        for sample, part in zip(samples, share, strict=True)
+    )

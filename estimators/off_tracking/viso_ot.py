@@ -10,9 +10,8 @@ from typing import ClassVar, Generic, NamedTuple, Self
 
 from estimators.context import TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
-from estimators.odometry.protocol import Odometry
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.protocol import Memory
+from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import UncertainMotion, change_frame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

@@ -7,7 +7,7 @@ from typing import Any
 
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
-from estimators.odometry.protocol import Odometry
+from estimators.protocol import Odometry
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_declared, constructed, resolve

@@ -36,11 +36,6 @@ def write_rover_video(result: RoverResult, path_without_suffix: Path, *, progres
     return write_reel(reel, path_without_suffix, progress=progress)
 
 
-def rover_still(result: RoverResult, tick: int) -> canvas.Picture:
-    """One picture of the video, RGB."""
-    return _Film.of(result).picture(tick)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Film:
     """Everything that does not change from one picture to the next."""

@@ -7,22 +7,117 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from scenarios.progress import Progress, no_progress
 from scenarios.report import canvas
 from scenarios.report.flow import camera_picture
-from scenarios.report.plan_view import PlanView
 from scenarios.report.video import Reel, write_reel
 from scenarios.results.log import LOST
 from scenarios.results.metrics import peak
 from scenarios.results.run_result import RunResult
+from scenarios.results.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
+_ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
+_KEY = 36  # [px] height of the key at the top
+_KEYS = (("hitch and its path", canvas.TRUE, 20), ("follow point and its path", canvas.ESTIMATED, 170))
+_FOLLOW_SCALE = 9.0  # [px/m] a 16.5 m combination is then 150 px long
+_LEAST_SCALE = 5.5  # [px/m] below this the vehicle is too small to see in a view of the whole course
 _FRAME_RATE = 10  # [1/s] that of the cameras
 _PERIOD = 100  # [ticks] between pictures: real time
 PLAN_WIDTH, ROW_HEIGHT, READINGS = 620, 430, 150  # of the panels below the camera, and of the numbers in one [px]
 _BLIND_HEIGHT = 640  # of the panels without a camera [px]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PlanView:
+    """The run from above, north up: the whole course if it fits, else the surroundings of the vehicle."""
+
+    size: tuple[int, int]  # width, height [px]
+    result: RunResult
+    poses: tuple[FloatArray, ...]  # of each unit, (n_rows, 3)
+    steer: tuple[FloatArray, ...]  # of each unit's axles, (n_rows, n_axles) [rad]
+    follow: FloatArray  # (n_rows, 2) path of the follow point [m]
+    scale: float  # [px/m]
+    centre: FloatArray | None  # (2,) of the view [m]; None: it moves with the vehicle
+
+    @classmethod
+    def of_run(cls, size: tuple[int, int], result: RunResult) -> _PlanView:
+        """The view of this width and height that suits the course; the follow point is the last unit's."""
+        poses = tuple(result.poses(unit) for unit in result.units)
+        ends = np.concatenate(
+            [placed(unit.corners, pose).reshape(-1, 2) for unit, pose in zip(result.units, poses, strict=True)]
+        )
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        whole = float(np.min((np.array(size) - [0, _KEY]) / (high - low + 6.0)))
+        fits = whole >= _LEAST_SCALE
+        return cls(
+            size=size,
+            result=result,
+            poses=poses,
+            steer=tuple(result.axle_steer(unit) for unit in result.units),
+            follow=placed(np.array([[-result.follow_distance, 0.0]]), poses[-1])[:, 0],
+            scale=min(whole, 2.0 * _FOLLOW_SCALE) if fits else _FOLLOW_SCALE,
+            centre=0.5 * (low + high) if fits else None,
+        )
+
+    @property
+    def _reach(self) -> float:
+        """Distance from the centre beyond which nothing is in view [m]."""
+        return sum(self.size) / self.scale
+
+    def draw(self, row: int) -> canvas.Picture:
+        """The view at a row of the log."""
+        picture = canvas.blank(*self.size)
+        centre = self.centre if self.centre is not None else placed(np.array([[-2.0, 0.0]]), self.poses[0][[row]])[0, 0]
+        self._road(picture, centre)
+        past = self._rows(row)
+        self._swept(picture, centre, past)
+        canvas.curve(picture, self._pixels(self.poses[-1][past, :2], centre), canvas.TRUE, 2)
+        canvas.curve(picture, self._pixels(self.follow[past], centre), canvas.ESTIMATED, 2)
+        self._vehicle(picture, centre, row)
+        canvas.write_key(picture, _KEYS)
+        canvas.scale_bar(picture, self.scale, 10.0)
+        return picture
+
+    def _pixels(self, points: FloatArray, centre: FloatArray) -> FloatArray:
+        middle = 0.5 * np.array([self.size[0] - 1, self.size[1] - 1 + _KEY])
+        pixels: FloatArray = middle + self.scale * np.array([1.0, -1.0]) * (points - centre)
+        return pixels
+
+    def _rows(self, row: int) -> NDArray[np.intp]:
+        """Earlier rows in view, about 0.3 m of travel apart, and this row."""
+        along = arc_length(self.poses[0][: row + 1, :2])
+        first = 0.0 if self.centre is not None else max(0.0, along[-1] - self._reach)
+        rows = np.searchsorted(along, np.arange(first, along[-1], 0.3))
+        return np.append(rows, row)
+
+    def _road(self, picture: canvas.Picture, centre: FloatArray) -> None:
+        near = np.hypot(*(self.result.road - centre).T) < self._reach
+        for leg in np.split(self.result.road, np.flatnonzero(np.diff(near.astype(np.int8))) + 1):
+            pixels = self._pixels(leg, centre)
+            if len(leg) > 1 and np.hypot(*(leg - centre).T).min() < self._reach:
+                canvas.curve(picture, pixels, _ROAD, max(1, round(2.0 * self.result.road_half_width * self.scale)))
+
+    def _swept(self, picture: canvas.Picture, centre: FloatArray, rows: NDArray[np.intp]) -> None:
+        for unit, poses in zip(self.result.units, self.poses, strict=True):
+            for body in canvas.fixed_point(self._pixels(placed(unit.corners, poses[rows]), centre)):
+                cv2.fillConvexPoly(picture, body, _SWEPT, cv2.LINE_8, canvas.SHIFT)
+
+    def _vehicle(self, picture: canvas.Picture, centre: FloatArray, row: int) -> None:
+        for unit, poses, steer in zip(self.result.units, self.poses, self.steer, strict=True):
+            body = self._pixels(placed(unit.corners, poses[[row]])[0], centre)
+            canvas.fill(picture, body, _BODY)
+            for wheel in placed_wheels(unit, poses[[row]], steer[[row]])[0]:
+                canvas.fill(picture, self._pixels(wheel, centre), canvas.INK)
+            canvas.curve(picture, body, canvas.INK, 1, closed=True)
+        for point, colour in ((self.poses[-1][row, :2], canvas.TRUE), (self.follow[row], canvas.ESTIMATED)):
+            canvas.dot(picture, self._pixels(point, centre), 5, canvas.PAPER)
+            canvas.dot(picture, self._pixels(point, centre), 4, colour)
 
 
 def write_video(result: RunResult, path_without_suffix: Path, *, progress: Progress = no_progress) -> Path:
@@ -43,7 +138,7 @@ class _Composition:
     """Everything in the pictures of one run that does not change from one to the next."""
 
     result: RunResult
-    plan: PlanView
+    plan: _PlanView
     chart: canvas.StripChart
     true: tuple[FloatArray, FloatArray]  # time, value where there is one
     estimated: tuple[FloatArray, FloatArray]
@@ -57,7 +152,7 @@ class _Composition:
         largest = float(np.nanmax([0.0, peak(true), peak(estimate)]))
         return cls(
             result=result,
-            plan=PlanView.of_run((PLAN_WIDTH, height), result),
+            plan=_PlanView.of_run((PLAN_WIDTH, height), result),
             chart=canvas.StripChart.with_axes(
                 (canvas.WIDTH - PLAN_WIDTH - 1, height - READINGS), float(time[-1]), largest
             ),

@@ -11,7 +11,7 @@ or ends; such images are not counted, as there is no single right answer.
   the angle would reject good lines wherever the trace is curved.)
 
 Errors of the slip angle are relative to the body's slip angle at the time of the image, over the images with an
-identified trace; ``detected_rms`` also includes the misidentified ones.
+identified trace.
 """
 
 from __future__ import annotations
@@ -56,7 +56,6 @@ class TraceStatistics:
     false_negatives: float  # of the images with [%]
     misidentified: float  # of the images with [%]
     rms: float  # of the identified [rad]
-    detected_rms: float  # of all images with a trace and an estimate [rad]
     bias: float  # mean error of the identified [rad]
     lagged_rms: float  # [rad]
     within: float  # share of the identified within ``SIGMAS`` standard deviations [%]
@@ -98,7 +97,6 @@ def statistics(judgements: Iterable[Judgement]) -> TraceStatistics:
         false_negatives=_percent(len(present) - len(detected), len(present)),
         misidentified=_percent(len(detected) - len(identified), len(present)),
         rms=_rms(errors),
-        detected_rms=_rms(np.array([one.error for one in detected])),
         bias=float(errors.mean()) if len(errors) else math.nan,
         lagged_rms=_rms(np.array([one.lagged_error for one in identified])),
         within=_percent(sum(abs(one.sigmas) <= SIGMAS for one in identified), len(identified)),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final
 
+import casadi as ca
 import numpy as np
 
 from scenarios import courses
@@ -12,11 +14,14 @@ from scenarios.results.metrics import rms, true_off_tracking
 from scenarios.results.swept_path import swept_path
 from scenarios.validation.check import Check, Plot, Section, Series
 from scenarios.validation.driving import along_path, poses_of
-from scenarios.validation.other_step_plant import OtherStepPlant
 from vehicle.clock import TICK
+from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
+from vehicle.integrator import semi_implicit_step
 from vehicle.surface import Surface
 
 _STEPS: Final = (8e-3, 4e-3, 2e-3, 1e-3, 0.5e-3)  # [s]
@@ -25,6 +30,41 @@ _FINER: Final = 0.25e-3  # [s]; its error is 1/16 of the default's
 _ORIGIN: Final = Pose2(0.0, 0.0, 0.0)
 _ROUNDABOUT_SPEED: Final = 15.0 / 3.6  # [m/s]
 _METHOD: Final = "order of the Rosenbrock method, whatever its approximation of the Jacobian"
+
+
+class OtherStepPlant:
+    """A plant on level ground of uniform friction with an integration step of ``step`` [s]."""
+
+    def __init__(self, vehicle: Vehicle, friction: float, step: float) -> None:
+        self._vehicle, self._friction, self._step = vehicle, friction, step
+        self._plant = Plant(vehicle, Surface(friction=friction))
+
+    def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
+        """State of the straight combination rolling freely at ``speed`` [m/s]."""
+        return self._plant.initial_state(pose, speed)
+
+    def observe(self, state: FloatArray, tick: int) -> Truth:
+        """Ground truth for this state."""
+        return self._plant.observe(state, tick)
+
+    def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
+        """State after whole ticks under a held command; no unit's axles may share an actuator."""
+        u = self._input(command)
+        return np.array(_steps(self._vehicle, self._step, round(ticks * TICK / self._step))(state, u)).ravel()
+
+    def _input(self, command: VehicleCommand) -> FloatArray:
+        sizes = input_sizes(self._vehicle)
+        on_tractor = sizes.steer - len(command.trailer_steer)
+        u = Input(
+            steer=np.array([*[command.steer] * on_tractor, *command.trailer_steer]),
+            acceleration=np.array([command.acceleration]),
+            gear=np.array([command.gear]),
+            friction=np.full(sizes.friction, self._friction),
+            gravity_x=np.zeros(sizes.gravity_x),
+            gravity_y=np.zeros(sizes.gravity_y),
+            road=np.zeros(sizes.road),
+        )
+        return np.concatenate(u)
 
 
 def integration(quick: bool) -> Section:
@@ -166,3 +206,20 @@ def _metrics(vehicle: Vehicle, poses: FloatArray, centre: tuple[float, float] | 
         "the off-tracking, RMS": rms(off_tracking),
         "the off-tracking, largest": float(np.nanmax(np.abs(off_tracking))),
     }
+
+
+@lru_cache(maxsize=32)
+def _steps(vehicle: Vehicle, step: float, count: int) -> Any:
+    """Function (state, chain's input) -> state after ``count`` steps [s]."""
+    x, u = ca.SX.sym("x", sum(state_sizes(vehicle))), ca.SX.sym("u", sum(input_sizes(vehicle)))
+
+    def rate(state: ca.SX) -> ca.SX:
+        return ca.cse(ca.vertcat(*derivative(vehicle, *_named(vehicle, state, u))))
+
+    stiff = ca.vertcat(*relaxation(vehicle, *_named(vehicle, x, u)))
+    one = ca.Function("step", [x, u], [ca.cse(semi_implicit_step(rate, x, step, stiff))])
+    return one.fold(count) if count > 1 else one
+
+
+def _named(vehicle: Vehicle, x: ca.SX, u: ca.SX) -> tuple[State[ca.SX], Input[ca.SX]]:
+    return State(*parts(x, state_sizes(vehicle))), Input(*parts(u, input_sizes(vehicle)))

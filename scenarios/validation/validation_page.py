@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
-from scenarios.report.page import Cell, Column, Emphasis, Items, Page, Table, Verdict, facts_table
+import numpy as np
+
+from scenarios.report.page import Cell, Column, Emphasis, Figure, Items, Page, Table, Verdict, facts_table
 from scenarios.report.page import Section as PageSection
-from scenarios.validation.check import Check, Section, number, tally
-from scenarios.validation.validation_figures import figure
+from scenarios.report.plots import ESTIMATED, GREY, TRUE, WIDTH, drawn
+from scenarios.validation.check import Check, Plot, Section, number, tally
 
+_STYLES: Final[dict[str, dict[str, Any]]] = {
+    "model": {"linewidth": 1.8, "zorder": 4},
+    "model points": {"color": TRUE, "linewidth": 0.0, "marker": "o", "markersize": 5.5, "zorder": 6},
+    "reference": {"color": ESTIMATED, "linewidth": 1.3, "linestyle": (0, (4, 3)), "zorder": 5},
+    "reference points": {"color": ESTIMATED, "linewidth": 0.0, "marker": "o", "markersize": 3.5, "zorder": 6},
+    "faint": {"color": GREY, "linewidth": 0.7, "zorder": 2},
+}
+_MODELS: Final = (TRUE, "#2a9d8f", "#8e5ea2")  # of several model lines in one plot
+_FLAT: Final = 3.2  # height of a plot that is not to scale [in]
+_TALLEST: Final = 7.9  # [in]
 _EMPHASIS: Mapping[str, Emphasis] = {"passed": "good", "failed": "bad", "skipped": "soft"}
 
 
@@ -43,7 +56,7 @@ def _section(index: int, part: Section) -> PageSection:
         Column("number", "source"),
     ]
     table = Table(columns, [_row(check, 1 + sources.index(check.source)) for check in part.checks])
-    plots = [figure(plot, f"validation-{index}-{k}") for k, plot in enumerate(part.plots)]
+    plots = [_figure(plot, f"validation-{index}-{k}") for k, plot in enumerate(part.plots)]
     return PageSection(part.title, part.text, [table, Items(sources, numbered=True), *plots])
 
 
@@ -59,3 +72,23 @@ def _row(check: Check, source: int) -> list[str | Cell]:
         Cell(check.verdict, emphasis),
         Cell(str(source), "soft"),
     ]
+
+
+def _figure(plot: Plot, name: str) -> Figure:
+    """The plot as a figure; ``name`` keeps the identifiers of several figures on a page apart."""
+    with drawn(name, _height(plot), title=plot.title) as (drawing, ax):
+        ax.set_prop_cycle(color=_MODELS)
+        for series in plot.series:
+            ax.plot(series.x, series.y, label=series.label or None, **_STYLES[series.style])
+        scale = "log" if plot.logarithmic else "linear"
+        ax.set(xlabel=plot.x_label, ylabel=plot.y_label, xscale=scale, yscale=scale)
+        if plot.to_scale:
+            ax.set(aspect="equal")
+    return drawing.content
+
+
+def _height(plot: Plot) -> float:
+    if not plot.to_scale:
+        return _FLAT
+    x, y = (np.concatenate([series[k] for series in plot.series]) for k in (1, 2))
+    return float(min(_TALLEST, max(_FLAT, WIDTH * np.ptp(y) / np.ptp(x) + 1.2)))

@@ -1,4 +1,7 @@
-"""Undisturbed sand: relief and colour, made tile by tile from one seed."""
+"""Undisturbed sand: relief and colour, made tile by tile from one seed.
+
+Each map is periodic. Where a period of one metre would be visible, two maps with incommensurate periods are added.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,64 @@ import numpy as np
 from sensors.sand.grid import TEXEL, Bytes, Floats, Window
 from sensors.sand.imprint import Crumbs
 from sensors.sand.kinds import SandKind
-from sensors.sand.noise_maps import COARSE, CoarseMap, FineMap
 from sensors.sand.stones import Pebbles
-from sensors.textures import sigmoid, to_bytes
+from sensors.textures import fractal_noise, sigmoid, to_bytes
 from vehicle.rover.terrain import Terrain
 
+_COARSE: Final = 8  # texels a side of a coarse cell
+_COARSE_SIZE: Final = 768  # cells; repeats after 6.1 m
+_FINE_SIZES: Final = (1024, 864)  # texels; both together repeat after 27 m
 RIPPLE_LENGTH: Final = 0.085  # crest to crest of wind ripples in medium sand [m]
 _CRACKS: Final = 0.41  # distance between cracks [m]
 ALBEDO: Final = 150.0  # mean of sand [levels]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CoarseMap:
+    """Smooth noise of unit standard deviation in cells of ``COARSE`` texels."""
+
+    cells: Floats  # (n, n)
+
+    @classmethod
+    def draw(cls, rng: np.random.Generator, slope: float, shortest: float) -> _CoarseMap:
+        """Draw noise without wavelengths below ``shortest`` [m]."""
+        band = _band(np.inf, shortest, _COARSE * TEXEL)
+        return cls(fractal_noise(rng, (_COARSE_SIZE, _COARSE_SIZE), slope, band))
+
+    def over(self, window: Window) -> Floats:
+        """Values of the map in a window."""
+        top, left = window.top // _COARSE - 2, window.left // _COARSE - 2
+        bottom, right = window.bottom // _COARSE + 3, window.right // _COARSE + 3
+        rows, columns = np.arange(top, bottom) % len(self.cells), np.arange(left, right) % len(self.cells)
+        size = (_COARSE * (right - left), _COARSE * (bottom - top))
+        fine = cv2.resize(self.cells[np.ix_(rows, columns)], size, interpolation=cv2.INTER_CUBIC)
+        outer = Window(_COARSE * top, _COARSE * left, _COARSE * bottom, _COARSE * right)
+        return np.asarray(fine[window.within(outer)], dtype=np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FineMap:
+    """Noise of unit standard deviation, texel by texel."""
+
+    layers: tuple[Floats, ...]
+
+    @classmethod
+    def draw(
+        cls, rng: np.random.Generator, slope: float, longest: float, shortest: float, *, layers: int = 1
+    ) -> _FineMap:
+        """Draw noise with wavelengths in a band [m], in one layer or in two that do not repeat together."""
+        band = _band(longest, shortest, TEXEL)
+        sizes = _FINE_SIZES[:layers]
+        scale = np.float32(1.0 / np.sqrt(layers))
+        return cls(tuple(scale * fractal_noise(rng, (size, size), slope, band) for size in sizes))
+
+    def over(self, window: Window) -> Floats:
+        """Values of the map in a window."""
+        total: Floats | None = None
+        for layer in self.layers:
+            part = _wrapped(layer, window)
+            total = part if total is None else total + part
+        return np.zeros(window.shape, np.float32) if total is None else total
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,11 +92,11 @@ class Relief:
     terrain: Terrain
     crest: float  # direction across the ripples, in W [rad]
     seed: int
-    low: CoarseMap
-    warp: CoarseMap
-    patches: CoarseMap
-    rough: FineMap
-    grain: FineMap
+    low: _CoarseMap
+    warp: _CoarseMap
+    patches: _CoarseMap
+    rough: _FineMap
+    grain: _FineMap
     pebbles: Pebbles
 
     @classmethod
@@ -54,11 +107,11 @@ class Relief:
             terrain=terrain,
             crest=crest,
             seed=int(rng.integers(1 << 48)),
-            low=CoarseMap.draw(rng, 1.9, 0.10),
-            warp=CoarseMap.draw(rng, 1.8, 0.12),
-            patches=CoarseMap.draw(rng, 1.4, 0.05),
-            rough=FineMap.draw(rng, 1.6, 0.05, 0.004, layers=2),
-            grain=FineMap.draw(rng, 0.5, 0.008, 0.0025, layers=2),
+            low=_CoarseMap.draw(rng, 1.9, 0.10),
+            warp=_CoarseMap.draw(rng, 1.8, 0.12),
+            patches=_CoarseMap.draw(rng, 1.4, 0.05),
+            rough=_FineMap.draw(rng, 1.6, 0.05, 0.004, layers=2),
+            grain=_FineMap.draw(rng, 0.5, 0.008, 0.0025, layers=2),
             pebbles=Pebbles.draw(rng, kind.stones),
         )
 
@@ -84,15 +137,15 @@ class Relief:
 
     def large(self, window: Window) -> Floats:
         """Height of the large shape in a window [m]."""
-        outer = window.grown(COARSE)
-        rows, columns = (math.ceil(side / COARSE) for side in outer.shape)
-        x = outer.left * TEXEL + (np.arange(columns) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
-        y = outer.top * TEXEL + (np.arange(rows) * COARSE + 0.5 * (COARSE - 1)) * TEXEL
+        outer = window.grown(_COARSE)
+        rows, columns = (math.ceil(side / _COARSE) for side in outer.shape)
+        x = outer.left * TEXEL + (np.arange(columns) * _COARSE + 0.5 * (_COARSE - 1)) * TEXEL
+        y = outer.top * TEXEL + (np.arange(rows) * _COARSE + 0.5 * (_COARSE - 1)) * TEXEL
         coarse = np.asarray(
             self.terrain.height(x[None, :] + 0.0 * y[:, None], y[:, None] + 0.0 * x[None, :]), np.float32
         )
-        fine = cv2.resize(coarse, (columns * COARSE, rows * COARSE), interpolation=cv2.INTER_LINEAR)
-        return np.asarray(fine[COARSE:, COARSE:][: window.shape[0], : window.shape[1]], dtype=np.float32)
+        fine = cv2.resize(coarse, (columns * _COARSE, rows * _COARSE), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(fine[_COARSE:, _COARSE:][: window.shape[0], : window.shape[1]], dtype=np.float32)
 
     def _ripples(self, window: Window) -> Floats:
         """Heights of wind ripples, whose crests wind and end [m]."""
@@ -126,3 +179,18 @@ class Relief:
             ground[inside] = np.maximum(0.5 * ground[inside] + pebble.shape.height[part][inside], ground[inside])
             albedo[here][inside] = pebble.albedo
             tint[here][inside] = pebble.tint
+
+
+def _band(longest: float, shortest: float, cell: float) -> tuple[float, float]:
+    """Band of wavelengths [m] in cycles per cell."""
+    return (cell / longest if np.isfinite(longest) else 0.0, cell / shortest)
+
+
+def _wrapped(layer: Floats, window: Window) -> Floats:
+    """Window of a periodic map."""
+    n = len(layer)
+    top, left = window.top % n, window.left % n
+    rows, columns = window.shape
+    if top + rows <= n and left + columns <= n:
+        return layer[top : top + rows, left : left + columns]
+    return layer[np.ix_(np.arange(top, top + rows) % n, np.arange(left, left + columns) % n)]

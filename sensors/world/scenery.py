@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors.world import houses, plants, things
+from sensors.world import plants, things
 from sensors.world.ground import Centreline, Landscape
-from sensors.world.things import Thing
+from sensors.world.shapes import Mesh, box, joined, polygon
+from sensors.world.things import Colour, Part, Thing
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length, resampled
 
@@ -157,9 +158,9 @@ def planted(site: Site) -> list[Instances]:
     """All plants, buildings and road furniture; large things first, as they need the most space."""
     rng = site.rng
     green, yellow, dark = (0.85, 0.92, 0.75), (1.05, 1.0, 0.62), (0.66, 0.80, 0.66)
-    cottage = houses.house(size=(11.0, 7.5), eaves=5.3, walls="brick", wall_colour=things.WHITE, rows=2)
-    villa = houses.house(size=(9.0, 8.0), eaves=5.3, walls="stone", wall_colour=(1.1, 1.06, 0.95), rows=2)
-    barn = houses.house(size=(19.0, 10.0), eaves=4.6, walls="planks", wall_colour=(0.9, 0.85, 0.8), rows=0)
+    cottage = house(size=(11.0, 7.5), eaves=5.3, walls="brick", wall_colour=things.WHITE, rows=2)
+    villa = house(size=(9.0, 8.0), eaves=5.3, walls="stone", wall_colour=(1.1, 1.06, 0.95), rows=2)
+    barn = house(size=(19.0, 10.0), eaves=4.6, walls="planks", wall_colour=(0.9, 0.85, 0.8), rows=0)
     built = Density(per_hectare=0.9, nearest=8.0, farthest=75.0)
     trees = Density(per_hectare=7.0, nearest=2.0, farthest=85.0, scale=(0.7, 1.35))
     low = Density(per_hectare=18.0, nearest=0.3, farthest=40.0, scale=(0.5, 1.5))
@@ -177,3 +178,50 @@ def planted(site: Site) -> list[Instances]:
     far = Density(per_hectare=3.5, nearest=85.0, farthest=260.0, scale=(0.8, 1.3))
     scenery += [site.scatter(plants.wood(rng), far) for _ in range(2)]
     return scenery
+
+
+def house(*, size: tuple[float, float], eaves: float, walls: str, wall_colour: Colour, rows: int) -> Thing:
+    """A house with a gable roof along x; ``size`` is length and width, ``rows`` the number of storeys with windows."""
+    half_x, half_y = size[0] / 2, size[1] / 2
+    ridge = eaves + 0.8 * half_y
+    gables = []
+    for sign in (1.0, -1.0):
+        x, y = sign * half_x, sign * half_y
+        gables.append(polygon(np.array([[x, -y, eaves], [x, y, eaves], [x, 0.0, ridge]]), texture_size=2.4))
+    shell = box((-half_x, half_x), (-half_y, half_y), (-1.0, eaves), texture_size=2.4, lid=False)
+    parts = [
+        Part(mesh=joined(shell, *gables), texture=walls, colour=wall_colour),
+        Part(mesh=_roof(half_x, half_y, eaves, ridge), texture="tiles"),
+    ]
+    if rows:
+        parts.append(Part(mesh=_windows(half_x, half_y, rows), texture="window"))
+    return Thing(name="house", parts=tuple(parts), variety=0.12)
+
+
+def _roof(half_x: float, half_y: float, eaves: float, ridge: float) -> Mesh:
+    """Two slopes with an overhang all round, visible from above and from below."""
+    x, overhang = half_x + 0.35, 0.45
+    slope = (ridge - eaves) / half_y
+    low, top, y = eaves - overhang * slope + 0.06, ridge + 0.06, half_y + overhang
+    sides = []
+    for sign in (1.0, -1.0):
+        corners = np.array([[x, sign * y, low], [-x, sign * y, low], [-x, 0.0, top], [x, 0.0, top]])
+        corners[:, 0] *= sign
+        sides += [polygon(corners, texture_size=3.0), polygon(corners[::-1], texture_size=3.0, shade=0.3)]
+    chimney = box((0.3 * half_x, 0.3 * half_x + 0.7), (-0.35, 0.35), (eaves, ridge + 0.7), texture_size=3.0)
+    return joined(*sides, chimney)
+
+
+def _windows(half_x: float, half_y: float, rows: int) -> Mesh:
+    """Windows in rows on all four walls, 3 cm in front of them."""
+    panes = []
+    for along, out, yaw in ((half_x, half_y, 0.0), (half_y, half_x, np.pi / 2)):
+        count = max(1, int(2 * along / 2.6))
+        for place in (np.arange(count) - 0.5 * (count - 1)) * 2.6:
+            for storey in range(rows):
+                z = 1.0 + 2.7 * storey
+                pane = np.array([[-0.55, 0, z], [0.55, 0, z], [0.55, 0, z + 1.3], [-0.55, 0, z + 1.3]])
+                for side in (0.0, np.pi):
+                    mesh = polygon(pane, texture_size=1.3).moved(by=(float(place), -out - 0.03, 0.0))
+                    panes.append(mesh.moved(by=(0.0, 0.0, 0.0), yaw=yaw + side))
+    return joined(*panes)

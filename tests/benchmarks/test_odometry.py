@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from estimators.odometry.protocol import Odometry
+from estimators.protocol import Odometry
 from scenarios.assembly.trailer import assemble
 from scenarios.catalogue import ODOMETRY, resolve
 from scenarios.options.scenario import load_scenario

@@ -13,8 +13,7 @@ import pytest
 
 from estimators.context import OffTrackingEstimator, RoverContext, SlipEstimator, TrailerContext
 from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking, SlipAngle
-from estimators.odometry.protocol import Odometry
-from estimators.protocol import Estimator
+from estimators.protocol import Estimator, Odometry
 from scenarios.assembly.rover import rover_geometry
 from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, resolve

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Motion
-from estimators.odometry.protocol import Odometry
-from estimators.protocol import Memory
+from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage, StereoFrame

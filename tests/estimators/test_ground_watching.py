@@ -14,9 +14,8 @@ import pytest
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.ground_motion import ground_motion
 from estimators.off_tracking.ground_watching import GroundWatching, SingleGroundWatching
-from estimators.off_tracking.path_closure import closed
 from estimators.off_tracking.planar_fit import Pairs, planar_motion
-from estimators.off_tracking.pose_chain import Sample, extended, first_sample, positions_now
+from estimators.off_tracking.pose_chain import Sample, closed, extended, first_sample, positions_now
 from estimators.rigid_motion import UncertainMotion
 from sensors.camera.ground_rig import GroundRig
 from sensors.camera.rig import StereoRig

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.protocol import Odometry
+from estimators.protocol import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration
 from tests.estimators.stereo_scene import Drive

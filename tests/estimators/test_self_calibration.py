@@ -17,7 +17,7 @@ from estimators.calibration.rotation_views import Images, View
 from estimators.calibration.self_calibration import SelfCalibratedMotion, SelfCalibratedOdometry
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.protocol import Odometry
+from estimators.protocol import Odometry
 from estimators.rigid_motion import rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

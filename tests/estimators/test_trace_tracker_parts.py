@@ -15,11 +15,10 @@ from estimators.slip.trace_tracker.channels import CHANNELS
 from estimators.slip.trace_tracker.ground_patch import STEP, GroundPatch
 from estimators.slip.trace_tracker.learning import Lesson, learned
 from estimators.slip.trace_tracker.matching import SEARCH, correlation, peaks, rut_score, unit, windows
-from estimators.slip.trace_tracker.pace import QUICK
-from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, PathState
-from estimators.slip.trace_tracker.pursuit import Pursuit, begun
-from estimators.slip.trace_tracker.pursuit import judged as pursuit_after
+from estimators.slip.trace_tracker.path_state import OFFSET, PIECES, QUICK, PathState
 from estimators.slip.trace_tracker.templates import AZIMUTHS, ELEVATIONS, WIDTH, Profiles, shipped_templates
+from estimators.slip.trace_tracker.tracker import Pursuit, begun
+from estimators.slip.trace_tracker.tracker import judged as pursuit_after
 from sensors.sand.rig import nominal_rig
 from vehicle.frames import FloatArray, inverse
 from vehicle.rover.description import load_rover

@@ -9,8 +9,7 @@ import pytest
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular_matching import moved
 from estimators.odometry.nearest_descriptors import Placed, Window, most_similar
-from estimators.odometry.velocity_filter import Velocity, expected_motion, started, updated
-from estimators.odometry.viso2 import Viso2Odometry
+from estimators.odometry.viso2 import Velocity, Viso2Odometry, expected_motion, started, updated
 from estimators.odometry.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from estimators.rigid_motion import UncertainMotion

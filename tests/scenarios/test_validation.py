@@ -21,10 +21,10 @@ from scenarios.commands.validate import validate
 from scenarios.results.swept_path import placed
 from scenarios.validation import closed_forms, no_slip_limit, suite
 from scenarios.validation.check import Check, Plot, Section, Series, Task, number, tally
+from scenarios.validation.integration import OtherStepPlant
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
 from scenarios.validation.no_slip import RollingChain, poses_along
-from scenarios.validation.other_step_plant import OtherStepPlant
 from scenarios.validation.validation_page import validation_page
 from scenarios.validation.vehicles import on_single_axles
 from vehicle.clock import TICK

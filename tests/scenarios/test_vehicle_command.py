@@ -25,7 +25,7 @@ from vehicle.combination.data_sheet import data_sheet, handling_at
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.rover.data_sheet import rover_sheet
 from vehicle.rover.description import load_rover, rover_names
-from vehicle.rover.settled import settled_sinkage
+from vehicle.rover.plant import settled_sinkage
 from vehicle.rover.soil import load_soil, soil_names
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"

@@ -14,7 +14,6 @@ from vehicle.combination.handling import (
     peak_rearward_amplification,
     rearward_amplification,
     static_rollover_threshold,
-    steady_off_tracking,
     understeer_gradient,
     yaw_damping,
 )
@@ -151,30 +150,3 @@ def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(tractor_se
     ]
     # Drag and its hitch force in straight running move 0.1 % of the load from axle to axle.
     assert static_rollover_threshold(tractor_semitrailer) == pytest.approx(min(by_hand), rel=2e-3)
-
-
-def test_group_of_axles_runs_as_one_farther_back(tractor_semitrailer: Vehicle) -> None:
-    """Three equal axles at x turn about x_2 = sum(x^2) / sum(x), where their moments about the hitch cancel.
-
-    Side forces do not cancel there: sideways velocities (x - x_2) r leave the hitch C / V sum(x - x_2) r, of which the
-    tractor's rear axle takes (L - h) / L; it slips and the tractor turns about x_1 = C / C_r sum(x - x_2) (L - h) / L.
-    """
-    vehicle = with_tyres(tractor_semitrailer, {})
-    L, h = vehicle.units[0].axles[0].x, vehicle.units[0].rear_hitch[0]
-    x = np.array([axle.x for axle in vehicle.units[1].axles])
-    x_2 = np.sum(x**2) / np.sum(x)
-    rear, load = vehicle.units[0].axles[1], static_axle_loads(vehicle)[0][1]
-    one = stiffness(vehicle.units[1].axles[0], static_axle_loads(vehicle)[1][0])
-    x_1 = one / stiffness(rear, load) * np.sum(x - x_2) * (L - h) / L
-    for radius in (12.5, 30.0, 100.0):
-        expected = radius - math.sqrt(radius**2 - (L - x_1) ** 2 + (h - x_1) ** 2 - x_2**2)
-        # The magic formula's smoothing at zero slip takes 1e-7, as does the extrapolation to walking pace.
-        assert steady_off_tracking(vehicle, radius) == pytest.approx(expected, rel=1e-6)
-
-
-def test_circles_too_tight_are_refused(tractor_semitrailer: Vehicle) -> None:
-    """There is no steady turn in which the trailer would be at right angles."""
-    with pytest.raises(ValueError, match=r"radius = 8.0 m is too tight for semitrailer"):
-        steady_off_tracking(tractor_semitrailer, 8.0)
-    with pytest.raises(ValueError, match=r"radius = -20.0 m"):
-        steady_off_tracking(tractor_semitrailer, -20.0)

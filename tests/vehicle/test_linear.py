@@ -178,10 +178,16 @@ def quickened(vehicle: Vehicle, factor: float) -> Vehicle:
     return vehicle.model_copy(update={"units": tuple(units)})
 
 
+def as_control(model: LateralModel) -> control.StateSpace:
+    return control.ss(
+        model.A, model.B, model.C, model.D, states=model.states, inputs=model.inputs, outputs=model.outputs
+    )
+
+
 def test_frequency_response_is_that_of_python_control(longer_semitrailer: Vehicle) -> None:
     """The direct solution of (j w - A) x = B u against the library's evaluation of the same named system."""
     model = lateral_model(longer_semitrailer, 22.0, outputs=ALL, tyre_dynamics=True, actuators=True)
-    system = model.state_space()
+    system = as_control(model)
     assert tuple(system.state_labels) == model.states
     assert tuple(system.input_labels) == model.inputs
     assert tuple(system.output_labels) == model.outputs
@@ -209,7 +215,7 @@ def test_small_motions_of_the_plant_are_those_of_the_linear_model(longer_semitra
         state = plant.step(state, command, ticks)
     times = np.arange(n) * ticks * 1e-3
     demands = np.array([[steps[name]] for name in model.inputs]) * np.ones(n)
-    expected = control.forced_response(model.state_space(), times, demands).outputs
+    expected = control.forced_response(as_control(model), times, demands).outputs
     # 1.6e-4 are left at half and at twice these steps, so not of what is not linear: integration at 1 ms.
     np.testing.assert_allclose(np.array(got).T, expected, atol=5e-4 * np.abs(expected).max())
 
@@ -275,7 +281,7 @@ def test_unknown_outputs_are_refused(
 def test_a_regulator_designed_on_the_model_holds_the_path(longer_semitrailer: Vehicle) -> None:
     """The model is made for design: an LQR on all inputs moves both integrators of the path to the left."""
     model: LateralModel = lateral_model(longer_semitrailer, 20.0, path=True, outputs=("follow_position",))
-    system = model.state_space()
+    system = as_control(model)
     gain, _, poles = control.lqr(system, model.C.T @ model.C + 1e-3 * np.eye(len(model.A)), 10.0 * np.eye(3))
     assert gain.shape == (3, len(model.states))
     assert np.count_nonzero(np.abs(model.eigenvalues()) < 1e-6) == 2  # y and psi, before: nothing brings them back

@@ -17,7 +17,6 @@ from vehicle.combination.description import GRAVITY, Axle, Vehicle, load_vehicle
 from vehicle.combination.handling import (
     peak_rearward_amplification,
     rearward_amplification,
-    steady_off_tracking,
     understeer_gradient,
     yaw_damping,
 )
@@ -190,12 +189,3 @@ def test_axles_in_a_group_damp_more_than_one_in_their_middle(openpbs: Vehicle) -
     """Apart by d they resist yaw with C d^2 / V each: so the record as it is shipped is damped better."""
     spread = load_vehicle("openpbs_tractor_semitrailer_6x2")
     assert yaw_damping(spread, LANE_CHANGE_SPEED) > yaw_damping(openpbs, LANE_CHANGE_SPEED) + 0.01  # 0.355 to 0.335
-
-
-@pytest.mark.parametrize(
-    ("radius", "expected"),
-    [(12.5, 3.3830), (15.0, 2.6765), (20.0, 1.9205), (30.0, 1.2447), (50.0, 0.7367), (100.0, 0.3663)],
-)
-def test_steady_off_tracking_of_the_audited_set(audited: Vehicle, radius: float, expected: float) -> None:
-    """WHI formula: R - sqrt(R^2 - L1^2 + h^2 - L2^2)."""
-    assert steady_off_tracking(audited, radius) == pytest.approx(expected, abs=5e-5)  # as printed

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 
 import pytest
 
-from vehicle.rover.soil import Soil, load_soil, soil_names, soil_sources
+from vehicle.parameter_file import read_toml, sources
+from vehicle.rover.soil import Soil, load_soil, soil_names
 
 
 @pytest.mark.parametrize("name", soil_names())
 def test_every_number_of_a_soil_has_a_source(name: str) -> None:
     """A number that nobody measured has a source "assumed: …"."""
     numbers = {key for key, value in load_soil(name) if isinstance(value, float)}
-    assert {key for key, source in soil_sources(name).items() if source.strip()} == numbers
+    assert {
+        key
+        for key, source in sources(read_toml(Path(str(resources.files("vehicle"))) / "soils" / f"{name}.toml")).items()
+        if source.strip()
+    } == numbers
 
 
 @pytest.mark.parametrize("name", soil_names())

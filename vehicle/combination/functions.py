@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, wraps
-from typing import Any
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
 
@@ -17,12 +17,58 @@ from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground
 from vehicle.combination.chain import derivative, output, relaxation
 from vehicle.combination.description import Vehicle
 from vehicle.combination.kinematics import kinematics
-from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
-from vehicle.combination.plant_inputs import CommandInputs, GroundInputs, chain_input, command_sizes, ground_input_sizes
-from vehicle.combination.start import START_SIZES, Start, rolling_freely
+from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
+from vehicle.combination.multibody import Vector, along
+from vehicle.combination.plant_inputs import (
+    CommandInputs,
+    GroundInputs,
+    chain_input,
+    command_sizes,
+    gravity_along,
+    ground_input_sizes,
+)
+from vehicle.combination.sprung import settled
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
 from vehicle.combination.wheel_truth import wheel_truth
 from vehicle.integrator import semi_implicit_step
+
+V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
+
+
+class _Start(NamedTuple, Generic[V]):
+    """Chosen part of the state; the field order is the order in the vector."""
+
+    x: V  # of To in W [m]
+    y: V
+    psi: V  # of the straight combination [rad]
+    speed: V  # [m/s]
+
+
+_START_SIZES: Final = _Start(1, 1, 1, 1)
+
+
+def _rolling_freely(vehicle: Vehicle, start: _Start[ca.SX], ground: GroundInputs[ca.SX]) -> State[ca.SX]:
+    """State of the straight combination rolling freely, its bodies settled on their springs."""
+    sizes = state_sizes(vehicle)
+    course = Vector(ca.cos(start.psi), ca.sin(start.psi))
+    gravity_x, gravity_y = gravity_along(ground.slope_x, ground.slope_y)
+    pulls = [along(course, Vector(gravity_x[i], gravity_y[i])) for i in range(len(vehicle.units))]
+    bodies = settled(vehicle, [-pull.x for pull in pulls], [-pull.y for pull in pulls])
+    resting = State(*(ca.SX.zeros(size) for size in sizes))
+    return resting._replace(
+        x=start.x,
+        y=start.y,
+        psi=ca.repmat(start.psi, sizes.psi, 1),
+        v_x=start.speed,
+        heave=ca.vertcat(*(attitude.heave for attitude, _ in bodies)),
+        pitch=ca.vertcat(*(attitude.pitch for attitude, _ in bodies)),
+        roll=ca.vertcat(*(attitude.roll for attitude, _ in bodies)),
+        heave_spring=ca.vertcat(*(spring.heave for _, spring in bodies)),
+        pitch_spring=ca.vertcat(*(spring.pitch for _, spring in bodies)),
+        roll_spring=ca.vertcat(*(spring.roll for _, spring in bodies)),
+        omega=ca.vertcat(*(start.speed / wheel.axle.wheel_radius for wheel in wheels(vehicle))),
+        brake_windup=ca.repmat(ca.sign(start.speed), sizes.brake_windup, 1),
+    )
 
 
 def _once_per_topology(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
@@ -75,9 +121,9 @@ def body_function(twin: SymbolicTwin) -> Any:
 @_once_per_topology
 def start_function(twin: SymbolicTwin) -> Any:
     """Function (nothing, start and ground inputs, numbers) -> state."""
-    v = _vector((*START_SIZES, *ground_input_sizes(twin.vehicle)))
-    start, ground = _two(v, START_SIZES, ground_input_sizes(twin.vehicle))
-    state = rolling_freely(twin.vehicle, Start(*start), GroundInputs(*ground))
+    v = _vector((*_START_SIZES, *ground_input_sizes(twin.vehicle)))
+    start, ground = _two(v, _START_SIZES, ground_input_sizes(twin.vehicle))
+    state = _rolling_freely(twin.vehicle, _Start(*start), GroundInputs(*ground))
     return ca.Function("start", [ca.SX(0, 1), v, twin.symbols], [ca.densify(ca.vertcat(*state))])
 
 

@@ -93,43 +93,6 @@ def static_rollover_threshold(vehicle: Vehicle) -> float:
     return float(np.min(a_y / transfer))
 
 
-def steady_off_tracking(vehicle: Vehicle, radius: float) -> float:
-    """Off-tracking [m] of the last unit to the inside of the tractor's first axle, on a circle at walking pace.
-
-    Measured between the middles of the axles; a group of axles acts as one at its point without sideslip. Every unit
-    turns about that point, so radii follow from right triangles (SAE, WHI formula). Trailers are not steered.
-
-    Raises:
-        ValueError: if a unit cannot follow on a circle of this ``radius`` [m] of the first axle.
-    """
-    ahead, square = vehicle.units[0].axles[0].x, radius**2
-    for unit, axle in zip(vehicle.units, _turning_points(vehicle), strict=True):
-        square -= (ahead - axle) ** 2
-        if not (radius > 0.0 and square > 0.0):
-            raise ValueError(f"radius = {radius} m is too tight for {unit.name} to follow in a steady turn")
-        inside = math.sqrt(square)
-        ahead = 0.0
-        square += (unit.rear_hitch[0] - axle) ** 2
-    return radius - inside
-
-
-def _turning_points(vehicle: Vehicle) -> list[float]:
-    """Position on each unit's x axis [m] without sideslip, in a steady turn at walking pace."""
-    slow, fast = _TURNING_SPEED, 2.0 * _TURNING_SPEED
-    # The points shift linearly with V^2, as tyres slip more: extrapolate to V = 0.
-    return [
-        (at_slow * fast**2 - at_fast * slow**2) / (fast**2 - slow**2)
-        for at_slow, at_fast in zip(_points_at(vehicle, slow), _points_at(vehicle, fast), strict=True)
-    ]
-
-
-def _points_at(vehicle: Vehicle, speed: float) -> list[float]:
-    model = lateral_model(vehicle, speed, outputs=("lateral_velocity", "yaw_rate"))
-    sideways, yaw_rate = np.split(np.array([model.steady_gain(name) for name in model.outputs]), 2)
-    points: list[float] = (-sideways / yaw_rate).tolist()
-    return points
-
-
 def _amplification(model: LateralModel, frequencies: ArrayLike) -> FloatArray:
     first, last = model.outputs[0], model.outputs[-1]
     return np.abs(model.response(last, frequencies)) / np.abs(model.response(first, frequencies))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -22,9 +22,6 @@ from vehicle.combination.layout import Input, State, input_sizes, parts, state_s
 from vehicle.combination.mirror import Coordinate, flipped
 from vehicle.combination.trim import straight_running
 from vehicle.frames import FloatArray
-
-if TYPE_CHECKING:
-    import control
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
 
@@ -63,12 +60,6 @@ class LateralModel:
     def steady_gain(self, output: str, to: str = "steer") -> float:
         """Steady-state change of an output over that of an input."""
         return float(self.response(output, 0.0, to).real)
-
-    def state_space(self) -> control.StateSpace:
-        """The model as a system of python-control."""
-        import control  # the import takes seconds
-
-        return control.ss(self.A, self.B, self.C, self.D, states=self.states, inputs=self.inputs, outputs=self.outputs)
 
 
 def lateral_model(

@@ -16,12 +16,27 @@ import casadi as ca
 from vehicle.actuators import steer_rate
 from vehicle.rover.description import Rover
 from vehicle.rover.footprint import Footprint
-from vehicle.rover.ground_plane import Plane, plane_under
 from vehicle.rover.layout import RoverInput, RoverState
 from vehicle.rover.soil import Soil
 from vehicle.rover.terramechanics import GRAVITY
 from vehicle.rover.wheel import WheelForce, WheelGround, WheelState, ground_force, sinkage_rate, slip_rate, spin_up
 from vehicle.tyres import Num
+
+
+class _ExcessSlope(NamedTuple):
+    """Slope of the ground under a wheel beyond that of the plane, along the plane's axes [-]."""
+
+    along: Num
+    across: Num
+
+
+class _Plane(NamedTuple):
+    """Plane under a rover; its x axis points forward."""
+
+    e_x: tuple[Num, Num, Num]  # forward, in W
+    e_y: tuple[Num, Num, Num]  # to the left, in W
+    upright: Num  # z of the normal
+    excess: tuple[_ExcessSlope, ...]  # by wheel
 
 
 class Dynamics(NamedTuple):
@@ -44,7 +59,7 @@ def dynamics(
 ) -> Dynamics:
     """Time derivative of the state, and wheel loads."""
     places = footprint.places
-    plane = plane_under(s.psi, u)
+    plane = _plane_under(s.psi, u)
     count = len(rover.wheels)
     wheels = [_wheel(rover, s, k, place) for k, place in enumerate(places)]
     grounds = [WheelGround(soil, u.firm[k], u.friction) for k in range(count)]
@@ -97,7 +112,7 @@ def _wrench(places: Sequence[tuple[Num, Num]], s: RoverState[ca.SX], forces: Seq
     return total
 
 
-def _with_slopes(places: Sequence[tuple[Num, Num]], plane: Plane, loads: Sequence[Num], total: _Wrench) -> _Wrench:
+def _with_slopes(places: Sequence[tuple[Num, Num]], plane: _Plane, loads: Sequence[Num], total: _Wrench) -> _Wrench:
     """The same with the downhill forces on wheels whose ground is steeper than the plane."""
     for load, slope, (p_x, p_y) in zip(loads, plane.excess, places, strict=True):
         X, Y = -load * slope.along, -load * slope.across
@@ -105,13 +120,13 @@ def _with_slopes(places: Sequence[tuple[Num, Num]], plane: Plane, loads: Sequenc
     return total
 
 
-def _loads(rover: Rover, footprint: Footprint, plane: Plane, total: _Wrench) -> list[Num]:
+def _loads(rover: Rover, footprint: Footprint, plane: _Plane, total: _Wrench) -> list[Num]:
     """Loads [N] that balance the moments of the ground's forces about the mass centre."""
     N = rover.mass * GRAVITY * plane.upright
     return footprint.loads(N, N * rover.cg_x - total.X * rover.cg_height, -total.Y * rover.cg_height)
 
 
-def _body_rates(rover: Rover, plane: Plane, s: RoverState[ca.SX], total: _Wrench) -> RoverState[Num]:
+def _body_rates(rover: Rover, plane: _Plane, s: RoverState[ca.SX], total: _Wrench) -> RoverState[Num]:
     """Rates of the body's six states; the rates of the wheels' states are left at 0."""
     e_x, e_y = plane.e_x, plane.e_y
     a_x = total.X / rover.mass - GRAVITY * e_x[2]  # of the centre of gravity
@@ -137,3 +152,19 @@ def _steering(rover: Rover, k: int, angle: Num, demand: Num) -> Num:
     if not rover.wheels[k].steered:
         return 0.0
     return steer_rate(angle, demand, lag=rover.steer_lag, limit=rover.steer_limit, rate_limit=rover.steer_rate_limit)
+
+
+def _plane_under(psi: Num, u: RoverInput[ca.SX]) -> _Plane:
+    """Plane with the mean slope of the ground under the wheels of a rover with heading psi [rad]."""
+    c, s = ca.cos(psi), ca.sin(psi)
+    n_wheels = u.slope_x.numel()
+    g_x, g_y = ca.sum1(u.slope_x) / n_wheels, ca.sum1(u.slope_y) / n_wheels
+    rise = g_x * c + g_y * s
+    length = ca.sqrt(1.0 + rise**2)
+    upright = 1.0 / ca.sqrt(1.0 + g_x**2 + g_y**2)
+    e_x = (c / length, s / length, rise / length)
+    n = (-g_x * upright, -g_y * upright, upright)
+    e_y = (n[1] * e_x[2] - n[2] * e_x[1], n[2] * e_x[0] - n[0] * e_x[2], n[0] * e_x[1] - n[1] * e_x[0])
+    excess = [(u.slope_x[k] - g_x, u.slope_y[k] - g_y) for k in range(n_wheels)]
+    along_axes = tuple(_ExcessSlope(x * e_x[0] + y * e_x[1], x * e_y[0] + y * e_y[1]) for x, y in excess)
+    return _Plane(e_x, e_y, upright, along_axes)

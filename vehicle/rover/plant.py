@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from functools import lru_cache
+from typing import Any, Final
 
+import casadi as ca
 import numpy as np
+from scipy.optimize import brentq
 
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
@@ -17,9 +20,9 @@ from vehicle.rover.description import Rover
 from vehicle.rover.functions import load_function, numbers, step_function
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.posture import Undercarriage, slip_angles, slip_ratios
-from vehicle.rover.settled import settled_sinkage
 from vehicle.rover.soil import Soil
 from vehicle.rover.terrain import Terrain
+from vehicle.rover.terramechanics import Rolling, soil_force
 from vehicle.rover.truth import RoverTruth
 from vehicle.sanity import is_sane
 
@@ -157,3 +160,24 @@ def _ticks_to_next_look(state: FloatArray) -> int:
     """Number of ticks for which the last look at uneven ground is good enough."""
     speed = max(math.hypot(*state[3:5].tolist()), 0.1)  # a standing rover may start to move [m/s]
     return max(1, int(_LOOK_EVERY / (speed * TICK)))
+
+
+def settled_sinkage(rover: Rover, soil: Soil, load: float) -> float:
+    """Sinkage [m] of a wheel that rolls without slip under a load [N].
+
+    Raises:
+        ValueError: if the soil does not carry the load before the wheel is in up to its axle.
+    """
+    lift = _lift(rover, soil)
+    if float(lift(rover.radius)) < load:
+        raise ValueError(f"{soil.name} does not carry {load:.1f} N on a wheel of {rover.name}: it sinks to its axle")
+    if load <= float(lift(0.0)):
+        return 0.0
+    sinkage: float = brentq(lambda h: float(lift(h)) - load, 0.0, rover.radius, xtol=1e-9)
+    return sinkage
+
+
+@lru_cache(maxsize=16)
+def _lift(rover: Rover, soil: Soil) -> Any:
+    h = ca.SX.sym("h")
+    return ca.Function("lift", [h], [soil_force(rover, soil, h, Rolling(1.0, 0.0)).F_z])

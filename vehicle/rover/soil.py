@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Final, Literal
 
-from vehicle.parameter_file import checked, read_toml, sources, without_sources
+from vehicle.parameter_file import checked, read_toml, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import Fraction, Frozen, quantity
 
@@ -63,12 +63,3 @@ def load_soil(name_or_path: str) -> Soil:
     """
     path = _SOILS.file(name_or_path)
     return checked(Soil, without_sources(read_toml(path)), str(path))
-
-
-def soil_sources(name_or_path: str) -> dict[str, str]:
-    """Sources of a soil's numbers, by key in its file.
-
-    Raises:
-        ValueError: if there is no such soil or file.
-    """
-    return sources(read_toml(_SOILS.file(name_or_path)))

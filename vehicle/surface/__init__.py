@@ -4,8 +4,7 @@ from vehicle.surface.friction import Friction, FrictionImage, FrictionMap, Split
 from vehicle.surface.ground import Surface
 from vehicle.surface.patches import PatchedFriction, circle, rectangle
 from vehicle.surface.potholes import Potholes, scattered_potholes
-from vehicle.surface.roughness import Roughness, RoughProfile
-from vehicle.surface.unevenness import ROAD_CLASSES, displacement_psd
+from vehicle.surface.roughness import ROAD_CLASSES, Roughness, RoughProfile, displacement_psd
 
 __all__ = [
     "ROAD_CLASSES",

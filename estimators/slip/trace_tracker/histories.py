@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.slip.trace_tracker import path_line, path_state
-from estimators.slip.trace_tracker.pace import PACES
-from estimators.slip.trace_tracker.path_state import PathState
+from estimators.slip.trace_tracker.path_state import PACES, PathState
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 

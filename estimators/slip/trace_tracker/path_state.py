@@ -16,17 +16,29 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimators.slip.trace_tracker.pace import Pace
-from estimators.slip.trace_tracker.walks import add, correlation, fade
 from vehicle.frames import FloatArray
 
+
+class _Pace(NamedTuple):
+    """Random walk of slip, plus a trend with a correlation length."""
+
+    walk: float  # per sqrt(m) [rad]
+    trend: float  # standard deviation [rad/m]
+    length: float  # correlation length of the trend [m]
+
+
+# Slip that varies by 1.6 deg within 5 s at 8 cm/s has a random walk of 3.6 deg/sqrt(m).
+QUICK: Final = _Pace(walk=math.radians(4.0), trend=0.0, length=1.0)
+# A rover that drives onto a slope (Reina 2008, Fig. 8): some degrees within some decimetres.
+_STEADY: Final = _Pace(walk=math.radians(1.0), trend=math.radians(3.0), length=1.0)
+PACES: Final = (QUICK, _STEADY)
 PIECES: Final = 56  # each at least SHORTEST long; together the visible length of the trace
 SHORTEST: Final = 0.0125  # [m]
 SLIP, HEADING, SAND = (slice(k * PIECES, (k + 1) * PIECES) for k in range(3))  # places in the state
 SHADE: Final = slice(3 * PIECES, -3)
 OFFSET, RATE, TREND = -3, -2, -1
-
 _SLIP_PRIOR: Final = math.radians(6.0)  # before any observation: loose sand on moderate slopes, assumed
 _SLIP_CORRELATION: Final = 0.4  # correlation length of slip on a new trace [m]
 _OFFSET_PRIOR: Final = 0.005  # error of sinkage, templates and calibration [m]
@@ -51,7 +63,7 @@ class PathState(NamedTuple):
     ticks: FloatArray  # (PIECES,) of each piece's newer end
     fronts: FloatArray  # (PIECES,) see ``path_line.with_fronts``; NaN: not known yet [rad]
     steered: float  # current steered direction [rad]
-    pace: Pace
+    pace: _Pace
 
     @property
     def offset(self) -> float:
@@ -69,7 +81,7 @@ class PathState(NamedTuple):
         return self.mean[SLIP] + self.steer
 
 
-def begun(heading: float, steer: float, tick: int, bands: int, pace: Pace) -> PathState:
+def begun(heading: float, steer: float, tick: int, bands: int, pace: _Pace) -> PathState:
     """State before any observation: the rover came from about straight behind."""
     ds = 0.016  # assumed until the wheels turn [m]
     size = 3 * PIECES + bands + 3
@@ -88,7 +100,7 @@ def begun(heading: float, steer: float, tick: int, bands: int, pace: Pace) -> Pa
     # straight on in the past, with an uncertainty of 1 deg per decimetre
     headings = math.radians(1.0) ** 2 * np.minimum(at[:, None], at) * ds / 0.1
     state.covariance[HEADING, HEADING] = headings + _COMPASS**2
-    state.covariance[SAND, SAND] = _SAND_STD**2 * correlation(state.lengths, _SAND_LENGTH)
+    state.covariance[SAND, SAND] = _SAND_STD**2 * _correlation(state.lengths, _SAND_LENGTH)
     state.covariance[SHADE, SHADE] = _SHADE_STD**2 * np.eye(bands)
     state.covariance[RATE, RATE] = _RATE_PRIOR**2
     return with_slip(state, 0.0, _SLIP_PRIOR)
@@ -102,7 +114,7 @@ def with_slip(state: PathState, slip: float, std: float) -> PathState:
         covariance[part] = 0.0
         covariance[:, part] = 0.0
     mean[SLIP] = slip
-    covariance[SLIP, SLIP] = std**2 * correlation(state.lengths, _SLIP_CORRELATION)
+    covariance[SLIP, SLIP] = std**2 * _correlation(state.lengths, _SLIP_CORRELATION)
     covariance[OFFSET, OFFSET] = _OFFSET_PRIOR**2
     covariance[TREND, TREND] = state.pace.trend**2
     return state._replace(mean=mean, covariance=covariance, fronts=np.full(PIECES, math.nan))
@@ -117,14 +129,14 @@ def moved(state: PathState, length: float, yaw: float, seconds: float, steer: fl
     mean, covariance = state.mean[order], state.covariance[order][:, order]
     pace, bands = state.pace, len(mean) - 3 * PIECES - 3
     mean[HEADING.start] += yaw
-    add(mean, covariance, HEADING.start, RATE, seconds)
-    add(mean, covariance, SLIP.start, TREND, length)
+    _add(mean, covariance, HEADING.start, RATE, seconds)
+    _add(mean, covariance, SLIP.start, TREND, length)
     covariance[0, 0] += pace.walk**2 * length
     covariance[OFFSET, OFFSET] += _OFFSET_WALK**2 * length
-    fade(mean, covariance, np.array([RATE]), seconds / _RATE_TIME, np.array([_RATE_PRIOR**2]))
-    fade(mean, covariance, np.array([TREND]), length / pace.length, np.array([pace.trend**2]))
-    fade(mean, covariance, np.array([SAND.start]), length / _SAND_LENGTH, np.array([_SAND_STD**2]))
-    fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_LENGTH, np.full(bands, _SHADE_STD**2))
+    _fade(mean, covariance, np.array([RATE]), seconds / _RATE_TIME, np.array([_RATE_PRIOR**2]))
+    _fade(mean, covariance, np.array([TREND]), length / pace.length, np.array([pace.trend**2]))
+    _fade(mean, covariance, np.array([SAND.start]), length / _SAND_LENGTH, np.array([_SAND_STD**2]))
+    _fade(mean, covariance, np.arange(bands) + SHADE.start, length / _SHADE_LENGTH, np.full(bands, _SHADE_STD**2))
     return state._replace(
         mean=mean,
         covariance=covariance,
@@ -167,3 +179,28 @@ def _pushed(values: FloatArray, newest: float) -> FloatArray:
     pushed = np.empty_like(values)
     pushed[0], pushed[1:] = newest, values[:-1]
     return pushed
+
+
+def _correlation(lengths: FloatArray, correlation_length: float) -> FloatArray:
+    """Correlation matrix of pieces, decaying exponentially over ``correlation_length`` [m]."""
+    at = np.cumsum(lengths)
+    correlations: FloatArray = np.exp(-np.abs(at[:, None] - at) / correlation_length)
+    return correlations
+
+
+def _add(mean: FloatArray, covariance: FloatArray, part: int, of: int, factor: float) -> None:
+    """Add a multiple of one component of the state to another, in place."""
+    mean[part] += factor * mean[of]
+    covariance[part] += factor * covariance[of]
+    covariance[:, part] += factor * covariance[:, of]
+
+
+def _fade(
+    mean: FloatArray, covariance: FloatArray, parts: NDArray[np.intp], lengths: float, variances: FloatArray
+) -> None:
+    """Decay components (n,) of the state over ``lengths`` correlation lengths, with their stationary variances."""
+    keep = math.exp(-lengths)
+    mean[parts] *= keep
+    covariance[parts] *= keep
+    covariance[:, parts] *= keep
+    covariance[parts, parts] += (1.0 - keep**2) * variances

@@ -4,6 +4,9 @@ FTrace (Reina 2008) fits a straight line to the edges of one image. This tracker
 and both walls along the wheel's path, which records the slip of the last seconds. The estimated quantities are those of
 Reina et al. (2008), "Vision-based estimation of slip angle for mobile robots and planetary rovers"; the method is this
 project's own.
+
+A match need not be the trace: the rover's own shadow has two straight edges like the walls of a rut, and moves with the
+rover. The lug marks in several images distinguish them; one image is not always enough.
 """
 
 from __future__ import annotations
@@ -18,13 +21,12 @@ from estimators.estimates import SlipAngle, lost_slip
 from estimators.rover_geometry import wheel_places
 from estimators.slip.rover_odometry import wheel_motion
 from estimators.slip.trace_tracker import histories, path_line
-from estimators.slip.trace_tracker.acquisition import best_straight
+from estimators.slip.trace_tracker.acquisition import Find, best_straight
 from estimators.slip.trace_tracker.channels import channels
 from estimators.slip.trace_tracker.following import Ground, matched, with_sun
 from estimators.slip.trace_tracker.ground_patch import GroundPatch
 from estimators.slip.trace_tracker.histories import Histories
 from estimators.slip.trace_tracker.path_state import SHORTEST, moved, with_compass
-from estimators.slip.trace_tracker.pursuit import MARKED, Pursuit, begun, judged
 from estimators.slip.trace_tracker.slip_estimate import slip_angle, steered_to
 from estimators.slip.trace_tracker.sun_belief import expected, lit, probable, unknown_sun
 from estimators.slip.trace_tracker.templates import Profiles, Templates, shipped_templates
@@ -34,6 +36,12 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
+_MARKED: Final = 0.25  # least correlation of lug marks: edges of shadows reach 0.15, faint marks 0.35
+_SURE: Final = 0.33  # mean correlation of marks for confirmation; chance does not reach it in
+_IMAGES_TO_CONFIRM: Final = 3  # images
+_KEPT: Final = 0.32  # least rut score of a tracked trace over the whole view: faint in shade 0.36, sand 0.25
+_KEEPING: Final = 0.8  # weight of the old mean correlation of marks in the update with one image
+_IMAGES_TO_LOSE: Final = 5  # consecutive
 _FOUND: Final = 0.36  # least score of a new trace: sand under moving shadows reaches it once in a hundred images
 _IMAGES_TO_FIND: Final = 2  # consecutive
 _YOUNG: Final = 20  # pieces near the wheel whose mean slip gives the trace's direction
@@ -41,6 +49,25 @@ _YOUNG: Final = 20  # pieces near the wheel whose mean slip gives the trace's di
 # assumed, as no instrument on board measures it.
 _SLIP_RATIO: Final = 0.1
 _FOUND_STD: Final = math.radians(4.0)  # of the slip of a new trace
+
+
+class Pursuit(NamedTuple):
+    """State of a tracked trace."""
+
+    marks: float  # correlation of its lug marks, mean over the last images
+    images: int  # images in which it was searched for
+    missed: int  # consecutive images in which it was not found
+    sure: bool  # True: confirmed by its lug marks
+
+    @property
+    def visible(self) -> bool:
+        """True if it is confirmed and the last image shows it."""
+        return self.sure and self.missed == 0
+
+    @property
+    def lost(self) -> bool:
+        """True if it was missing for too long."""
+        return self.missed >= (_IMAGES_TO_LOSE if self.sure else 1)
 
 
 class TraceMemory(NamedTuple):
@@ -124,7 +151,7 @@ class FTracePlus:
         """Memory and path after a search for a new trace."""
         profiles = np.concatenate([known[probable(memory.sun)], self._templates.shaded[None]])
         find = best_straight(ground.image, ground.behind, profiles)
-        hints = memory.hints + 1 if find.score > _FOUND and find.marks > MARKED else 0
+        hints = memory.hints + 1 if find.score > _FOUND and find.marks > _MARKED else 0
         if hints < _IMAGES_TO_FIND:
             return memory._replace(hints=hints), path
         line = path.together
@@ -144,3 +171,20 @@ class FTracePlus:
     def _yaw_rate(self, view: RoverView) -> float:
         """Yaw rate by the encoders, without slip [rad/s]."""
         return wheel_motion(self._wheels, self._rig.wheel_radius * view.wheel_speeds, view.steer).yaw_rate
+
+
+def begun(find: Find) -> Pursuit:
+    """State of a new trace."""
+    return Pursuit(find.marks, images=0, missed=0, sure=False)
+
+
+def judged(pursuit: Pursuit, score: float, marks: float) -> Pursuit:
+    """State after an image with the rut score ``score`` and the correlation ``marks`` of lug marks along the line."""
+    marks = _KEEPING * pursuit.marks + (1.0 - _KEEPING) * marks
+    images = pursuit.images + 1
+    return pursuit._replace(
+        marks=marks,
+        images=images,
+        missed=0 if score > _KEPT and marks > _MARKED else pursuit.missed + 1,
+        sure=pursuit.sure or (marks > _SURE and images >= _IMAGES_TO_CONFIRM),
+    )

@@ -9,6 +9,10 @@ relative to the wheel's mean steer angle while it made the trace: eq. 2 with mea
 the rover are not used.
 The paper does not state when a lost trace is given up, nor a standard deviation: the one given here is the accuracy
 that the paper claims.
+
+Reina 2008 models the trace by its centre line and does not state how it is derived from edges. An edge lies half a rut
+beside it. So a candidate here is the midline of two lines of the Hough transform that are about parallel on the ground
+and about a rut apart.
 """
 
 from __future__ import annotations
@@ -31,7 +35,6 @@ from estimators.slip.body_slip import (
     with_heading,
     with_pointing,
 )
-from estimators.slip.wheel_trace.candidates import Candidates, midlines
 from estimators.slip.wheel_trace.edges import TraceEdges
 from estimators.slip.wheel_trace.fuzzy import Breakpoints, confidence
 from estimators.slip.wheel_trace.lines import strongest_lines
@@ -41,6 +44,9 @@ from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
+_PARALLEL: Final = math.radians(5.0)  # largest angle between the walls of one rut: it widens along the view by 0.05 m
+_NARROWER: Final = 0.02  # than the wheel, for edges on the inner side of a rut's walls [m]
+_WIDER: Final = 0.07  # than the wheel: a wheel that slips sideways sweeps more, and berms of 0.03 m have edges too [m]
 CANDIDATES: Final = 10  # (Reina 2008, section II-A.2)
 BREAKPOINTS: Final = Breakpoints(rho=130.0, phi=math.radians(16.0), d=0.08, theta=math.radians(16.0), Y=0.03)
 _LINES: Final = 60  # edges that are paired: on pebbles 30 often do not include both walls
@@ -50,6 +56,15 @@ _LEAST_VOTES: Final = 80
 _LEAST_CONFIDENCE: Final = 0.5  # below "medium" the line is not a trace
 _PATIENCE: Final = 15  # images without a trace after which its last pose is dropped: 3 s; assumed
 _STD: Final = math.radians(1.4)  # "an accuracy of 1.4 deg" (Reina 2008, section IV)
+
+
+class _Candidates(NamedTuple):
+    """Midlines, sorted by votes."""
+
+    image: FloatArray  # (m, 2) rho [px], phi [rad]
+    ground: FloatArray  # (m, 3) d [m], theta [rad], Y [m]
+    votes: FloatArray  # (m,) edge pixels on both edges
+    edges: FloatArray  # (m, 2, 2) rho [px], phi [rad] of either edge
 
 
 class TraceReference(NamedTuple):
@@ -75,7 +90,7 @@ class Explanation:
     image: GreyImage  # without distortion
     edges: GreyImage
     lines: FloatArray  # (m, 3) rho [px], phi [rad], votes
-    candidates: Candidates
+    candidates: _Candidates
     confidences: FloatArray  # (n,)
     best: int | None  # index of the candidate; None: no trace
 
@@ -136,7 +151,7 @@ class FTrace:
         steer = float(view.steer[self._rig.watched])
         edges = self._edges.find(image, steer)
         lines = strongest_lines(edges, _LINES, _LEAST_VOTES)
-        candidates = midlines(lines, self._view, self._rig, CANDIDATES)
+        candidates = _midlines(lines, self._view, self._rig, CANDIDATES)
         reference = memory.reference or self._without_slip(self._mean_steer(memory) if memory.pointings else steer)
         confidences = confidence(_differences(candidates, reference), self._breakpoints)
         best = int(np.argmax(confidences)) if len(confidences) else None
@@ -157,7 +172,7 @@ class FTrace:
         return TraceReference((float(image[0, 0]), float(image[0, 1])), (d, theta))
 
 
-def _differences(candidates: Candidates, reference: TraceReference) -> FloatArray:
+def _differences(candidates: _Candidates, reference: TraceReference) -> FloatArray:
     """Inputs of the fuzzy rules (n, 5): differences of each candidate from the last trace, and from the wheel."""
     (rho, phi), (d, theta) = reference
     return np.column_stack(
@@ -169,3 +184,20 @@ def _differences(candidates: Candidates, reference: TraceReference) -> FloatArra
             np.abs(candidates.ground[:, 2]),
         ]
     )
+
+
+def _midlines(lines: FloatArray, view: GroundLines, rig: TraceRig, n: int) -> _Candidates:
+    """The n midlines with the most votes, from lines (m, 3) of rho, phi and votes."""
+    ground = view.ground(lines)
+    first, second = np.triu_indices(len(lines), 1)
+    theta = 0.5 * (ground[first, 1] + ground[second, 1])
+    apart = np.abs(ground[first, 2] - ground[second, 2]) * np.cos(theta)
+    width = rig.wheel_width
+    fits = (np.abs(ground[first, 1] - ground[second, 1]) < _PARALLEL) & (apart > width - _NARROWER)
+    fits &= apart < width + _WIDER
+    votes = lines[first, 2] + lines[second, 2]
+    chosen = np.flatnonzero(fits)[np.argsort(-votes[fits], kind="stable")][:n]
+    first, second, theta = first[chosen], second[chosen], theta[chosen]
+    image = view.image(theta, 0.5 * (ground[first, 2] + ground[second, 2]))
+    edges = np.stack([lines[first, :2], lines[second, :2]], axis=1)
+    return _Candidates(image, view.ground(image), votes[chosen], edges)
