@@ -7,8 +7,7 @@ from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 from controllers import preview_law as law
 from controllers.functions import FLOATS
-from controllers.path import Path
-from controllers.speed_profile import SpeedProfile
+from controllers.path import Path, SpeedProfile
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.clock import TICK

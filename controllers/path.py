@@ -1,4 +1,7 @@
-"""Planar paths by arc length, made of segments whose curvature changes linearly: lines, arcs and clothoids."""
+"""Planar paths by arc length, made of segments whose curvature changes linearly: lines, arcs and clothoids.
+
+Speed profiles of paths keep limits of lateral and longitudinal acceleration.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,11 @@ import numpy as np
 
 from vehicle.frames import FloatArray, Pose2
 
+_SPACING = 0.5  # of the profile's points [m]
 # Gauss-Legendre rule on [0, 1]: integrates exp(i theta(u)) to rounding for turns of up to 4 pi within a segment.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _MAX_TURN = 4.0 * math.pi  # [rad]
-
 _PROJECTION_STEPS = 30  # Newton needs 3 to 5 from a good guess
 
 
@@ -131,3 +134,44 @@ def _check(segment: Segment) -> None:
 def _ahead(pose: Pose2, distance: float) -> Pose2:
     """The pose moved along its own heading by ``distance`` [m]."""
     return Pose2(pose.x + distance * math.cos(pose.psi), pose.y + distance * math.sin(pose.psi), pose.psi)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpeedProfile:
+    """Speed over the arc length of a path."""
+
+    stations: FloatArray  # (n,) [m]
+    speeds: FloatArray  # (n,) [m/s]
+
+    @classmethod
+    def of(cls, path: Path, speed: float, max_lateral_acceleration: float, max_acceleration: float) -> SpeedProfile:
+        """The fastest profile within ``speed`` [m/s] and both accelerations [m/s2].
+
+        Raises:
+            ValueError: if one of them is not positive.
+        """
+        limits = {"speed": speed, "max_lateral_acceleration": max_lateral_acceleration}
+        for name, limit in {**limits, "max_acceleration": max_acceleration}.items():
+            if not limit > 0.0:
+                raise ValueError(f"{name} = {limit} must be positive")
+        stations = np.linspace(0.0, path.length, max(2, math.ceil(path.length / _SPACING) + 1))
+        curvatures = np.array([abs(path.curvature(float(s))) for s in stations])
+        # A limit between two points applies to both.
+        curvatures[:-1] = np.maximum(curvatures[:-1], curvatures[1:])
+        squares = np.minimum(speed**2, max_lateral_acceleration / np.maximum(curvatures, 1e-9))
+        gain = 2.0 * max_acceleration * float(stations[1])
+        for k in range(len(squares) - 2, -1, -1):
+            squares[k] = min(squares[k], squares[k + 1] + gain)
+        for k in range(1, len(squares)):
+            squares[k] = min(squares[k], squares[k - 1] + gain)
+        return cls(stations, np.sqrt(squares))
+
+    @property
+    def duration(self) -> float:
+        """Duration of the drive along the path [s]."""
+        middles = 0.5 * (self.speeds[1:] + self.speeds[:-1])
+        return float(np.sum(np.diff(self.stations) / middles))
+
+    def at(self, station: float) -> float:
+        """Speed at an arc length [m/s]."""
+        return float(np.interp(station, self.stations, self.speeds))

@@ -1,4 +1,4 @@
-"""Interface of every estimator."""
+"""Interface of every estimator, and of stereo odometry."""
 
 from __future__ import annotations
 

@@ -23,8 +23,7 @@ from estimators.odometry.circular import (
     search_radius,
 )
 from estimators.odometry.corners import detect_corners
-from estimators.odometry.keyframe_pose import Located, located
-from estimators.odometry.keyframe_tracking import MOST_POINTS
+from estimators.odometry.keyframe_tracking import MOST_POINTS, Located, located
 from estimators.odometry.keyframes import Keyframe, new_keyframe
 from estimators.odometry.point_tracking import exposed_like
 from estimators.rigid_motion import chained, rotation_vector, stretched

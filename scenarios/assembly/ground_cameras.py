@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
-from sensors.camera.ground_rig import GroundRig
+from sensors.camera.rig import ground_watching_pair
 from sensors.camera.stereo_camera import PairSource, StereoCamera
 from sensors.world.reformed_ground import ReformedGround
 from vehicle.combination.description import Vehicle
@@ -26,15 +26,14 @@ class GroundCameras:
             RendererUnavailableError: if OpenGL does not work here.
         """
         options, ground = context.scenario.ground_rig, context.scenario.surface
-        rig = GroundRig(
-            width=options.width,
-            height=options.height,
-            hfov=math.radians(options.hfov_deg),
+        calibration = ground_watching_pair(
+            options.width,
+            options.height,
+            math.radians(options.hfov_deg),
             front_x=-options.front,
             rear_x=options.rear - context.trailer.follow_distance,
             z=options.camera_height,
         )
-        calibration = rig.calibration()
         renderer = context.views.seen_by(calibration)
         source: PairSource = renderer
         if ground.reformed_width > 0.0:

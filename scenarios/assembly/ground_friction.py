@@ -11,7 +11,7 @@ from scenarios.image_file import read_grey
 from scenarios.options.surface import CircleOptions, RectangleOptions, SurfaceOptions
 from vehicle.frames import FloatArray
 from vehicle.surface import Friction, FrictionImage, PatchedFriction, SplitFriction, circle, rectangle
-from vehicle.surface.patches import Patch
+from vehicle.surface.friction import Patch
 
 
 def ground_friction(options: SurfaceOptions, centreline: FloatArray) -> Friction:

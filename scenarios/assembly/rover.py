@@ -25,7 +25,7 @@ from scenarios.assembly.rover_sensors import (
 from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, check_declared, constructed, resolve
 from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions
 from scenarios.randomness import stream
-from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.fault import with_faults
 from sensors.instruments.rover_navigation import LaserTracker, RoverInstruments
 from sensors.sand.rig import nominal_rig
 from sensors.sand.trace_rig import TraceRig

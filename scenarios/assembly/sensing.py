@@ -13,7 +13,7 @@ from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_declared, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
-from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.fault import with_faults
 from sensors.sensor import Message, Sensor
 from vehicle.clock import Schedule
 from vehicle.combination.truth import Truth

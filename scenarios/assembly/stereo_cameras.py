@@ -14,7 +14,7 @@ from scenarios.assembly.adapters import rig_on
 from scenarios.assembly.board_calibration import calibrated_with_boards
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.options.rig import RigOptions
-from sensors.camera.exposure import AutoExposure
+from sensors.camera.image_formation import AutoExposure
 from sensors.camera.lens import UNDISTORTED, mount_rotation
 from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.camera.rig import StereoCalibration

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
 from scenarios.report.plots import ESTIMATED, GREY, TRUE
-from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
+from scenarios.reproduce.desaxe2018_drive import Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import SOURCE, Point
 from scenarios.reproduce.figure import Reproduction, compared
 from scenarios.results import metrics
@@ -30,7 +30,7 @@ _LENGTH: Final = 14.0  # of the path that the off-tracking depends on [m]
 def fig9(quick: bool, progress: Progress) -> Reproduction:
     """Off-tracking of side-facing cameras over time, and the motion along their optical axis."""
     base = _POINT.case(quick=quick)
-    cases = [_with_seed(base, seed) for seed in (_SEEDS[:2] if quick else _SEEDS)]
+    cases = [dataclasses.replace(base, seed=seed) for seed in (_SEEDS[:2] if quick else _SEEDS)]
     drives = driven(cases, progress)
     worst = max(drives, key=lambda one: metrics.peak(one.error("viso2")))
     return Reproduction(
@@ -63,10 +63,6 @@ def fig9(quick: bool, progress: Progress) -> Reproduction:
         data=_log(worst),
         draw=lambda: _drawn(worst),
     )
-
-
-def _with_seed(case: Case, seed: int) -> Case:
-    return dataclasses.replace(case, seed=seed)
 
 
 def _axial_error(one: Drive, odometry: str) -> FloatArray:
@@ -102,19 +98,18 @@ def _explained(one: Drive) -> float:
     return float(np.corrcoef(error[known], summed[known])[0, 1] ** 2)
 
 
-_SIGNALS: Final = (
-    Signal("time", "s", "time"),
-    Signal("off_tracking_true", "m", "true off-tracking, + left"),
-    Signal("off_tracking_viso2", "m", "estimate of viso2"),
-    Signal("off_tracking_keyframe", "m", "estimate of keyframe"),
-    Signal("axial_true", "m", "motion since the previous image along the optical axis"),
-    Signal("axial_viso2", "m", "estimate of axial_true"),
-)
-
-
 def _log(one: Drive) -> Log:
-    estimates = [one.tracks[name].off_tracking for name in ("viso2", "keyframe")]
-    return Log(_SIGNALS, np.column_stack([one.time, one.true, *estimates, one.lateral, one.tracks["viso2"].lateral]))
+    viso2, keyframe = one.tracks["viso2"], one.tracks["keyframe"]
+    return Log.of(
+        [
+            (Signal("time", "s", "time"), one.time),
+            (Signal("off_tracking_true", "m", "true off-tracking, + left"), one.true),
+            (Signal("off_tracking_viso2", "m", "estimate of viso2"), viso2.off_tracking),
+            (Signal("off_tracking_keyframe", "m", "estimate of keyframe"), keyframe.off_tracking),
+            (Signal("axial_true", "m", "motion since the previous image along the optical axis"), one.lateral),
+            (Signal("axial_viso2", "m", "estimate of axial_true"), viso2.lateral),
+        ]
+    )
 
 
 def _drawn(one: Drive) -> Figure:

@@ -7,7 +7,7 @@ Dynamics, 2018, section 4. The paper's off-tracking is + right; here it is + lef
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from scenarios.reproduce.desaxe2018_drive import Case, Drive, driven, unfinished
 from scenarios.reproduce.desaxe2018_outcomes import ENOUGH, SOURCE
 from scenarios.reproduce.figure import Comparison, Reproduction, compared
 from scenarios.results import metrics
-from scenarios.results.log import Log, Signal
+from scenarios.results.log import Column, Log, Signal
 from vehicle.frames import FloatArray
 
 Facing = Literal["rear", "left"]
@@ -32,6 +32,10 @@ MANOEUVRES: Final = {  # in the order of the paper's rows
 OWN: Final = "keyframe, self-calibrated"
 _CORRECTED: Final = "viso2, corrected"
 _SIDES: Final[dict[Facing, str]] = {"rear": "rear", "left": "side"}
+_LEFT_ROUNDABOUT: Final[dict[Facing, tuple[str, str]]] = {  # published RMS and largest errors [m]
+    "rear": ("0.11–0.12", "0.31–0.44"),
+    "left": ("0.14–0.59", "0.36–1.16"),
+}
 _BASELINES: Final = (0.5, 0.7, 0.9)
 _THIRD: Final = "#5b8c3a"
 _CLEARLY: Final = 1.0  # off-tracking beyond which the bias of each side is evaluated in Fig. 16 [m]
@@ -58,11 +62,9 @@ def fig14(quick: bool, progress: Progress) -> Reproduction:
     shown = list(zip(keys, drives, strict=False))
     comparisons = []
     for (manoeuvre, facing), one in shown:
-        published = ("0.11–0.12", "0.31–0.44") if facing == "rear" else ("0.14–0.59", "0.36–1.16")
-        published = published if manoeuvre == "left roundabout" else ("", "generally < 0.5, some to 1")
-        comparisons += _errors(f"{manoeuvre}, {_SIDES[facing]}", one, published)
-        matches = metrics.mean(one.tracks["viso2"].matches)
-        comparisons.append(compared(f"{manoeuvre}, {_SIDES[facing]}: mean matches", "400–800", matches, "-"))
+        in_others = "", "generally < 0.5, some to 1"
+        published = _LEFT_ROUNDABOUT[facing] if manoeuvre == "left roundabout" else in_others
+        comparisons += _compared(f"{manoeuvre}, {_SIDES[facing]}", one, published)
     return Reproduction(
         name="desaxe2018-fig14",
         title="Fig. 14: off-tracking in the field tests over time, baseline 0.5 m",
@@ -82,10 +84,7 @@ def fig15(quick: bool, progress: Progress) -> Reproduction:
     shown = list(zip(keys, drives, strict=False))
     comparisons = []
     for (facing, baseline), one in shown:
-        published = ("0.11–0.12", "0.31–0.44") if facing == "rear" else ("0.14–0.59", "0.36–1.16")
-        name = f"{_SIDES[facing]}, {baseline} m"
-        comparisons += _errors(name, one, published)
-        comparisons.append(compared(f"{name}: mean matches", "400–800", metrics.mean(one.tracks["viso2"].matches), "-"))
+        comparisons += _compared(f"{_SIDES[facing]}, {baseline} m", one, _LEFT_ROUNDABOUT[facing])
     return Reproduction(
         name="desaxe2018-fig15",
         title="Fig. 15: errors in the left roundabout",
@@ -151,12 +150,13 @@ def _rms(one: Drive, odometry: str) -> float:
     return metrics.rms(_error(one, odometry))
 
 
-def _errors(name: str, one: Drive, published: tuple[str, str]) -> list[Comparison]:
+def _compared(name: str, one: Drive, published: tuple[str, str]) -> list[Comparison]:
     return [
         compared(f"{name}: RMS error", published[0], _rms(one, "viso2")),
         compared(f"{name}: largest error", published[1], metrics.peak(_error(one, "viso2"))),
         compared(f"{name}: keyframe, RMS error", "", _rms(one, OWN)),
         compared(f"{name}: keyframe, largest error", "", metrics.peak(_error(one, OWN))),
+        compared(f"{name}: mean matches", "400–800", metrics.mean(one.tracks["viso2"].matches), "-"),
     ]
 
 
@@ -166,45 +166,29 @@ def _biases(one: Drive, odometry: str) -> tuple[float, float]:
     return metrics.mean(error[one.true > _CLEARLY]), metrics.mean(error[one.true < -_CLEARLY])
 
 
-_SIGNALS: Final = (
-    Signal("manoeuvre", "-", "0 figure-of-eight, 1 left roundabout, 2 right roundabout"),
-    Signal("facing", "-", "0 to the rear, 1 to the left"),
-    Signal("baseline", "m", "of the stereo cameras"),
-    Signal("time", "s", "time"),
-    Signal("speed", "m/s", "of the trailer"),
-    Signal("off_tracking_true", "m", "+ left"),
-    Signal("off_tracking_reference", "m", "as the reference unit has it"),
-    Signal("off_tracking_viso2", "m", "estimate"),
-    Signal("off_tracking_corrected", "m", "estimate of viso2 from images that were turned back, where there is one"),
-    Signal("off_tracking_keyframe", "m", "estimate of keyframe with self-calibration"),
-    Signal("off_tracking_keyframe_std", "m", "its standard deviation"),
-    Signal("matches_viso2", "-", "matches"),
-    Signal("inliers_viso2", "-", "inliers among them"),
-)
-
-
 def _log(shown: Sequence[tuple[str, Facing, float, Drive]]) -> Log:
-    tables = [
-        np.column_stack(
-            [
-                np.full(len(one.time), float(list(MANOEUVRES).index(manoeuvre))),
-                np.full(len(one.time), float(facing == "left")),
-                np.full(len(one.time), baseline),
-                one.time,
-                one.speed,
-                one.true,
-                one.reference,
-                one.tracks["viso2"].off_tracking,
-                _corrected(one),
-                one.tracks[OWN].off_tracking,
-                one.tracks[OWN].std,
-                one.tracks["viso2"].matches,
-                one.tracks["viso2"].inliers,
-            ]
-        )
-        for manoeuvre, facing, baseline, one in shown
-    ]
-    return Log(_SIGNALS, np.concatenate(tables))
+    """Signals of all drives, one after the other."""
+    logs = [Log.of(_columns(*drive)) for drive in shown]
+    return Log(logs[0].signals, np.concatenate([log.rows for log in logs]))
+
+
+def _columns(manoeuvre: str, facing: Facing, baseline: float, one: Drive) -> Iterator[Column]:
+    n, viso2, own = len(one.time), one.tracks["viso2"], one.tracks[OWN]
+    number = float(list(MANOEUVRES).index(manoeuvre))
+    yield Signal("manoeuvre", "-", "0 figure-of-eight, 1 left roundabout, 2 right roundabout"), np.full(n, number)
+    yield Signal("facing", "-", "0 to the rear, 1 to the left"), np.full(n, float(facing == "left"))
+    yield Signal("baseline", "m", "of the stereo cameras"), np.full(n, baseline)
+    yield Signal("time", "s", "time"), one.time
+    yield Signal("speed", "m/s", "of the trailer"), one.speed
+    yield Signal("off_tracking_true", "m", "+ left"), one.true
+    yield Signal("off_tracking_reference", "m", "as the reference unit has it"), one.reference
+    yield Signal("off_tracking_viso2", "m", "estimate"), viso2.off_tracking
+    corrected = "estimate of viso2 from images that were turned back, where there is one"
+    yield Signal("off_tracking_corrected", "m", corrected), _corrected(one)
+    yield Signal("off_tracking_keyframe", "m", "estimate of keyframe with self-calibration"), own.off_tracking
+    yield Signal("off_tracking_keyframe_std", "m", "its standard deviation"), own.std
+    yield Signal("matches_viso2", "-", "matches"), viso2.matches
+    yield Signal("inliers_viso2", "-", "inliers among them"), viso2.inliers
 
 
 def _corrected(one: Drive) -> FloatArray:

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scenarios.progress import Progress
@@ -91,14 +90,9 @@ def most(results: Sequence[Outcome], quantity: str, chosen: Choice, odometry: st
     return max(_values(results, quantity, chosen, odometry), default=math.nan)
 
 
-def least(results: Sequence[Outcome], chosen: Choice) -> float:
-    """Smallest RMS error of viso2 [m]."""
-    return min(_values(results, "rms", chosen), default=math.nan)
-
-
-def fewest(results: Sequence[Outcome], chosen: Choice) -> float:
-    """Smallest mean number of matches of viso2."""
-    return min(_values(results, "matches", chosen), default=math.nan)
+def least(results: Sequence[Outcome], quantity: str, chosen: Choice) -> float:
+    """Smallest magnitude of a quantity of viso2."""
+    return min(_values(results, quantity, chosen), default=math.nan)
 
 
 def average(results: Sequence[Outcome], chosen: Choice) -> float:
@@ -175,33 +169,14 @@ def draw_panels(
             ax.axvline(limit, color=GREY, linestyle="--", linewidth=1.0)
         for label, chosen, colour in groups:
             for odometry, line in zip(_ODOMETRIES, ("-o", ":^"), strict=True):
-                _plot(ax, results, along, quantity, chosen, odometry, line=line, colour=colour, label=label)
+                of_odometry = (one for one in results if one.odometry == odometry and chosen(one.point))
+                shown = sorted((getattr(one.point, along), getattr(one, quantity)) for one in of_odometry)
+                if shown:
+                    style: dict[str, Any] = {"color": colour, "markersize": 3.5, "linewidth": 1.2}
+                    ax.plot(*zip(*shown, strict=True), line, label=f"{label}, {odometry}", **style)
         ax.set(title=title, xlabel=xlabel)
         if quantity != "mean":
             ax.set_ylim(bottom=0.0)
     figure.axes[0].legend(fontsize=8.0)
     figure.axes[2].legend(handles=figure.axes[2].lines[:1], fontsize=8.0)
     return figure
-
-
-def _plot(
-    ax: Axes,
-    results: Sequence[Outcome],
-    along: str,
-    quantity: str,
-    chosen: Choice,
-    odometry: str,
-    *,
-    line: str,
-    colour: str,
-    label: str,
-) -> None:
-    shown = sorted(
-        (getattr(one.point, along), getattr(one, quantity))
-        for one in results
-        if one.odometry == odometry and chosen(one.point)
-    )
-    if shown:
-        ax.plot(
-            *zip(*shown, strict=True), line, color=colour, markersize=3.5, linewidth=1.2, label=f"{label}, {odometry}"
-        )

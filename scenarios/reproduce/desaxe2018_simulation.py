@@ -17,11 +17,11 @@ from scenarios.report.plots import ESTIMATED, TRUE
 from scenarios.reproduce.desaxe2018_drive import unfinished
 from scenarios.reproduce.desaxe2018_outcomes import (
     SOURCE,
+    Choice,
     Facing,
     Point,
     average,
     draw_panels,
-    fewest,
     first_short,
     least,
     log_of,
@@ -41,20 +41,28 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
     points = [Point(facing=facing, baseline=b) for facing in ("rear", "left") for b in baselines]
     results = outcomes(points, quick=quick, progress=progress)
     comparisons = [
-        compared("rear, up to 2.5 m: largest RMS error", "0.01–0.04", most(results, "rms", _near)),
-        compared("rear, up to 2.5 m: largest mean error", "0.01", most(results, "mean", _near)),
-        compared("side, up to 2.5 m: largest RMS error", "0.01–0.04", most(results, "rms", _near_side)),
-        compared("rear, beyond 2.5 m: largest RMS error", "", most(results, "rms", _far)),
-        compared("side, beyond 2.5 m: largest RMS error", "above the rear's", most(results, "rms", _far_side)),
-        compared("side over rear, beyond 2.5 m: RMS error over all", "> 1", over(results, _far_side, _far), "-"),
+        compared(f"{drives}: {label}", published, most(results, quantity, _DRIVES[drives]))
+        for drives, label, quantity, published in (
+            ("rear, up to 2.5 m", "largest RMS error", "rms", "0.01–0.04"),
+            ("rear, up to 2.5 m", "largest mean error", "mean", "0.01"),
+            ("side, up to 2.5 m", "largest RMS error", "rms", "0.01–0.04"),
+            ("rear, beyond 2.5 m", "largest RMS error", "rms", ""),
+            ("side, beyond 2.5 m", "largest RMS error", "rms", "above the rear's"),
+        )
+    ]
+    ratio = over(results, _DRIVES["side, beyond 2.5 m"], _DRIVES["rear, beyond 2.5 m"])
+    comparisons += [
+        compared("side over rear, beyond 2.5 m: RMS error over all", "> 1", ratio, "-"),
         compared("rear, 0.5 m: matches", "380", matches_at(results, "rear", 0.5), "-"),
         compared("side, 0.5 m: matches", "", matches_at(results, "left", 0.5), "-"),
         compared("rear, 5 m: matches", "", matches_at(results, "rear", 5.0), "-"),
         compared("side, 5 m: matches", "fewer than the rear's", matches_at(results, "left", 5.0), "-"),
         compared("rear: first baseline with under 250 matches", "2.5", first_short(results, "rear")),
         compared("side: first baseline with under 250 matches", "2.5", first_short(results, "left")),
-        compared("keyframe, rear, up to 2.5 m: largest RMS error", "", most(results, "rms", _near, "keyframe")),
-        compared("keyframe, side, up to 2.5 m: largest RMS error", "", most(results, "rms", _near_side, "keyframe")),
+        *(
+            compared(f"keyframe, {drives}: largest RMS error", "", most(results, "rms", _DRIVES[drives], "keyframe"))
+            for drives in ("rear, up to 2.5 m", "side, up to 2.5 m")
+        ),
     ]
     return Reproduction(
         name="desaxe2018-fig6",
@@ -64,13 +72,7 @@ def fig6(quick: bool, progress: Progress) -> Reproduction:
         notes=(_SIGN, _RANGE, *unfinished(len(results) // 2, len(points))),
         interrupted=len(results) // 2 < len(points),
         data=log_of(results),
-        draw=lambda: draw_panels(
-            results,
-            "baseline",
-            "stereo baseline [m]",
-            [("rear", _rear, TRUE), ("side", _side, ESTIMATED)],
-            band=(0.01, 0.04),
-        ),
+        draw=lambda: draw_panels(results, "baseline", "stereo baseline [m]", _SIDES, band=(0.01, 0.04)),
     )
 
 
@@ -87,12 +89,9 @@ def fig7(quick: bool, progress: Progress) -> Reproduction:
     }
     comparisons = []
     for b, (rms, mean, matches) in published.items():
-
-        def usual(p: Point, b: float = b) -> bool:
-            return p.baseline == b and p.slip <= 16.0
-
+        usual = partial(_usual, b)
         comparisons += [
-            compared(f"{b} m, up to 16 deg: smallest RMS error", rms.partition("–")[0], least(results, usual)),
+            compared(f"{b} m, up to 16 deg: smallest RMS error", rms.partition("–")[0], least(results, "rms", usual)),
             compared(f"{b} m, up to 16 deg: largest RMS error", rms.partition("–")[2], most(results, "rms", usual)),
             compared(f"{b} m, up to 16 deg: largest mean error", mean, most(results, "mean", usual)),
             compared(f"{b} m, up to 16 deg: mean matches", matches, average(results, usual), "-"),
@@ -131,7 +130,7 @@ def fig8(quick: bool, progress: Progress) -> Reproduction:
         compared("side, 0 %: RMS error", "", rms("left", 0.0)),
         compared("rear: RMS error at 0 % over that at 100 %", "1", ratio("rear"), "-"),
         compared("side: RMS error at 0 % over that at 100 %", "2", ratio("left"), "-"),
-        compared("fewest matches at 0 %", "> 250", fewest(results, lambda p: p.density == 0.0), "-"),
+        compared("fewest matches at 0 %", "> 250", least(results, "matches", lambda p: p.density == 0.0), "-"),
         compared("keyframe, rear, 0 %: RMS error", "", rms("rear", 0.0, "keyframe")),
         compared("keyframe, side, 0 %: RMS error", "", rms("left", 0.0, "keyframe")),
         compared("keyframe, side, 100 %: RMS error", "", rms("left", 1.0, "keyframe")),
@@ -144,9 +143,7 @@ def fig8(quick: bool, progress: Progress) -> Reproduction:
         notes=(_SIGN, *unfinished(len(results) // 2, len(points))),
         interrupted=len(results) // 2 < len(points),
         data=log_of(results),
-        draw=lambda: draw_panels(
-            results, "density", "density of the scenery [-]", [("rear", _rear, TRUE), ("side", _side, ESTIMATED)]
-        ),
+        draw=lambda: draw_panels(results, "density", "density of the scenery [-]", _SIDES),
     )
 
 
@@ -159,30 +156,20 @@ _RANGE: Final = (
     "Buckets of 50 x 50 px with two matches each limit the number of matches to 432."
 )
 
-
-def _near(p: Point) -> bool:
-    return _rear(p) and p.baseline <= 2.5
-
-
-def _near_side(p: Point) -> bool:
-    return _side(p) and p.baseline <= 2.5
-
-
-def _far(p: Point) -> bool:
-    return _rear(p) and p.baseline > 2.5
-
-
-def _far_side(p: Point) -> bool:
-    return _side(p) and p.baseline > 2.5
+_DRIVES: Final[dict[str, Choice]] = {
+    "rear": lambda p: p.facing == "rear",
+    "side": lambda p: p.facing == "left",
+    "rear, up to 2.5 m": lambda p: p.facing == "rear" and p.baseline <= 2.5,
+    "side, up to 2.5 m": lambda p: p.facing == "left" and p.baseline <= 2.5,
+    "rear, beyond 2.5 m": lambda p: p.facing == "rear" and p.baseline > 2.5,
+    "side, beyond 2.5 m": lambda p: p.facing == "left" and p.baseline > 2.5,
+}
+_SIDES: Final = (("rear", _DRIVES["rear"], TRUE), ("side", _DRIVES["side"], ESTIMATED))
 
 
 def _has_baseline(baseline: float, p: Point) -> bool:
     return p.baseline == baseline
 
 
-def _rear(p: Point) -> bool:
-    return p.facing == "rear"
-
-
-def _side(p: Point) -> bool:
-    return p.facing == "left"
+def _usual(baseline: float, p: Point) -> bool:
+    return p.baseline == baseline and p.slip <= 16.0

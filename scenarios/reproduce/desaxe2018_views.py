@@ -144,9 +144,8 @@ def _drawn(views: Sequence[View]) -> Figure:
     for pair, view, letter in zip(axes, views, "ab", strict=False):
         for ax, image, side in zip(pair, (view.left, view.right), ("left", "right"), strict=True):
             ax.imshow(image, cmap="gray", vmin=0, vmax=255)
-            ax.set(
-                xticks=(), yticks=(), title=f"({letter}) {'rear' if view.facing == 'rear' else 'side'} cameras, {side}"
-            )
+            facing = "rear" if view.facing == "rear" else "side"
+            ax.set(xticks=(), yticks=(), title=f"({letter}) {facing} cameras, {side}")
         (u0, v0, _), (u, v, u_right) = view.matches.previous.T, view.matches.current.T
         pair[0].plot(np.stack([u0, u]), np.stack([v0, v]), color=ESTIMATED, linewidth=0.7)
         for ax, column in zip(pair, (u, u_right), strict=True):

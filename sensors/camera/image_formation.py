@@ -1,11 +1,14 @@
 """Image formation behind the lens: from the light on the sensor to the grey image that is sent.
 
-Modelled: conversion to grey, Gaussian noise that is constant or grows with the light, rounding and saturation.
+Modelled: control of the exposure by the brightness of previous images, conversion to grey, Gaussian noise that is
+constant or grows with the light, rounding and saturation.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Final
 
 import cv2
 import numpy as np
@@ -13,8 +16,26 @@ from numpy.typing import NDArray
 
 from sensors.messages import ColourImage, GreyImage
 
+_TARGET: Final = 118.0  # mean level of the control: 18 % reflectance at the usual gamma of 2.2 [grey levels]
+_GAINS: Final = (0.25, 8.0)  # limits of shutter and amplifier, relative to the fixed exposure
 _BANK = 1 << 22  # fewest samples: eight images of 1344x391 px, so that two rarely get the same noise
 _MAX_STD = 50.0  # with more, most pixels of a mid-grey image would saturate or nearly so [grey levels]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AutoExposure:
+    """Exposure that follows the mean level of both images with a first-order lag, in stops."""
+
+    time_constant: float  # [s]
+
+    def settled(self, level: float) -> float:
+        """Steady-state gain for images of a mean level [grey levels at a gain of 1]."""
+        return min(max(_TARGET / max(level, 1e-3), _GAINS[0]), _GAINS[1])
+
+    def step(self, gain: float, level: float, seconds: float) -> float:
+        """Gain a number of seconds after an image of this level was taken at the given gain."""
+        share = 1.0 - math.exp(-seconds / self.time_constant)
+        return gain * math.exp(share * math.log(self.settled(level) / gain))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

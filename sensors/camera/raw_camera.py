@@ -12,8 +12,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from sensors.camera.exposure import AutoExposure
-from sensors.camera.image_formation import LightNoise, grey
+from sensors.camera.image_formation import AutoExposure, LightNoise, grey
 from sensors.camera.lens import RawStereoRig, mount_rotation
 from sensors.camera.lens_map import Floats, LensMap, covering_pinholes
 from sensors.camera.lens_surface import LensSurface, lens_surface

@@ -45,6 +45,19 @@ class StereoCalibration:
         if self.baseline <= 0.0:
             raise ValueError(f"baseline = {self.baseline} m must be positive")
 
+    @classmethod
+    def of_view(cls, width: int, height: int, hfov: float, *, baseline: float, X_SC: FloatArray) -> StereoCalibration:
+        """Calibration of cameras with a horizontal field of view of ``hfov`` [rad], centred in their images."""
+        return cls(
+            width=width,
+            height=height,
+            focal_length=0.5 * width / math.tan(0.5 * hfov),
+            cx=0.5 * (width - 1),
+            cy=0.5 * (height - 1),
+            baseline=baseline,
+            X_SC=X_SC,
+        )
+
     @property
     def X_ClCr(self) -> FloatArray:
         """Pose (4, 4) of the right camera in the left one."""
@@ -68,14 +81,8 @@ class StereoRig:
         """Exact calibration of this rig; the pair is centred on (x, y, z)."""
         R_SC = rotation_zyx(*_ATTITUDE[self.facing], 0.0) @ R_BODY_CAMERA
         p_SC = np.array([self.x, self.y, self.z]) - R_SC @ np.array([0.5 * self.baseline, 0.0, 0.0])
-        return StereoCalibration(
-            width=self.width,
-            height=self.height,
-            focal_length=0.5 * self.width / math.tan(0.5 * self.hfov),
-            cx=0.5 * (self.width - 1),
-            cy=0.5 * (self.height - 1),
-            baseline=self.baseline,
-            X_SC=transform(R_SC, p_SC),
+        return StereoCalibration.of_view(
+            self.width, self.height, self.hfov, baseline=self.baseline, X_SC=transform(R_SC, p_SC)
         )
 
     def raw(self, distortion: Distortion = UNDISTORTED, R_ClCr: FloatArray | None = None) -> RawStereoRig:
@@ -92,3 +99,31 @@ class StereoRig:
         )
         R = np.eye(3) if R_ClCr is None else R_ClCr
         return RawStereoRig(left=camera, right=camera, X_ClCr=transform(R, ideal.X_ClCr[:3, 3]), X_SC=ideal.X_SC)
+
+
+def ground_watching_pair(
+    width: int, height: int, hfov: float, *, front_x: float, rear_x: float, z: float
+) -> StereoCalibration:
+    """Two equal cameras below the chassis that look straight down (Miao's ground-watching navigation system).
+
+    One is near the fifth wheel, one near the follow point, as described in section 1.2 of C. de Saxe, D. Cebon,
+    "Estimation of trailer off-tracking using visual odometry", Vehicle System Dynamics, 2018. ``left`` is the front
+    camera, ``right`` the rear one.
+
+    Args:
+        width: along the trailer [px].
+        height: across it [px].
+        hfov: field of view along the trailer [rad].
+        front_x: the front camera, from the hitch [m], negative behind it.
+        rear_x: the rear camera [m].
+        z: both, above the ground [m].
+
+    Raises:
+        ValueError: if the rear camera is not behind the front one.
+    """
+    if not rear_x < front_x:
+        raise ValueError(f"rear_x = {rear_x} m must be less than front_x = {front_x} m")
+    # The image's columns run to the rear (x of C against x of S), its rows to the left, the camera looks down. The
+    # rear camera then lies on the front one's x axis, as the right camera of any pair lies on the left one's.
+    X_SC = transform(np.diag([-1.0, 1.0, -1.0]), np.array([front_x, 0.0, z]))
+    return StereoCalibration.of_view(width, height, hfov, baseline=front_x - rear_x, X_SC=X_SC)

@@ -1,4 +1,4 @@
-"""Faults as plain data, and the protocol of a fault kind.
+"""Faults as plain data, the protocol of a fault kind, and sensors with faults.
 
 ``sensors.faults.catalogue`` lists the kinds. A kind of one's own is a class with the members of ``FaultKind``; the base
 classes in ``message_kinds`` and ``image_kinds`` define most of them.
@@ -7,12 +7,13 @@ classes in ``message_kinds`` and ``image_kinds`` define most of them.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, TypeVar
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from sensors.sensor import Message, Sensor, Stamped
+from sensors.sensor import Message, Sensor, Stamped, message_type
 from vehicle.clock import to_ticks
 from vehicle.option import Option
 
@@ -128,3 +129,60 @@ def defaults(kind: type[FaultKind]) -> tuple[float, ...]:
     if len(numbers) < len(values):
         raise ValueError(f"{kind.__name__}: every amount needs a number as its default")
     return tuple(numbers)
+
+
+MessageT = TypeVar("MessageT", bound=Message)
+
+
+def with_faults(
+    sensor: Sensor[T, MessageT],
+    faults: Sequence[Fault],
+    *,
+    camera: Pinhole | None,
+    unit: int,
+    rng: Callable[[int], np.random.Generator],
+    message: type[MessageT] | None = None,
+) -> Sensor[T, MessageT]:
+    """The sensor with all faults, the first of them closest to it; the sensor itself if there are none.
+
+    Args:
+        sensor: the sound one.
+        faults: in the order in which they act.
+        camera: intrinsics of the images; None if it sends none.
+        unit: of the vehicle that carries the sensor: 0 for the tractor or a rover.
+        rng: random stream of the fault of this number.
+        message: class of the sensor's messages; None: the one that its ``sample`` is annotated with.
+
+    Raises:
+        ValueError: one line, if a fault does not apply to such a sensor.
+    """
+    if not faults:
+        return sensor
+    message = message or message_type(sensor)
+    for k, fault in enumerate(faults):
+        context = FaultContext(message=message, camera=camera, unit=unit, rng=rng(k))
+        sensor = _FaultySensor(sensor, fault, context, message)
+    return sensor
+
+
+class _FaultySensor(Generic[T, MessageT]):
+    """A sensor with one fault."""
+
+    def __init__(
+        self, sensor: Sensor[T, MessageT], fault: Fault, context: FaultContext, message: type[MessageT]
+    ) -> None:
+        self._sensor, self._fault, self._message = sensor, fault, message
+        self._kind = fault.built(context)
+
+    def sample(self, truth: T) -> MessageT | None:
+        """The message that arrives at this tick.
+
+        Raises:
+            ValueError: if the fault kind returns a message of another class.
+        """
+        message = self._kind.sample(self._sensor, truth, self._fault.active(truth.tick))
+        if message is None or isinstance(message, self._message):
+            return message
+        raise ValueError(
+            f"faults: {self._fault.name} returned {type(message).__name__} instead of {self._message.__name__}"
+        )

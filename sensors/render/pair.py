@@ -17,7 +17,6 @@ from pyrender import Scene
 from pyrender.renderer import Renderer
 
 from sensors.camera.rig import StereoCalibration
-from sensors.render.blocks import dome, in_blocks
 from sensors.render.context import (
     Context,
     Program,
@@ -27,7 +26,7 @@ from sensors.render.context import (
     upload_table,
     upload_texture,
 )
-from sensors.render.instancing import Culler, InstancedPart, draw, draw_run, in_view, primitive
+from sensors.render.instancing import Culler, InstancedPart, dome, draw, draw_run, in_blocks, in_view, primitive
 from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.condition import Condition

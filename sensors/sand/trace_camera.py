@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.camera.exposure import AutoExposure
-from sensors.camera.image_formation import LightNoise
+from sensors.camera.image_formation import AutoExposure, LightNoise
 from sensors.messages import ColourImage, GreyImage
 from sensors.sand.casters import Casters
 from sensors.sand.grid import Floats

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.driver_trace import DriverTrace, TraceDriver
-from controllers.path import Path, arc, line
-from controllers.speed_profile import SpeedProfile
+from controllers.path import Path, SpeedProfile, arc, line
 from sensors.messages import EgoState
 from vehicle.frames import Pose2
 

@@ -15,10 +15,16 @@ from hypothesis import strategies as st
 
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.body_slip import Heading, Pointing, body_slip, mean_steer, rate_of_turn
-from estimators.slip.wheel_trace.edges import TraceEdges, canny_thresholds, ground_mask
 from estimators.slip.wheel_trace.ftrace import BREAKPOINTS, FTrace
 from estimators.slip.wheel_trace.fuzzy import confidence
-from estimators.slip.wheel_trace.lines import STEEPEST, strongest_lines, upright
+from estimators.slip.wheel_trace.lines import (
+    STEEPEST,
+    TraceEdges,
+    canny_thresholds,
+    ground_mask,
+    strongest_lines,
+    upright,
+)
 from estimators.slip.wheel_trace.poses import GroundLines
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.rig import nominal_rig

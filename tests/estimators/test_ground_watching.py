@@ -17,15 +17,13 @@ from estimators.off_tracking.ground_watching import GroundWatching, SingleGround
 from estimators.off_tracking.planar_fit import Pairs, planar_motion
 from estimators.off_tracking.pose_chain import Sample, closed, extended, first_sample, positions_now
 from estimators.rigid_motion import UncertainMotion
-from sensors.camera.ground_rig import GroundRig
-from sensors.camera.rig import StereoRig
+from sensors.camera.rig import StereoRig, ground_watching_pair
 from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse, planar, rotation_zyx, transform
 
 FOLLOW = 4.0  # a short trailer, so that drives are short [m]
 STEP = 0.25  # between frames [m]
-RIG = GroundRig(width=320, height=320, hfov=math.radians(70.0), front_x=-0.5, rear_x=-3.7, z=1.0)
-CALIBRATION = RIG.calibration()
+CALIBRATION = ground_watching_pair(320, 320, math.radians(70.0), front_x=-0.5, rear_x=-3.7, z=1.0)
 TEXEL = 0.004  # half a pixel of these cameras [m]
 
 

@@ -16,8 +16,7 @@ from scenarios.assembly.trailer import assemble
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_result import error_of_estimate
-from sensors.faults.fault import Fault
-from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.fault import Fault, with_faults
 from sensors.faults.image_kinds import Dirt
 from sensors.render import StereoRenderer
 from sensors.world.scenery import Instances

@@ -153,7 +153,7 @@ def test_theory_holds(section: Callable[[bool], Section]) -> None:
 
 def test_a_package_that_is_missing_is_said_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     """The checks that need it are skipped, with what to install; none of them passes or fails."""
-    monkeypatch.setattr(no_slip_limit, "installed", lambda: False)
+    monkeypatch.setattr(no_slip_limit, "_installed", lambda: False)
     for one in no_slip_limit._slalom_checks():
         assert one.verdict == "skipped"
         assert "pip install commonroad-vehicle-models" in one.remark

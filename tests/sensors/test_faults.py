@@ -15,8 +15,7 @@ import pytest
 from sensors.camera.lens import CameraModel, mount_rotation
 from sensors.camera.rig import StereoRig
 from sensors.faults.catalogue import FAULTS, checked_kind
-from sensors.faults.fault import Fault, FaultContext, Pinhole, T, defaults
-from sensors.faults.faulty_sensor import with_faults
+from sensors.faults.fault import Fault, FaultContext, Pinhole, T, defaults, with_faults
 from sensors.faults.image_kinds import ImageFault
 from sensors.faults.message_kinds import AnySensorFault
 from sensors.instruments.navigation import ExactPose

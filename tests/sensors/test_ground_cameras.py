@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from sensors.camera.ground_rig import GroundRig
-from sensors.camera.rig import StereoCalibration
+from sensors.camera.rig import StereoCalibration, ground_watching_pair
 from sensors.messages import ColourImage
 from sensors.world.reformed_ground import ReformedGround
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface import Surface
 
-RIG = GroundRig(width=200, height=160, hfov=math.radians(70.0), front_x=-1.5, rear_x=-13.5, z=1.0)
+RIG = ground_watching_pair(200, 160, math.radians(70.0), front_x=-1.5, rear_x=-13.5, z=1.0)
 WHEELS = np.array([[-8.0, 1.0], [-8.0, -1.0]])
 FLAT = Surface(friction=0.8)
 
@@ -22,7 +21,7 @@ FLAT = Surface(friction=0.8)
 class PaintedGround:
     """A source whose pixels carry where on the ground they look, W of x and y in centimetres modulo 256."""
 
-    calibration = RIG.calibration()
+    calibration = RIG
 
     def render(self, X_WB: FloatArray) -> tuple[ColourImage, ColourImage]:
         X_WCl = X_WB @ self.calibration.X_SC
@@ -49,7 +48,7 @@ def body(x: float, y: float = 0.0, yaw: float = 0.0) -> FloatArray:
 
 def test_both_cameras_look_straight_down_from_where_they_hang() -> None:
     """The middle of each image is the ground right below; columns run to the rear, rows to the left."""
-    c = RIG.calibration()
+    c = RIG
     for X_SC, x in ((c.X_SC, -1.5), (c.X_SC @ c.X_ClCr, -13.5)):
         seen = looked_at(c, X_SC)
         np.testing.assert_allclose(seen.mean(axis=(0, 1)), [x, 0.0], atol=1e-9)
@@ -62,7 +61,7 @@ def test_both_cameras_look_straight_down_from_where_they_hang() -> None:
 def test_a_rear_camera_ahead_of_the_front_one_is_refused() -> None:
     """The pair has an order."""
     with pytest.raises(ValueError, match=r"rear_x = 0.0 m must be less than front_x = -1.5 m"):
-        GroundRig(width=200, height=160, hfov=1.0, front_x=-1.5, rear_x=0.0, z=1.0).calibration()
+        ground_watching_pair(200, 160, 1.0, front_x=-1.5, rear_x=0.0, z=1.0)
 
 
 def driven(ground: ReformedGround, way: float) -> tuple[ColourImage, ColourImage]:
@@ -79,7 +78,7 @@ def test_only_what_wheels_have_rolled_on_looks_different() -> None:
     plain_left, plain_right = PaintedGround().render(body(20.0))
     np.testing.assert_array_equal(left, plain_left)
     different = (right != plain_right).any(axis=-1)
-    y = looked_at(RIG.calibration(), body(20.0) @ RIG.calibration().X_SC @ RIG.calibration().X_ClCr)[..., 1]
+    y = looked_at(RIG, body(20.0) @ RIG.X_SC @ RIG.X_ClCr)[..., 1]
     pixel = 0.008  # two pixels: drawn lines have round ends and whole thicknesses [m]
     assert different[np.abs(np.abs(y) - 0.5) < 0.2 - pixel].all()
     assert not different[np.abs(np.abs(y) - 0.5) > 0.2 + pixel].any()
@@ -89,7 +88,7 @@ def test_reformed_ground_stays_where_it_is() -> None:
     """Seen again from farther on it is the same picture: it is a property of the place."""
     ground = ReformedGround(PaintedGround(), FLAT, [WHEELS], width=2.2)
     _, before = driven(ground, 20.0)
-    c = RIG.calibration()
+    c = RIG
     shift = round(0.1 * c.focal_length)  # 10 cm at 1 m [px]
     _, after = ground.render(body(20.0 + shift / c.focal_length))
     same = (before[:, :-shift].astype(int) - after[:, shift:].astype(int))[..., :2]

@@ -12,8 +12,7 @@ import pytest
 from cv2.typing import MatLike
 from numpy.typing import NDArray
 
-from sensors.camera.exposure import AutoExposure
-from sensors.camera.image_formation import LightNoise, grey
+from sensors.camera.image_formation import AutoExposure, LightNoise, grey
 from sensors.camera.lens import UNDISTORTED, RawStereoRig, mount_rotation
 from sensors.camera.lens_map import LensMap, covering_pinholes
 from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for

@@ -11,10 +11,9 @@ import pytest
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.lateral_outputs import OutputKind
 from vehicle.combination.layout import Input, input_sizes, parts
-from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.combination.linear import LateralModel, lateral_model, straight_running
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import Plant, VehicleCommand
-from vehicle.combination.trim import straight_running
 from vehicle.surface import Surface
 from vehicle.tyres.linear import LinearTyre
 

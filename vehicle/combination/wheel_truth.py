@@ -1,4 +1,4 @@
-"""Ground truth of steered axles and wheels, as a CasADi expression."""
+"""Ground truth of steered axles and wheels as a CasADi expression, and ``Truth`` from the vectors of the plants."""
 
 from __future__ import annotations
 

@@ -1,10 +1,23 @@
 """Ground as one object: height, slope, friction and roughness, for the vehicle and the renderer."""
 
-from vehicle.surface.friction import Friction, FrictionImage, FrictionMap, SplitFriction
+from vehicle.surface.friction import (
+    Friction,
+    FrictionImage,
+    FrictionMap,
+    PatchedFriction,
+    SplitFriction,
+    circle,
+    rectangle,
+)
 from vehicle.surface.ground import Surface
-from vehicle.surface.patches import PatchedFriction, circle, rectangle
-from vehicle.surface.potholes import Potholes, scattered_potholes
-from vehicle.surface.roughness import ROAD_CLASSES, Roughness, RoughProfile, displacement_psd
+from vehicle.surface.roughness import (
+    ROAD_CLASSES,
+    Potholes,
+    Roughness,
+    RoughProfile,
+    displacement_psd,
+    scattered_potholes,
+)
 
 __all__ = [
     "ROAD_CLASSES",

@@ -35,9 +35,8 @@ from estimators.slip.body_slip import (
     with_heading,
     with_pointing,
 )
-from estimators.slip.wheel_trace.edges import TraceEdges
 from estimators.slip.wheel_trace.fuzzy import Breakpoints, confidence
-from estimators.slip.wheel_trace.lines import strongest_lines
+from estimators.slip.wheel_trace.lines import TraceEdges, strongest_lines
 from estimators.slip.wheel_trace.poses import GroundLines, turn_between
 from sensors.messages import GreyImage, RoverView
 from sensors.sand.trace_rig import TraceRig
