@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.reprojection import linearised, motion_jacobian
-from estimators.stereo_geometry import triangulation_jacobian
+from estimators.stereo_geometry import linearised, motion_jacobian, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.reprojection import linearised, residuals
+from estimators.stereo_geometry import linearised, residuals
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, skew, transform
 

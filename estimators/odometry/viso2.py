@@ -15,11 +15,10 @@ from estimators.estimates import Health, Motion
 from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
 from estimators.odometry.circular_matching import Matches
 from estimators.odometry.ransac import consensus
-from estimators.odometry.reprojection import linearised
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.protocol import above_ground
 from estimators.rigid_motion import UncertainMotion, rotation_vector
-from estimators.stereo_geometry import triangulate
+from estimators.stereo_geometry import linearised, triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK

@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
-from estimators.off_tracking.lateral_uncertainty import lateral_std
 from estimators.off_tracking.motion_smoother import Moments, started, updated
 from estimators.off_tracking.pose_chain import (
     Sample,
     extended,
     first_sample,
+    lateral_std,
     links_between,
     positions_now,
     rested,

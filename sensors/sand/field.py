@@ -14,9 +14,9 @@ from sensors.sand.grid import Bytes, Floats, Window
 from sensors.sand.imprint import Sand
 from sensors.sand.light import Reach, around, encoded, sunlit
 from sensors.sand.relief import Relief
-from sensors.sand.rocks import Rock
+from sensors.sand.solids import Rock
 from sensors.sand.tracks import Track, pressed_by
-from sensors.world.sunlight import Sunlight
+from sensors.world.sky import Sunlight
 
 TILE: Final = 512  # texels a side
 _BLOCK: Final = 32  # texels a side of the blocks whose light is updated together

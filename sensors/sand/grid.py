@@ -1,4 +1,4 @@
-"""Grid of texels that represents the sand, and windows of it.
+"""Grid of texels that represents the sand, windows of it, and slumping of what is too steep.
 
 Texel (row, column) has its centre at x = column * TEXEL, y = row * TEXEL in W; arrays are [row, column].
 """
@@ -15,8 +15,9 @@ from vehicle.frames import FloatArray
 
 Floats = NDArray[np.float32]
 Bytes = NDArray[np.uint8]
-
 TEXEL: Final = 1e-3  # [m]
+_STEEPEST: Final = np.float32(0.75 * TEXEL)  # height between texels at the slope of repose of dry sand, tan 37 deg [m]
+_SHARE: Final = np.float32(0.24)  # of the excess height that moves in a sweep; above a quarter it is unstable
 
 
 class Window(NamedTuple):
@@ -79,3 +80,17 @@ def window_around(points: FloatArray, margin: float) -> Window:
         math.ceil(high[1] / TEXEL) + 1,
         math.ceil(high[0] / TEXEL) + 1,
     )
+
+
+def slumped(height: Floats, inside: NDArray[np.bool_], sweeps: int) -> Floats:
+    """Height map after some sweeps; in each of them sand moves by at most one texel within ``inside``."""
+    ground = height.copy()
+    down = (ground[:-1], ground[1:], _SHARE * (inside[1:] & inside[:-1]))
+    right = (ground[:, :-1], ground[:, 1:], _SHARE * (inside[:, 1:] & inside[:, :-1]))
+    for _ in range(sweeps):
+        for one, other, free in (down, right):
+            step = other - one
+            slide = (step - np.minimum(np.maximum(step, -_STEEPEST), _STEEPEST)) * free
+            one += slide
+            other -= slide
+    return ground

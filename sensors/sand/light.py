@@ -11,7 +11,7 @@ import numpy as np
 
 from sensors.sand.grid import TEXEL, Bytes, Floats, Window
 from sensors.sand.relief import ALBEDO
-from sensors.world.sunlight import Sunlight
+from sensors.world.sky import Sunlight
 
 _HIGHEST: Final = 0.034  # largest height of relief above the ground around it [m]
 _PENUMBRA: Final = np.float32(0.0006)  # height over which a shadow fades, as edges of sand are blunt [m]

@@ -7,10 +7,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from sensors.sand.grid import Window
+from sensors.sand.grid import Window, slumped
 from sensors.sand.imprint import Roll, Sand, Tread, imprinted, strip_of, window_of
 from sensors.sand.relief import Relief
-from sensors.sand.slump import slumped
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
 

@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from sensors.sand.field import Field
+from sensors.sand.grid import slumped
 from sensors.sand.imprint import Roll, Sand, Tread, imprinted, strip_of, window_of
-from sensors.sand.slump import slumped
 from vehicle.frames import FloatArray, wrap
 from vehicle.rover.truth import RoverTruth
 

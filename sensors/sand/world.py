@@ -16,11 +16,11 @@ from sensors.sand.imprint import Tread
 from sensors.sand.kinds import SandKind, kind_named
 from sensors.sand.light import Reach
 from sensors.sand.relief import Relief
-from sensors.sand.rocks import Rock, scattered
+from sensors.sand.solids import Rock, scattered
 from sensors.sand.trace import TraceTruth, WheelHistory
 from sensors.sand.tracks import foreign_tracks
 from sensors.sand.wheels import Wheel, stands
-from sensors.world.sunlight import Sunlight, daylight
+from sensors.world.sky import Sunlight, daylight
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover
 from vehicle.rover.terrain import Terrain

@@ -17,7 +17,7 @@ from sensors.world.condition import Condition, condition_of
 from sensors.world.ground import Centreline, Landscape, RoadMap, ground_mesh, road_map
 from sensors.world.scenery import Instances, Site, kerbs, planted
 from sensors.world.shapes import Mesh
-from sensors.world.sunlight import Sunlight, daylight
+from sensors.world.sky import Sunlight, daylight
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

@@ -10,9 +10,8 @@ import pytest
 from estimators.odometry.circular_matching import Matches
 from estimators.odometry.pose import _CORRELATION, Observations, Solution, own_covariance, point_covariance, refined
 from estimators.odometry.ransac import Consensus, consensus
-from estimators.odometry.reprojection import linearised
 from estimators.rigid_motion import rotation_vector
-from estimators.stereo_geometry import project, triangulate, triangulation_jacobian
+from estimators.stereo_geometry import linearised, project, triangulate, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 

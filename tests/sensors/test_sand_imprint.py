@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from sensors.sand.field import Field
-from sensors.sand.grid import TEXEL, Floats, Window
+from sensors.sand.grid import TEXEL, Floats, Window, slumped
 from sensors.sand.imprint import Tread
 from sensors.sand.kinds import SandKind
 from sensors.sand.light import Reach, around, decoded, encoded, sunlit
 from sensors.sand.relief import ALBEDO, Relief
-from sensors.sand.slump import slumped
 from sensors.sand.wheels import Stand, Wheel
-from sensors.world.sunlight import daylight
+from sensors.world.sky import daylight
 from vehicle.rover.terrain import Terrain
 
 TREAD = Tread(radius=0.102, width=0.100, lugs=20, lug_height=0.005)

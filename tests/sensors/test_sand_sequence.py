@@ -13,14 +13,14 @@ from sensors.sand.kinds import KINDS, SandKind
 from sensors.sand.light import Reach
 from sensors.sand.relief import Relief
 from sensors.sand.rig import nominal_rig
-from sensors.sand.rocks import scattered
 from sensors.sand.rover_pass import FRAME_TICKS, RoverPass, bare_stretches
 from sensors.sand.sequence import labelled_sequence, route_of
+from sensors.sand.solids import scattered
 from sensors.sand.stones import Pebbles
 from sensors.sand.trace_camera import TraceCamera, Webcam
 from sensors.sand.tracks import foreign_tracks
 from sensors.sand.world import SandWorld
-from sensors.world.sunlight import daylight
+from sensors.world.sky import daylight
 from vehicle.clock import TICK
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.terrain import Mound, Terrain

@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from sensors.world.sky import HIGHEST, LOWEST, panorama
-from sensors.world.sunlight import daylight
+from sensors.world.sky import HIGHEST, LOWEST, daylight, panorama
 from sensors.world.world import World
 
 

@@ -7,8 +7,8 @@ from typing import Generic, NamedTuple, TypeVar
 import casadi as ca
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.kinematics import kinematics
 from vehicle.combination.layout import State
+from vehicle.combination.truth_vectors import kinematics
 from vehicle.tyres import Num
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size

@@ -23,12 +23,11 @@ from vehicle.combination.functions import (
     wheel_function,
 )
 from vehicle.combination.ground_inputs import SurfaceLookup
-from vehicle.combination.kinematics import Kinematics, kinematics_sizes
 from vehicle.combination.layout import State, state_sizes
 from vehicle.combination.plant_inputs import GroundInputs, command_sizes, ground_input_sizes, slices
 from vehicle.combination.symbolic import numbers
 from vehicle.combination.truth import Truth
-from vehicle.combination.wheel_truth import TruthAssembly, WheelTruth, wheel_truth_sizes
+from vehicle.combination.truth_vectors import Kinematics, TruthAssembly, WheelTruth, kinematics_sizes, wheel_truth_sizes
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
 from vehicle.sanity import are_sane

@@ -16,7 +16,6 @@ from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
 from vehicle.combination.chain import derivative, output, relaxation
 from vehicle.combination.description import Vehicle
-from vehicle.combination.kinematics import kinematics
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Vector, along
 from vehicle.combination.plant_inputs import (
@@ -29,7 +28,7 @@ from vehicle.combination.plant_inputs import (
 )
 from vehicle.combination.sprung import settled
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
-from vehicle.combination.wheel_truth import wheel_truth
+from vehicle.combination.truth_vectors import kinematics, wheel_truth
 from vehicle.integrator import semi_implicit_step
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size

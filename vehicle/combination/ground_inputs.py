@@ -13,8 +13,8 @@ import numpy as np
 from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, smooth_ground_sizes
 from vehicle.combination.description import Vehicle
-from vehicle.combination.kinematics import Kinematics, kinematics_sizes
 from vehicle.combination.plant_inputs import GroundInputs, ground_input_sizes, slices
+from vehicle.combination.truth_vectors import Kinematics, kinematics_sizes
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

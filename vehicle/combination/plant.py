@@ -21,7 +21,7 @@ from vehicle.combination.layout import State, state_sizes
 from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes, slices
 from vehicle.combination.symbolic import numbers
 from vehicle.combination.truth import Truth
-from vehicle.combination.wheel_truth import TruthAssembly
+from vehicle.combination.truth_vectors import TruthAssembly
 from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.frames import FloatArray, Pose2
 from vehicle.sanity import is_sane

@@ -17,10 +17,9 @@ import numpy as np
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
-from controllers.trailer_steering.mpc.measured_path import MeasuredPath, path_now, with_estimate
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
 from controllers.trailer_steering.mpc.planning import BLOCKS, STEPS, Limits, Outlook, Planner, Sizes
-from controllers.trailer_steering.mpc.reference import hitch_course, reference
+from controllers.trailer_steering.mpc.reference import MeasuredPath, hitch_course, path_now, reference, with_estimate
 from controllers.trailer_steering.mpc.stepping import STEP, TYRE_STEP, rolled_on
 from controllers.trailer_steering.mpc.trailer_model import TrailerModel
 from estimators.estimates import OffTracking

@@ -12,8 +12,16 @@ from estimators.slip.trace_tracker import histories, path_line
 from estimators.slip.trace_tracker.channels import MARKS
 from estimators.slip.trace_tracker.ground_patch import STEP, FloatImage
 from estimators.slip.trace_tracker.histories import Histories
-from estimators.slip.trace_tracker.matching import SEARCH, correlation, peaks, rut_score, straightened, unit, windows
-from estimators.slip.trace_tracker.sun_belief import weighed
+from estimators.slip.trace_tracker.matching import (
+    SEARCH,
+    correlation,
+    peaks,
+    rut_score,
+    straightened,
+    unit,
+    weighed,
+    windows,
+)
 from estimators.slip.trace_tracker.templates import Profiles, at_slips
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray

@@ -26,9 +26,9 @@ from estimators.slip.trace_tracker.channels import channels
 from estimators.slip.trace_tracker.following import Ground, matched, with_sun
 from estimators.slip.trace_tracker.ground_patch import GroundPatch
 from estimators.slip.trace_tracker.histories import Histories
+from estimators.slip.trace_tracker.matching import expected, lit, probable, unknown_sun
 from estimators.slip.trace_tracker.path_state import SHORTEST, moved, with_compass
 from estimators.slip.trace_tracker.slip_estimate import slip_angle, steered_to
-from estimators.slip.trace_tracker.sun_belief import expected, lit, probable, unknown_sun
 from estimators.slip.trace_tracker.templates import Profiles, Templates, shipped_templates
 from sensors.messages import RoverView
 from sensors.sand.trace_rig import TraceRig
