@@ -15,8 +15,8 @@ Maker = Callable[[bool, Progress], Reproduction]  # arguments: quick (fewer imag
 REPRODUCTIONS: Final = {
     "reina2008-table2": "scenarios.reproduce.reina2008_sample:table2",
     "reina2008-fig6": "scenarios.reproduce.reina2008_sample:fig6",
-    "reina2008-table3": "scenarios.reproduce.reina2008_rates:table3",
-    "reina2008-table3-plus": "scenarios.reproduce.reina2008_tracker:table3_plus",
+    "reina2008-table3": "scenarios.reproduce.reina2008_table3:table3",
+    "reina2008-table3-plus": "scenarios.reproduce.reina2008_table3:table3_plus",
     "reina2008-fig8": "scenarios.reproduce.reina2008_slope:fig8",
     "desaxe2018-fig6": "scenarios.reproduce.desaxe2018_simulation:fig6",
     "desaxe2018-fig7": "scenarios.reproduce.desaxe2018_simulation:fig7",

@@ -19,8 +19,8 @@ from scenarios.progress import Progress
 from scenarios.reproduce import catalogue, trace_sets
 from scenarios.reproduce.catalogue import REPRODUCTIONS, maker, names_of
 from scenarios.reproduce.figure import Comparison, Reproduction
-from scenarios.reproduce.reina2008_rates import SETS
 from scenarios.reproduce.reina2008_sample import PUBLISHED
+from scenarios.reproduce.reina2008_table3 import SETS
 from scenarios.reproduce.trace_sets import Table, TraceSet
 from scenarios.results.log import Log, Signal, read_log
 from sensors.messages import RoverView
