@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.circular_matching import Matches, match
 from estimators.odometry.corners import Points, detect_corners
+from estimators.odometry.point_tracking import Matches, match
 from estimators.odometry.pose import Observations, Solution, point_covariance, refined
 from estimators.odometry.ransac import consensus
 from estimators.protocol import above_ground

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimators.estimates import Health, Motion
 from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
-from estimators.odometry.circular_matching import Matches
+from estimators.odometry.point_tracking import Matches
 from estimators.odometry.ransac import consensus
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.protocol import above_ground

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError
 
-from estimators.odometry.circular_matching import Matches, moved
 from estimators.odometry.corners import strongest_in_buckets
 from estimators.odometry.nearest_descriptors import Indices, Placed, Window, most_similar
+from estimators.odometry.point_tracking import Matches, moved
 from estimators.odometry.viso2_features import Features, detect_features
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame

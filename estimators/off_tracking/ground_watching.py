@@ -21,10 +21,9 @@ import numpy as np
 from estimators.context import TrailerContext
 from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.ground_motion import ground_motion
 from estimators.off_tracking.ground_view import GroundView, ground_cameras, viewed
 from estimators.off_tracking.hitch_path import crossing, tangent
-from estimators.off_tracking.planar_fit import Pairs, paired, planar_motion
+from estimators.off_tracking.planar_fit import Pairs, ground_motion, paired, planar_motion
 from estimators.off_tracking.pose_chain import Sample, closed, positions_now
 from estimators.rigid_motion import UncertainMotion, change_frame, rotation_vector
 from sensors.camera.rig import StereoCalibration

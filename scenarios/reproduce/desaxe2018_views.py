@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimators.odometry.circular_matching import Matches
+from estimators.odometry.point_tracking import Matches
 from estimators.odometry.viso2 import NEAR, Viso2Odometry
 from estimators.odometry.viso2_matching import circular_matches, pair_features
 from scenarios.assembly.trailer import assemble

@@ -10,13 +10,12 @@ from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress
 from scenarios.standards.lane_change import lane_change
 from scenarios.standards.levels import Judgement, judged
+from scenarios.standards.low_speed import roundabout, turn
 from scenarios.standards.manoeuvre import Figures, Manoeuvre
 from scenarios.standards.pulse import pulse
-from scenarios.standards.roundabout import roundabout
 from scenarios.standards.straight import straight
 from scenarios.standards.theory import linear_figures
 from scenarios.standards.tilt import tilt
-from scenarios.standards.turn import turn
 from vehicle.combination.description import Vehicle
 
 MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # in the order of the report

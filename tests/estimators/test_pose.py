@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from estimators.odometry.circular_matching import Matches
+from estimators.odometry.point_tracking import Matches
 from estimators.odometry.pose import _CORRELATION, Observations, Solution, own_covariance, point_covariance, refined
 from estimators.odometry.ransac import Consensus, consensus
 from estimators.rigid_motion import rotation_vector

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health, Motion
-from estimators.odometry.circular_matching import moved
 from estimators.odometry.nearest_descriptors import Placed, Window, most_similar
+from estimators.odometry.point_tracking import moved
 from estimators.odometry.viso2 import Velocity, Viso2Odometry, expected_motion, started, updated
 from estimators.odometry.viso2_features import BLOB, CORNER, Features, blob_response, corner_response, detect_features
 from estimators.odometry.viso2_matching import circular_matches, pair_features

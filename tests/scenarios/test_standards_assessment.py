@@ -15,10 +15,9 @@ from scenarios.commands.assess import assess as assess_command
 from scenarios.standards.assessment import MANOEUVRES, Assessment, assess
 from scenarios.standards.assessment_page import assessment_page
 from scenarios.standards.levels import CRITERIA, judged
+from scenarios.standards.low_speed import roundabout, turn
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.quantities import BY_NAME
-from scenarios.standards.roundabout import roundabout
-from scenarios.standards.turn import turn
 from vehicle.combination.description import load_vehicle
 
 PAGE_LINK = re.compile(r'(?:src|href)="(?!data:|#)')

@@ -17,7 +17,7 @@ from vehicle.engine.kernels import Engine, kernel_for_one
 from vehicle.frames import FloatArray, Pose2
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import Rover
-from vehicle.rover.functions import load_function, numbers, step_function
+from vehicle.rover.equations import load_function, numbers, step_function
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.posture import Undercarriage, slip_angles, slip_ratios
 from vehicle.rover.soil import Soil
