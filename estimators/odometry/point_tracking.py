@@ -1,7 +1,7 @@
 """Point tracking by pyramidal Lucas-Kanade, from image to image and from the left to the right image of a pair.
 
-Circular matching tracks corners through the previous and current, left and right image, back to the start, after VISO2-S
-as de Saxe 2018, section 2.1, steps 1 to 3 describe it, with sub-pixel tracks in place of descriptors.
+Circular matching tracks corners through the previous and current, left and right image, back to the start. It follows
+VISO2-S as in de Saxe 2018, section 2.1, steps 1 to 3, with sub-pixel tracks in place of descriptors.
 """
 
 from __future__ import annotations

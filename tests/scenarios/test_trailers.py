@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.assembly.drivers import read_trace
+from scenarios.assembly.recorded_drive import read_trace
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 from scenarios.report.run_page import report_html
