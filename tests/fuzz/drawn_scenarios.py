@@ -272,7 +272,7 @@ def studies(draw: st.DrawFn) -> Case:
         command = ("compare", scenario, *settings(*pairs), *vary, *laws, "--seeds", seeds, *tail)
         return Case(kind=kind, command=command, steps=steps)
     table: dict[str, Any] = {"scenario": scenario, "set": dict(pair.split("=", 1) for pair in pairs), "vary": axes}
-    odd_lists = ([], [1, 1], [-1], ["x"], 3, [2**63], [1.5], list(range(100_000)))
+    odd_lists: tuple[Any, ...] = ([], [1, 1], [-1], ["x"], 3, [2**63], [1.5], list(range(100_000)))
     table["seeds"] = draw(st.sampled_from(odd_lists if odd_rest else ([1], [1, 2])))
     odd: tuple[dict[str, Any], ...] = ({"scenario": 3}, {"vary": []}, {"vary": {}}, {"set": 1}, {"extra": 1})
     changed = draw(st.sampled_from(odd)) if odd_rest and odd_values else {}
