@@ -116,7 +116,8 @@ def _result(case: Case, folder: Path, watch: _Loop) -> Result:
         except KeyboardInterrupt:
             code = 130
         except BaseException as refusal:
-            is_refusal = case.script and isinstance(refusal, ValueError | gymnasium.error.Error)
+            is_gym = type(refusal).__module__ == gymnasium.error.__name__  # they have no base class in common
+            is_refusal = case.script and (isinstance(refusal, ValueError) or is_gym)
             code, error = (2, "") if is_refusal else (70, traceback.format_exc())
             print(str(refusal) or repr(refusal), file=sys.stderr)
     seconds = clock()

@@ -73,6 +73,7 @@ def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path) ->
         "while True: pass": "hangs: was stopped after 4 s",
         "import os\nos.mkfifo('f')\nopen('f')": "hangs: was stopped after 4 s",
         "raise ValueError('no')": None,
+        "from gymnasium.error import ClosedEnvironmentError\nraise ClosedEnvironmentError('no')": None,
         "outcome = 'completed'": None,
     }
     results = tried([Case(kind="planted", script=script) for script in scripts], tmp_path, hang=4.0)
