@@ -27,6 +27,10 @@ from scenarios.studies.own_modules import is_library, own_modules, package_folde
 from vehicle.engine.compiler import compiler
 
 _IMPORT_PATH: Final = re.compile(r"([A-Za-z_][\w.]*):[A-Za-z_]\w*")
+_SYSTEM: Final = (
+    *("/proc", "/sys", "/dev", "/run", "/etc", "/usr", "/lib", "/var", "/opt", "/Library", "/System"),
+    *(sys.prefix, sys.base_prefix),
+)
 _DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
 
 
@@ -86,8 +90,8 @@ def _installed() -> tuple[str, str]:
 def unnamed_files(named: Sequence[Any], output: Path) -> dict[str, str]:
     """Digests of the user's files that this process has opened so far, without the named ones.
 
-    The user's are those in the working directory and in the folders of named files, hidden ones excepted. Only files
-    count that were opened by Python's own functions.
+    The user's are all but those of libraries, of the system, and hidden ones. In the working directory and folders of
+    named files, wherever these are, all but hidden ones count. Only files that Python's own functions opened are seen.
 
     Args:
         named: what names files of this run: its resolved scenario, and the file of that.
@@ -127,7 +131,7 @@ def _source(file: Path) -> Path:
 
 
 def _is_users(file: Path, folders: set[Path]) -> bool:
-    return not is_library(file) and any(
-        file.is_relative_to(folder) and not any(part.startswith(".") for part in file.relative_to(folder).parts)
-        for folder in folders
-    )
+    inside = [file.relative_to(folder) for folder in folders if file.is_relative_to(folder)]
+    if is_library(file) or (not inside and any(file.is_relative_to(folder) for folder in _SYSTEM)):
+        return False
+    return any(not any(part.startswith(".") for part in path.parts) for path in inside or [file])

@@ -18,7 +18,7 @@ ROOMS: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
 PAGE: Final = ROOT / "docs" / "trust.md"
 
 UNPICKLING: Final = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve"}
-NETWORK: Final = {"socket", "ssl", "urllib", "http", "ftplib", "smtplib", "socketserver", "asyncio", "requests", "httpx"}
+NETWORK: Final = {"socket", "ssl", "urllib", "http", "ftplib", "smtplib", "socketserver", "asyncio", "requests"}
 RUNNING: Final = {"eval", "exec", "compile", "__import__"}
 PROGRAMS: Final = {"system", "popen", "execv", "execve", "execvp", "execl", "spawnv", "spawnl", "fork", "startfile"}
 # The only modules that may start a program or import by name, with the functions that they use for it.

@@ -139,16 +139,21 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     identities._installed.cache_clear()
 
 
-def test_a_file_that_a_law_opens_by_itself_counts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("place", ["here", "elsewhere"])
+def test_a_file_that_a_law_opens_by_itself_counts_too(
+    place: str, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No option names it: the run tells which files it has opened, and is repeated when one of them changes."""
+    tmp_path = tmp_path_factory.mktemp("study")
+    scale_file = (tmp_path if place == "here" else tmp_path_factory.mktemp("tables")) / "scale.txt"
     monkeypatch.chdir(tmp_path)
     (tmp_path / "parts.py").write_text("class angle:\n    ANGLE = 0.05\n")
-    (tmp_path / "own_law_3.py").write_text(LAW)
+    (tmp_path / "own_law_3.py").write_text(LAW.replace("scale.txt", str(scale_file)))
     (tmp_path / "my.toml").write_text(load_any_scenario("cambered-road").to_toml())
     case = Case(scenario="my.toml", fixed=(*SHORT, ("trailer_steering", "own_law_3:Law")), axes=(), seed=1)
     steer = []
     for scale in ("0", "0", "1"):
-        (tmp_path / "scale.txt").write_text(scale)
+        scale_file.write_text(scale)
         with (tmp_path / "my.toml").open("a") as file_of_scenario:
             file_of_scenario.write("# a comment changes no number\n")
         before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
