@@ -79,6 +79,11 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a_y * b_z - a_z * b_y, a_z * b_x - a_x * b_z, a_x * b_y - a_y * b_x])
 
 
+def is_rotation(R: FloatArray, tolerance: float) -> bool:
+    """True if a matrix (3, 3) of any numbers is orthonormal within a tolerance."""
+    return bool(np.all(np.abs(R) <= 2.0) and np.allclose(R @ R.T, np.eye(3), atol=tolerance))
+
+
 def transform(R: FloatArray, p: FloatArray) -> FloatArray:
     """Homogeneous pose X_AB, shape (4, 4), from R_AB (3, 3) and p_AB (3,)."""
     X = np.eye(4)

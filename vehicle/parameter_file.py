@@ -35,7 +35,7 @@ def read_toml(path: Path, kind: FileKind = FileKind.PARAMETERS) -> dict[str, Any
     try:
         return parsed_toml(read_text(path, kind))
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: not a TOML file: {error}") from error
+        raise ValueError(f"{path}: not a TOML file: {shown(str(error), 200)}") from error
 
 
 def parsed_toml(text: str) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, Time
 from rich.progress import Progress as ProgressDisplay
 
 from scenarios.progress import Progress
+from vehicle.user_file import shown
 
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -37,7 +38,7 @@ def one_line_errors() -> Iterator[None]:
 
 def remark(line: str) -> None:
     """Print a line on standard error."""
-    typer.echo(f"offtrack: {line}", file=sys.stderr)
+    typer.echo(f"offtrack: {shown(line, 4000)}", file=sys.stderr)
 
 
 def check_number(option: str, value: float | None, low: float, high: float) -> None:

@@ -213,14 +213,14 @@ def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> st
     if first["type"] == "union_tag_not_found":
         return f"{key}.kind is missing"
     if first["type"] == "extra_forbidden":
-        return f"unknown key '{key}'{nearest(known, units)}"
+        return f"unknown key '{shown(key)}'{nearest(known, units)}"
     if first["type"] == "missing":
         return f"{key} is missing"
     if first["type"] == "value_error":
         return f"{key}: {first['ctx']['error']}"
     limit = first["msg"].replace("Input should be", "must be")
     unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
-    return f"{key} = {first['input']!r} {limit}{unit}"
+    return f"{key} = {shown(repr(first['input']))} {limit}{unit}"
 
 
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str]]:

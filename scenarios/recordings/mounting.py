@@ -16,7 +16,7 @@ from estimators.estimates import Health
 from estimators.odometry.circular import CircularOdometry
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.frames import R_BODY_CAMERA, FloatArray, rotation_zyx, transform
+from vehicle.frames import R_BODY_CAMERA, FloatArray, is_rotation, rotation_zyx, transform
 from vehicle.parameter_file import checked, nearest, read_toml, without_sources
 from vehicle.user_file import FileKind
 
@@ -58,7 +58,7 @@ class _RigTable(BaseModel):
     @classmethod
     def _rigid(cls, rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
         X = np.array(rows)
-        if X.shape != (4, 4) or not np.allclose(X[:3, :3] @ X[:3, :3].T, np.eye(3), atol=1e-6):
+        if X.shape != (4, 4) or not is_rotation(X[:3, :3], 1e-6):
             raise ValueError("must be a pose: 4 rows of 4 numbers, the upper left 3x3 a rotation")
         return rows
 

@@ -16,10 +16,11 @@ import tomli_w
 
 from sensors.camera.lens import CameraModel
 from sensors.sand.trace_rig import TraceRig
+from vehicle.frames import is_rotation
 from vehicle.parameter_file import read_toml
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.table_file import Column
-from vehicle.user_file import FileKind
+from vehicle.user_file import FileKind, shown
 
 _LONGEST: Final = 100.0  # length on a rover [m]
 IMAGES, READINGS, RIG, SLIP = "images", "readings.csv", "rig.toml", "slip.csv"
@@ -86,7 +87,7 @@ def load_rig(path: Path) -> TraceRig:
         numbers = {name: float(table[name]) for name in ("wheel_radius", "wheel_width")}
         X_RC = np.array(table["X_RC"], dtype=np.float64)
         x, y = (float(value) for value in table["wheel"])
-        if X_RC.shape != (4, 4) or not np.allclose(X_RC[:3, :3] @ X_RC[:3, :3].T, np.eye(3), atol=1e-6):
+        if X_RC.shape != (4, 4) or not is_rotation(X_RC[:3, :3], 1e-6):
             raise ValueError("X_RC must be the 4 x 4 pose of the camera in the rover")
         wheels = _wheels(table)
         lengths = (*X_RC[:3, 3], x, y, *numbers.values(), *(place for wheel in wheels for place in wheel[1:]))
@@ -99,4 +100,4 @@ def load_rig(path: Path) -> TraceRig:
     except KeyError as error:
         raise ValueError(f"{path}: {error.args[0]} is missing") from None
     except (TypeError, ValueError, AttributeError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{path}: {shown(str(error))}") from None

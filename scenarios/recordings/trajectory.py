@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from estimators.estimates import Health, Motion
 from estimators.rigid_motion import chained, stretched
-from vehicle.frames import FloatArray, inverse, orthonormalised, transform
+from vehicle.frames import FloatArray, inverse, is_rotation, orthonormalised, transform
 from vehicle.user_file import MAX_FRAMES, FileKind, read_text
 
 _FARTHEST = 1e8  # position, in any map [m]
@@ -94,6 +94,6 @@ def _pose(path: Path, number: int, row: list[str]) -> FloatArray:
         raise ValueError(f"{path}, line {number}: a pose is 12 numbers, the 3x4 matrix row by row") from None
     if not np.all(np.abs(matrix) <= _FARTHEST):
         raise ValueError(f"{path}, line {number}: numbers must be finite, positions within {_FARTHEST:g} m")
-    if not np.allclose(matrix[:, :3] @ matrix[:, :3].T, np.eye(3), atol=1e-2):  # benchmark files are good to 1e-6
+    if not is_rotation(matrix[:, :3], 1e-2):  # benchmark files are good to 1e-6
         raise ValueError(f"{path}, line {number}: the first three columns are not a rotation")
     return transform(orthonormalised(matrix[:, :3]), matrix[:, 3])

@@ -16,7 +16,7 @@ from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of
 from vehicle.parameter_file import read_toml
-from vehicle.user_file import FileKind
+from vehicle.user_file import FileKind, shown
 
 FILE = "study.toml"
 
@@ -72,7 +72,7 @@ def load_study(path: Path) -> Study:
         table = _File.model_validate(read_toml(path, FileKind.STUDY))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        raise ValueError(f"study {path}: {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise ValueError(f"study {path}: {shown('.'.join(map(str, first['loc'])))}: {first['msg']}") from None
     if len(set(table.seeds)) != len(table.seeds):
         raise ValueError(f"study {path}: seeds: a seed is named twice")
     axes = {key: tuple(_text(value) for value in values) for key, values in table.vary.items()}

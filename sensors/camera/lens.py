@@ -21,6 +21,7 @@ from vehicle.user_file import MAX_PIXELS, FileKind
 Distortion = tuple[float, float, float, float, float]  # k1, k2, p1, p2, k3 [-]
 UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
 _WIDEST = 4.0  # greatest ray: the model does not hold beyond atan(4) = 76 deg off the axis, where fisheye models do
+_LARGEST: Final = 1e6  # number of a calibration [-], [px], [m]
 _LARGEST_SIDE = 20_000  # of an image [px]
 
 
@@ -48,12 +49,12 @@ class CameraModel:
                 f"image of {self.width}x{self.height} px: must have at most {MAX_PIXELS / 1e6:g} megapixels"
             )
         for name, value in (("fx", self.fx), ("fy", self.fy)):
-            if not 0.0 < value < math.inf:
-                raise ValueError(f"{name} = {value} px must be positive")
-        if len(self.distortion) != 5 or not np.isfinite([*self.distortion, self.cx, self.cy]).all():
+            if not 1.0 / _LARGEST < value < _LARGEST:
+                raise ValueError(f"{name} = {value} px must be positive, up to {_LARGEST:g}")
+        if len(self.distortion) != 5 or not np.all(np.abs([*self.distortion, self.cx, self.cy]) <= _LARGEST):
             raise ValueError(
-                f"distortion = {self.distortion} must be five finite numbers k1, k2, p1, p2, k3, and "
-                f"cx = {self.cx} px and cy = {self.cy} px must be finite"
+                f"distortion = {self.distortion} must be five numbers k1, k2, p1, p2, k3, and "
+                f"cx = {self.cx} px and cy = {self.cy} px numbers, up to {_LARGEST:g}"
             )
         self._check_fold()
 
@@ -233,8 +234,8 @@ def _undistorted(distorted: FloatArray, distortion: Distortion) -> FloatArray:
 
 
 def _check_rigid(name: str, X: FloatArray) -> None:
-    if X.shape != (4, 4) or not np.isfinite(X).all():
-        raise ValueError(f"{name} of shape {X.shape} must be a pose: four rows of four finite numbers")
+    if X.shape != (4, 4) or not np.all(np.abs(X) <= _LARGEST):
+        raise ValueError(f"{name} of shape {X.shape} must be a pose: four rows of four numbers up to {_LARGEST:g}")
     R = X[:3, :3]
     error = max(np.abs(R.T @ R - np.eye(3)).max(), np.abs(X[3] - [0.0, 0.0, 0.0, 1.0]).max())
     if error > 1e-6 or np.linalg.det(R) < 0.0:

@@ -130,6 +130,7 @@ def test_a_recording_cut_off_within_its_last_frame_is_taken_without_it(tmp_path:
         ([0.0, 0.1, 0.05, 0.2], "line 3"),
         ([0.0, "later", 0.2, 0.3], "line 2: 'later' is not a time"),
         ([0.0, "nan", 0.2, 0.3], "line 2: nan is not a time"),
+        ([0.0, 0.1, 0.2, 1e300], "line 4: 1e+300 is not a time"),
         ([0.0, 1e5, 2e5, 3e5], "Times must be in seconds"),
     ],
 )

@@ -110,6 +110,14 @@ def test_the_driver_slows_down_to_the_lateral_acceleration_allowed() -> None:
         ("time_s,steer_deg,speed_kmh\n0,0,9\n1,left,9\n", "line 3: steer_deg = 'left' is not a finite number"),
         ("time_s,steer_deg,speed_kmh\n0,0,9\n0,0,9\n", "increase"),
         ("", "'time_s' is missing"),
+        ("time_s,steer_deg,speed_kmh\n0,0,9\n1,0,1e6\n", "line 3: speed_kmh = 1e.06 must be within -200 to 200 km/h"),
+        ("time_s,steer_deg,acceleration\n0,0,25\n", "line 2: acceleration = 25 must be within -20 to 20 m/s2"),
+        ("time_s,steer_deg,speed_kmh\n0,180,9\n", "line 2: steer_deg = 180 must be within -90 to 90 deg"),
+        ("time_s,steer_deg,speed_kmh\n0,0,9\n1e5,0,9\n", "line 3: time_s = 100000 must be within -86400 to 86400 s"),
+        ("time_s,steer_deg,speed_kmh\n0,0,1e999\n", "line 2: speed_kmh = '1e999' is not a finite number"),
+        ("time_s,time_s\n0,0\n", "two columns have the same name"),
+        ('time_s,steer_deg,speed_kmh\n0,0,"' + "9" * 200_000, "more than 131072 characters"),
+        ("time_s,steer_deg,speed_kmh\n" + "0,0,0\n" * 1_400_000, "must have at most 4000000"),
     ],
 )
 def test_errors_in_a_drivers_file_are_named(tmp_path: Path, text: str, complaint: str) -> None:
