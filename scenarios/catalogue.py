@@ -1,91 +1,165 @@
 """Catalogue of replaceable parts: import paths by name. A user's own part is given by its import path.
 
-Reading the catalogue imports no part. A new part is one module and one line.
+Reading the catalogue imports no part. A new part is one module and one line. Each kind states the methods and
+declarations of its classes; a class without them is refused before anything of it is called.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any, Final, Protocol, TypeVar
 
+from sensors.faults.catalogue import FAULTS
+from vehicle.option import Option
 from vehicle.parameter_file import nearest
+from vehicle.user_file import shown
 
 ContextT = TypeVar("ContextT", contravariant=True)
 PartT = TypeVar("PartT", covariant=True)
 
-TRAILER_STEERING: Final = {
-    "none": "controllers.trailer_steering.unsteered:Unsteered",
-    "combined": "controllers.trailer_steering.combined:Combined",
-    "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
-    "ct_at": "controllers.trailer_steering.ct_at:CtAt",
-    "lqr": "controllers.trailer_steering.lqr:Lqr",
-    "mpc": "controllers.trailer_steering.mpc.law:Mpc",
-    "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
-    "virtual_driver": "controllers.trailer_steering.virtual_driver:VirtualDriver",
-    "policy": "controllers.trailer_steering.policy:Policy",
-}
-ODOMETRY: Final = {
-    "circular": "estimators.odometry.circular:CircularOdometry",
-    "keyframe": "estimators.odometry.keyframe:KeyframeOdometry",
-    "viso2": "estimators.odometry.viso2:Viso2Odometry",
-}
-OFF_TRACKING: Final = {
-    "truth": "estimators.off_tracking.reference:ReferenceOffTracking",
-    "surrogate": "scenarios.environments.surrogate_estimator:SurrogateOffTracking",
-    "kinematic": "estimators.off_tracking.kinematic:KinematicOffTracking",
-    "viso_ot": "estimators.off_tracking.viso_ot:VisoOt",
-    "ground_watching": "estimators.off_tracking.ground_watching:GroundWatching",
-    "ground_watching_single": "estimators.off_tracking.ground_watching:SingleGroundWatching",
-}
-SLIP_ESTIMATOR: Final = {
-    "truth": "estimators.slip.reference:ReferenceSlip",
-    "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
-    "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
-}
-SENSOR: Final = {
-    "stereo_camera": "scenarios.assembly.stereo_cameras:StereoCameras",
-    "ground_cameras": "scenarios.assembly.ground_cameras:GroundCameras",
-    "reference_pose": "scenarios.assembly.mount:ReferencePose",
-    "combination_signals": "scenarios.assembly.mount:SignalsOfCombination",
-}
-ROVER_SENSOR: Final = {
-    "trace_camera": "scenarios.assembly.rover_sensors:TraceCameraSensor",
-    "slip_reading": "scenarios.assembly.rover_sensors:SlipInstrument",
-}
-DRIVER: Final = {
-    "preview": "scenarios.assembly.drivers:OnCourse",
-    "recorded": "scenarios.assembly.drivers:AsRecorded",
-}
-ROVER_DRIVER: Final = {
-    "path": "controllers.rover_driver:RoverDriver",
-}
-PLANT: Final = {
-    "multibody": "scenarios.assembly.plants:Multibody",
-    "constant_slip": "scenarios.assembly.plants:ConstantSlip",
-}
+
+class Catalogue(dict[str, str]):
+    """Import paths of one kind of part by name, with what every class of the kind must have."""
+
+    def __init__(
+        self, paths: Mapping[str, str], *, methods: tuple[str, ...] = (), declares: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(paths)
+        self.methods, self.declares = methods, declares
 
 
-def resolve(key: str, name: str, catalogue: Mapping[str, str]) -> Any:
+TRAILER_STEERING: Final = Catalogue(
+    {
+        "none": "controllers.trailer_steering.unsteered:Unsteered",
+        "combined": "controllers.trailer_steering.combined:Combined",
+        "command_steer": "controllers.trailer_steering.command_steer:CommandSteer",
+        "ct_at": "controllers.trailer_steering.ct_at:CtAt",
+        "lqr": "controllers.trailer_steering.lqr:Lqr",
+        "mpc": "controllers.trailer_steering.mpc.law:Mpc",
+        "path_preview": "controllers.trailer_steering.path_preview:PathPreview",
+        "virtual_driver": "controllers.trailer_steering.virtual_driver:VirtualDriver",
+        "policy": "controllers.trailer_steering.policy:Policy",
+    },
+    methods=("init", "step"),
+)
+ODOMETRY: Final = Catalogue(
+    {
+        "circular": "estimators.odometry.circular:CircularOdometry",
+        "keyframe": "estimators.odometry.keyframe:KeyframeOdometry",
+        "viso2": "estimators.odometry.viso2:Viso2Odometry",
+    },
+    methods=("init", "step"),
+)
+OFF_TRACKING: Final = Catalogue(
+    {
+        "truth": "estimators.off_tracking.reference:ReferenceOffTracking",
+        "surrogate": "scenarios.environments.surrogate_estimator:SurrogateOffTracking",
+        "kinematic": "estimators.off_tracking.kinematic:KinematicOffTracking",
+        "viso_ot": "estimators.off_tracking.viso_ot:VisoOt",
+        "ground_watching": "estimators.off_tracking.ground_watching:GroundWatching",
+        "ground_watching_single": "estimators.off_tracking.ground_watching:SingleGroundWatching",
+    },
+    methods=("of", "init", "step"),
+    declares=("sensor", "options"),
+)
+SLIP_ESTIMATOR: Final = Catalogue(
+    {
+        "truth": "estimators.slip.reference:ReferenceSlip",
+        "ftrace": "estimators.slip.wheel_trace.ftrace:FTrace",
+        "ftrace_plus": "estimators.slip.trace_tracker.tracker:FTracePlus",
+    },
+    methods=("of", "init", "step"),
+    declares=("sensor", "options"),
+)
+SENSOR: Final = Catalogue(
+    {
+        "stereo_camera": "scenarios.assembly.stereo_cameras:StereoCameras",
+        "ground_cameras": "scenarios.assembly.ground_cameras:GroundCameras",
+        "reference_pose": "scenarios.assembly.mount:ReferencePose",
+        "combination_signals": "scenarios.assembly.mount:SignalsOfCombination",
+    },
+    methods=("of",),
+)
+ROVER_SENSOR: Final = Catalogue(
+    {
+        "trace_camera": "scenarios.assembly.rover_sensors:TraceCameraSensor",
+        "slip_reading": "scenarios.assembly.rover_sensors:SlipInstrument",
+    },
+    methods=("of",),
+)
+DRIVER: Final = Catalogue(
+    {
+        "preview": "scenarios.assembly.drivers:OnCourse",
+        "recorded": "scenarios.assembly.drivers:AsRecorded",
+    },
+    methods=("of",),
+)
+ROVER_DRIVER: Final = Catalogue(
+    {
+        "path": "controllers.rover_driver:RoverDriver",
+    },
+    methods=("of",),
+)
+PLANT: Final = Catalogue(
+    {
+        "multibody": "scenarios.assembly.plants:Multibody",
+        "constant_slip": "scenarios.assembly.plants:ConstantSlip",
+    },
+    methods=("of",),
+)
+
+
+FAULT: Final = Catalogue(FAULTS)  # ``sensors.faults.catalogue.checked_kind`` knows the members of its classes
+
+
+def resolve(key: str, name: str, catalogue: Catalogue) -> Any:
     """Import the class of a catalogue name or of ``package.module:Name``, also from the working directory.
 
     Raises:
-        ValueError: one line with the key and the nearest known name, or the failed import.
+        ValueError: one line with the key and the nearest known name, the failed import, or what the class lacks.
     """
-    path = catalogue.get(name, name)
-    module_name, colon, attribute = path.partition(":")
+    module_name, colon, attribute = catalogue.get(name, name).partition(":")
     if not colon:
-        raise ValueError(f"{key}: unknown name '{name}'{nearest(name, tuple(catalogue))} (or package.module:Name)")
+        raise ValueError(f"{key}: unknown name '{shown(name)}'{nearest(name, catalogue)} (or package.module:Name)")
+    if not all(part.isidentifier() for part in (*module_name.split("."), attribute)):
+        raise ValueError(f"{key} = {shown(name)}: must be package.module:Name")
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
+    module = _module(key, name, module_name)
+    part = getattr(module, attribute, None)
+    if part is None:
+        noun = "module" if getattr(module, "__file__", None) else "folder"
+        raise ValueError(f"{key} = {name}: {noun} {module_name} has no '{attribute}'")
+    _check_class(key, name, part, catalogue)
+    return part
+
+
+def _module(key: str, name: str, module_name: str) -> ModuleType:
     try:
-        return getattr(importlib.import_module(module_name), attribute)
-    except ModuleNotFoundError as error:
-        raise ValueError(f"{key} = {name}: no module {error.name}; run from its folder or set PYTHONPATH") from error
-    except AttributeError as error:
-        raise ValueError(f"{key} = {name}: module {module_name} has no '{attribute}'") from error
+        return importlib.import_module(module_name)
+    except (Exception, SystemExit) as error:  # of a user's module: of any kind
+        if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
+            line = f"no module {error.name}; run from its folder or set PYTHONPATH"
+        else:
+            line = f"importing {module_name} failed: {type(error).__name__}: {error}"
+        raise ValueError(f"{key} = {name}: {line}") from error
+
+
+def _check_class(key: str, name: str, part: object, catalogue: Catalogue) -> None:
+    if not inspect.isclass(part):
+        raise ValueError(f"{key} = {name}: is no class (see docs/own-parts.md)")
+    lacks = [f"the method {method}" for method in catalogue.methods if not callable(getattr(part, method, None))]
+    lacks += [f"the declaration '{declared}'" for declared in catalogue.declares if not hasattr(part, declared)]
+    if lacks:
+        raise ValueError(f"{key} = {name}: the class lacks {', '.join(lacks)} (see docs/own-parts.md)")
+    options = getattr(part, "options", ()) if "options" in catalogue.declares else ()
+    if not isinstance(options, tuple | list) or not all(isinstance(option, Option) for option in options):
+        raise ValueError(f"{key} = {name}: 'options' must be a tuple of vehicle.option.Option")
 
 
 class Part(Protocol[ContextT, PartT]):
@@ -99,23 +173,28 @@ class Part(Protocol[ContextT, PartT]):
         """
 
 
-def constructed(key: str, name: str, part: Part[ContextT, PartT], context: ContextT) -> PartT:
-    """Construct a part from its context.
+def constructed(key: str, name: str, construct: Callable[[], PartT]) -> PartT:
+    """Construct a part; whatever a user's own class raises is one line.
 
     Raises:
-        ValueError: one line, if its class has no ``of(context)`` or refuses the context.
+        ValueError: one line, if its class refuses the context or fails.
     """
-    if not callable(getattr(part, "of", None)):
-        raise ValueError(f"{key} = {name}: the class needs a class method of(context)")
-    return part.of(context)
+    try:
+        return construct()
+    except Exception as error:
+        from sensors.render import RendererUnavailableError
+
+        if ":" not in name or isinstance(error, ValueError | OSError | RendererUnavailableError):
+            raise
+        raise ValueError(f"{key} = {name}: {type(error).__name__}: {error}") from error
 
 
-def check_declared(key: str, name: str, part: object, attributes: Sequence[str]) -> None:
-    """Refuse a class that lacks required attributes.
+def check_made(key: str, name: str, made: object, methods: tuple[str, ...]) -> None:
+    """Refuse a constructed part that lacks methods.
 
     Raises:
-        ValueError: one line naming the class and the attribute.
+        ValueError: one line naming them.
     """
-    for attribute in attributes:
-        if not hasattr(part, attribute):
-            raise ValueError(f"{key} = {name}: the class must declare '{attribute}' (see docs/own-parts.md)")
+    lacks = [method for method in methods if not callable(getattr(made, method, None))]
+    if lacks:
+        raise ValueError(f"{key} = {name}: made a {type(made).__name__}, which has no method {', '.join(lacks)}")

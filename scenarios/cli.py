@@ -22,11 +22,12 @@ from scenarios.commands import (
     validate,
     vehicle,
 )
-from scenarios.commands.console import INTERRUPTED, lines
+from scenarios.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.interrupts import TERMINATED, interrupt_on_termination, terminated
 
 app = typer.Typer(
     name="offtrack",
+    cls=OneLineGroup,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -17,7 +17,6 @@ from scenarios.options.base import tables_in
 from scenarios.options.course import COURSES
 from scenarios.options.rover_course import ROVER_COURSES
 from scenarios.options.scenario import Scenario, load_any_scenario, scenario_names
-from sensors.faults.catalogue import FAULTS
 from vehicle.combination.description import load_vehicle, vehicle_names
 from vehicle.option import Option, declared_options
 from vehicle.parameter_file import nearest
@@ -160,7 +159,7 @@ def _text(value: object) -> str:
     return str(value) or '""'
 
 
-def _of_catalogue(table: Mapping[str, str]) -> Kind:
+def _of_catalogue(table: catalogue.Catalogue) -> Kind:
     """Parts that are classes: first line of the docstring and declared options."""
 
     def listed(kind: str) -> Iterator[Part]:
@@ -208,7 +207,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     "slip_estimator": _of_catalogue(catalogue.SLIP_ESTIMATOR),
     "rover_sensor": _of_catalogue(catalogue.ROVER_SENSOR),
     "rover_driver": _of_catalogue(catalogue.ROVER_DRIVER),
-    "fault": _of_catalogue(FAULTS),
+    "fault": _of_catalogue(catalogue.FAULT),
     "course": _courses(COURSES),
     "rover_course": _courses(ROVER_COURSES),
     "vehicle": _files(vehicle_names, lambda name: load_vehicle(name).summary),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from vehicle.parameter_file import nearest
+from vehicle.user_file import shown
 
 Parameter: TypeAlias = bool | int | float | str
 
@@ -53,12 +54,13 @@ class Option:
         accepted = (int, float) if self.kind is float else self.kind
         if not isinstance(value, accepted) or (isinstance(value, bool) and self.kind in (int, float)):
             kind = f"of type {self.kind.__name__}" if self.kind is not float or not self.limits else ""
-            raise ValueError(f"{key} = {value!r}{unit} must be {', '.join(filter(None, (self.limits, kind)))}")
+            rule = ", ".join(filter(None, (self.limits, kind)))
+            raise ValueError(f"{key} = {shown(repr(value))}{unit} must be {rule}")
         if isinstance(value, str):
             if self.choices and value not in self.choices:
-                raise ValueError(f"{key} = '{value}'{nearest(value, self.choices)}")
-        elif not (self.low <= value <= self.high and math.isfinite(value)):
-            raise ValueError(f"{key} = {value}{unit} must be {self.limits or 'finite'}")
+                raise ValueError(f"{key} = '{shown(value)}'{nearest(value, self.choices)}")
+        elif not (self.low <= value <= self.high and -math.inf < value < math.inf):  # whole numbers exceed floats
+            raise ValueError(f"{key} = {shown(str(value))}{unit} must be {self.limits or 'finite'}")
 
 
 def check_options(options: Sequence[Option], given: Mapping[str, Parameter], prefix: str = "") -> None:
@@ -76,7 +78,7 @@ def check_options(options: Sequence[Option], given: Mapping[str, Parameter], pre
     for name, value in given.items():
         key = f"{prefix}.{name}" if prefix else name
         if name not in known:
-            raise ValueError(f"unknown option '{key}'{nearest(name, tuple(known))}")
+            raise ValueError(f"unknown option '{shown(key)}'{nearest(name, tuple(known))}")
         known[name].check(value, key)
 
 

@@ -16,6 +16,8 @@ from pydantic import BaseModel, ValidationError
 
 from vehicle.user_file import MAX_NESTING, FileKind, read_text, shown
 
+_LISTED: Final = 20  # words in an error message
+_COMPARED: Final = 100  # characters of a word
 Model = TypeVar("Model", bound=BaseModel)
 _PART: Final = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY: Final = re.compile(  # takes tomllib quadratic time
@@ -106,10 +108,14 @@ def checked(model: type[Model], plain: dict[str, Any], file: str, table: str = "
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Ending of an error message on an unknown word: the known word most like it, or else all known words."""
-    words = list(known)
+    """Ending of an error message on an unknown word: the known word most like it, or else known words, not too many."""
+    words, word = list(known), word[:_COMPARED]
     close = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
-    return f"; did you mean '{close[0]}'?" if close else f"; known: {', '.join(words)}"
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    if len(words) > _LISTED:
+        return f"; most like it: {', '.join(difflib.get_close_matches(word, words, n=3, cutoff=0.0))}"
+    return f"; known: {', '.join(words)}"
 
 
 def _first_error(model: type[BaseModel], error: ValidationError, table: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Linkage, TrailerGeometry
 from scenarios.assembly.ground_friction import ground_friction
+from scenarios.catalogue import constructed
 from scenarios.courses import Course
 from scenarios.options.rig import RigOptions
 from scenarios.options.scenario import Scenario
@@ -88,8 +89,16 @@ def watched_units(vehicle: Vehicle, scenario: Scenario) -> tuple[int, ...]:
 
 
 def course_of(scenario: Scenario, vehicle: Vehicle) -> Course:
-    """The course as this vehicle's tractor drives it."""
-    return scenario.course.course(vehicle.units[0], scenario.speed)
+    """The course as this vehicle's tractor drives it.
+
+    Raises:
+        ValueError: one line, if the tractor cannot drive it, or a user's own kind makes no course.
+    """
+    kind = scenario.course.kind
+    course = constructed("course.kind", kind, lambda: scenario.course.course(vehicle.units[0], scenario.speed))
+    if not isinstance(course, Course):
+        raise ValueError(f"course.kind = {kind}: made a {type(course).__name__}, not a scenarios.courses.Course")
+    return course
 
 
 def outlines(vehicle: Vehicle) -> tuple[UnitOutline, ...]:

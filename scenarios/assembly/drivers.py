@@ -16,7 +16,7 @@ from controllers.shunting import ShuntingDriver, Stop
 from controllers.tractor import TractorGeometry
 from scenarios.assembly.adapters import tractor_geometry
 from scenarios.assembly.recorded_drive import read_trace
-from scenarios.catalogue import DRIVER, Part, constructed, resolve
+from scenarios.catalogue import DRIVER, Part, check_made, constructed, resolve
 from scenarios.courses import Course
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario
@@ -103,9 +103,10 @@ def opened_driver(scenario: Scenario, vehicle: Vehicle, course: Course) -> Opene
         options=options,
         parameters=options.parameters,
     )
-    driver = constructed("driver.kind", kind, part, context)
+    driver = constructed("driver.kind", kind, lambda: part.of(context))
     if not isinstance(driver, OpenedDriver):
         driver = OpenedDriver(driver=driver, duration=course.length / scenario.speed, start_speed=scenario.speed)
+    check_made("driver.kind", kind, driver.driver, ("init", "step"))
     if not 0.0 < driver.duration < math.inf:  # a run that gets stuck would never end
         raise ValueError(f"driver.kind = {kind}: duration = {driver.duration} s must be positive and finite")
     return replace(driver, driver=CheckedDriver(driver.driver, f"driver.kind = {kind}"))

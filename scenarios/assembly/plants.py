@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from scenarios.catalogue import PLANT, Part, constructed, resolve
+from scenarios.catalogue import PLANT, Part, check_made, constructed, resolve
 from scenarios.options.course import ConstantSlipOptions
 from scenarios.options.scenario import Scenario
 from vehicle.combination.description import Vehicle
@@ -94,4 +94,7 @@ def opened_plant(scenario: Scenario, vehicle: Vehicle, surface: Surface) -> Comb
     """
     kind = plant_kind(scenario)
     part: Part[PlantContext, CombinationPlant] = resolve("plant.kind", kind, PLANT)
-    return constructed("plant.kind", kind, part, PlantContext(vehicle=vehicle, surface=surface, scenario=scenario))
+    context = PlantContext(vehicle=vehicle, surface=surface, scenario=scenario)
+    plant = constructed("plant.kind", kind, lambda: part.of(context))
+    check_made("plant.kind", kind, plant, ("initial_state", "step", "observe"))
+    return plant

@@ -22,7 +22,7 @@ from scenarios.assembly.rover_sensors import (
     TraceView,
     opened_rover_sensor,
 )
-from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, check_declared, constructed, resolve
+from scenarios.catalogue import ROVER_DRIVER, SLIP_ESTIMATOR, check_made, constructed, resolve
 from scenarios.options.rover import RoverScenario, RoverSurfaceOptions, SandOptions
 from scenarios.randomness import stream
 from sensors.faults.fault import with_faults
@@ -85,7 +85,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         ValueError: one line, if the scenario is not consistent.
     """
     rover = load_rover(scenario.vehicle)
-    geometry, path, terrain = rover_geometry(rover), scenario.course.path(), terrain_of(scenario.surface)
+    geometry, path, terrain = rover_geometry(rover), _path(scenario), terrain_of(scenario.surface)
     soil = None if scenario.surface.soil == "none" else load_soil(scenario.surface.soil)
     driver = _driver(scenario, geometry, path)
     mount = rover_mount(scenario, rover, terrain, path, seed=seed)
@@ -133,7 +133,6 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     """
     scenario = mount.scenario
     part: type[SlipEstimator] = resolve("slip_estimator", scenario.slip_estimator, SLIP_ESTIMATOR)
-    check_declared("slip_estimator", scenario.slip_estimator, part, ("sensor", "options"))
     opened = opened_rover_sensor(part.sensor if scenario.sensor is None else scenario.sensor, mount)
     context = RoverContext(
         rover=rover_geometry(mount.rover),
@@ -141,6 +140,8 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
         rng=mount.stream("slip estimator"),
         options=scenario.estimator,
     )
+    estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
+    check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))
     return RoverSensing(
         sensor=with_faults(
             opened.sensor,
@@ -150,9 +151,17 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
             rng=lambda k: mount.stream(f"fault {k}"),
         ),
         schedule=opened.schedule,
-        estimator=constructed("slip_estimator", scenario.slip_estimator, part, context),
+        estimator=estimator,
         view=opened.view,
     )
+
+
+def _path(scenario: RoverScenario) -> Path:
+    kind = scenario.course.kind
+    path = constructed("course.kind", kind, scenario.course.path)
+    if not isinstance(path, Path):
+        raise ValueError(f"course.kind = {kind}: made a {type(path).__name__}, not a controllers.path.Path")
+    return path
 
 
 def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> RoverDriverLike[Any]:
@@ -164,9 +173,9 @@ def _driver(scenario: RoverScenario, geometry: RoverGeometry, path: Path) -> Rov
         compensation=scenario.slip_compensation,
         options=scenario.driving,
     )
-    return CheckedRoverDriver(
-        constructed("driver", scenario.driver, part, context), f"driver = {scenario.driver}", len(geometry.places())
-    )
+    driver = constructed("driver", scenario.driver, lambda: part.of(context))
+    check_made("driver", scenario.driver, driver, ("init", "step"))
+    return CheckedRoverDriver(driver, f"driver = {scenario.driver}", len(geometry.places()))
 
 
 def rover_geometry(rover: Rover) -> RoverGeometry:

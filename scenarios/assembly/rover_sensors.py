@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.path import Path
-from scenarios.catalogue import ROVER_SENSOR, Part, constructed, resolve
+from scenarios.catalogue import ROVER_SENSOR, Part, check_made, constructed, resolve
 from scenarios.options.rover import RoverScenario
 from sensors.context import RoverSensorContext
 from sensors.instruments.rover_navigation import ExactSlip, RoverInstruments
@@ -125,7 +125,9 @@ def opened_rover_sensor(name: str, context: RoverMountContext) -> OpenedRoverSen
     part: Part[RoverMountContext, OpenedRoverSensor | Sensor[RoverTruth, Message]] = resolve(
         "sensor", name, ROVER_SENSOR
     )
-    sensor = constructed("sensor", name, part, context)
-    if isinstance(sensor, OpenedRoverSensor):
-        return sensor
-    return OpenedRoverSensor(sensor=sensor, schedule=context.schedule)
+    sensor = constructed("sensor", name, lambda: part.of(context))
+    opened = (
+        sensor if isinstance(sensor, OpenedRoverSensor) else OpenedRoverSensor(sensor=sensor, schedule=context.schedule)
+    )
+    check_made("sensor", name, opened.sensor, ("sample",))
+    return opened

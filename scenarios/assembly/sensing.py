@@ -10,7 +10,7 @@ from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerC
 from estimators.protocol import Odometry
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
-from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_declared, constructed, resolve
+from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.fault import with_faults
@@ -38,8 +38,10 @@ def opened_sensor(name: str, context: MountContext) -> OpenedSensor:
         RendererUnavailableError: one line, if it renders and OpenGL does not work here.
     """
     part: Part[MountContext, OpenedSensor | Sensor[Truth, Message]] = resolve("sensor", name, SENSOR)
-    sensor = constructed("sensor", name, part, context)
-    return sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
+    sensor = constructed("sensor", name, lambda: part.of(context))
+    opened = sensor if isinstance(sensor, OpenedSensor) else OpenedSensor(sensor=sensor, schedule=context.schedule)
+    check_made("sensor", name, opened.sensor, ("sample",))
+    return opened
 
 
 def opened_sensing(context: MountContext) -> Sensing:
@@ -51,31 +53,28 @@ def opened_sensing(context: MountContext) -> Sensing:
     """
     scenario = context.scenario
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
-    check_declared("off_tracking", scenario.off_tracking, part, ("sensor", "options"))
     options = _estimator_options(scenario)
     check_options(part.options, options, "estimator")
     opened = opened_sensor(scenario.sensor if scenario.sensor is not None else part.sensor, context)
     cameras = opened.cameras
     odometry: Odometry[Any] | None = None
     if cameras and cameras.epipolar:
-        odometry = resolve("odometry", scenario.odometry, ODOMETRY)(cameras.calibration)
+        kind, calibration = resolve("odometry", scenario.odometry, ODOMETRY), cameras.calibration
+        odometry = constructed("odometry", scenario.odometry, lambda: kind(calibration))
     if odometry and cameras and scenario.rig.self_calibration:
         odometry = SelfCalibratedOdometry(cameras.calibration, odometry)
-    estimator = constructed(
-        "off_tracking",
-        scenario.off_tracking,
-        part,
-        TrailerContext(
-            vehicle=context.nominal,
-            unit=context.unit,
-            follow_distance=context.trailer.follow_distance,
-            calibration=cameras.calibration if cameras else None,
-            odometry=odometry,
-            rng=context.stream(scenario.off_tracking),
-            options=options,
-            sensor=opened.sensor,
-        ),
+    known = TrailerContext(
+        vehicle=context.nominal,
+        unit=context.unit,
+        follow_distance=context.trailer.follow_distance,
+        calibration=cameras.calibration if cameras else None,
+        odometry=odometry,
+        rng=context.stream(scenario.off_tracking),
+        options=options,
+        sensor=opened.sensor,
     )
+    estimator = constructed("off_tracking", scenario.off_tracking, lambda: part.of(known))
+    check_made("off_tracking", scenario.off_tracking, estimator, ("init", "step"))
     return Sensing(
         sensor=_with_faults(opened, context),
         schedule=opened.schedule,

@@ -10,7 +10,7 @@ from controllers.checked import CheckedLaw
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Degradation, Guarded
 from controllers.trailer_steering.reverse_lock import ReverseLock
-from scenarios.catalogue import TRAILER_STEERING, resolve
+from scenarios.catalogue import TRAILER_STEERING, constructed, resolve
 from vehicle.option import Option, Parameter, declared_options
 from vehicle.parameter_file import nearest
 
@@ -51,7 +51,9 @@ def trailer_law(
         options[key].check(value, f"steering.{key}")
     context = {_COMBINATION: combination} if _COMBINATION in inspect.signature(part).parameters else {}
     try:
-        law: TrailerSteering[Any] = part(trailer, **context, **parameters)
+        law: TrailerSteering[Any] = constructed(
+            "trailer_steering", name, lambda: part(trailer, **context, **parameters)
+        )
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error

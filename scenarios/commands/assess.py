@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from scenarios.commands.console import Quiet, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import PlainConsole, Quiet, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.standards.assessment import Assessment
@@ -66,10 +66,10 @@ def assess(
 
 
 def _print(assessment: Assessment, directory: Path) -> None:
-    console = Console()
+    console = PlainConsole()
     console.print(_figures(assessment))
     console.print(_levels(assessment))
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
 
 
 def _figures(assessment: Assessment) -> Table:
@@ -82,7 +82,7 @@ def _figures(assessment: Assessment) -> Table:
         shown = [name for name, value in manoeuvre.figures.items() if value == value]
         head = manoeuvre.key.replace("_", " ")
         if not shown:
-            table.add_row(head, f"[red]{manoeuvre.outcome}[/]", "–", "", end_section=True)
+            table.add_row(head, Text(manoeuvre.outcome, style="red"), "–", "", end_section=True)
         for k, name in enumerate(shown):
             theory = BY_NAME[name].text(assessment.linear[name]) if name in assessment.linear else ""
             label, value = BY_NAME[name].label, BY_NAME[name].text(manoeuvre.figures[name])
@@ -103,7 +103,7 @@ def _levels(assessment: Assessment) -> Table:
         table.add_row(
             quantity.label,
             quantity.text(judgement.measured),
-            f"[{'red' if bad else 'green'}]{judgement.reached}[/]",
+            Text(judgement.reached, style="red" if bad else "green"),
             bounds_text(judgement),
             f"{criterion.standard} ({criterion.source})",
         )

@@ -10,11 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
-from scenarios.commands.console import check_number, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import PlainConsole, check_number, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from estimators.calibration.board_views import BoardView
@@ -96,13 +94,12 @@ def calibrate(
             typer.echo(json.dumps(_numbers(cameras, pair) | {"file": str(target)}, indent=2))
         elif not quiet:
             _print_tables(cameras, pair, sides)
-            console = Console()
-            console.print(f"Written: {target}, {picture}", soft_wrap=True, highlight=False)
+            console = PlainConsole()
+            console.print(f"Written: {target}, {picture}", soft_wrap=True)
             if pair and position is None:
                 console.print(
                     "The cameras' pose on the trailer (X_SC in the file) is assumed: set --facing and --position.",
                     soft_wrap=True,
-                    highlight=False,
                 )
 
 
@@ -157,7 +154,7 @@ def _numbers(cameras: dict[str, CameraCalibration], pair: StereoFit | None) -> d
 def _print_tables(
     cameras: dict[str, CameraCalibration], pair: StereoFit | None, sides: Sequence[Sequence[BoardView]]
 ) -> None:
-    console = Console()
+    console = PlainConsole()
     for (name, calibration), views in zip(cameras.items(), sides, strict=False):
         console.print(_image_table(name, calibration, views))
     console.print(_parameter_table(cameras))
@@ -167,7 +164,6 @@ def _print_tables(
             f"Pair: right camera at {x:.4f}, {y:.4f}, {z:.4f} m (+-{1e3 * pair.position_std:.1f} mm), angles "
             f"+-{math.degrees(pair.rotation_std):.3f} deg; {len(pair.errors)} pairs, {pair.rms:.3f} px RMS",
             soft_wrap=True,
-            highlight=False,
         )
 
 
@@ -177,7 +173,7 @@ def _image_table(name: str, calibration: CameraCalibration, views: Sequence[Boar
         title_justify="left",
     )
     table.add_column("image")
-    table.add_column(escape("error [px]"), justify="right")
+    table.add_column("error [px]", justify="right")
     table.add_column("reason if dropped")
     for view in views:
         error = calibration.errors.get(view.name)
@@ -198,5 +194,5 @@ def _parameter_table(cameras: dict[str, CameraCalibration]) -> Table:
             camera = calibration.camera
             value = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)[k]
             cells += [f"{value:.{digits}f}", f"{calibration.std[k]:.{digits}f}"]
-        table.add_row(escape(name), *cells)
+        table.add_row(name, *cells)
     return table

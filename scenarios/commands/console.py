@@ -1,20 +1,26 @@
-"""Shared parts of the commands: one-line errors, exit codes and progress bars."""
+"""Shared parts of the commands: one-line errors, exit codes, plain text on the terminal and progress bars."""
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated
+from typing import Annotated, Any, Final, cast
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as ProgressDisplay
+from rich.text import Text
+from typer.core import TyperGroup
 
 from scenarios.progress import Progress
-from vehicle.user_file import shown
+from vehicle.user_file import reason, shown
 
+_LONGEST: Final = 1000  # characters of an error message
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_USAGE_ERROR: Final = cast(type[Exception], typer.BadParameter.__base__)  # of click, which newer typers bring along
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
@@ -29,16 +35,56 @@ def one_line_errors() -> Iterator[None]:
     try:
         yield
     except (ValueError, OSError, RendererUnavailableError) as error:
-        remark(str(error))
+        remark(_line(error))
         raise typer.Exit(BAD_INPUT) from error
     except KeyboardInterrupt as interrupt:
         remark("interrupted; what is finished is kept")
         raise typer.Exit(INTERRUPTED) from interrupt
 
 
+def _line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{shown(str(error.filename))}: {reason(error)}"
+    return str(error)
+
+
 def remark(line: str) -> None:
     """Print a line on standard error."""
-    typer.echo(f"offtrack: {shown(line, 4000)}", file=sys.stderr)
+    typer.echo(f"offtrack: {shown(line, _LONGEST)}", file=sys.stderr)
+
+
+class OneLineGroup(TyperGroup):
+    """Commands whose usage errors are one line, as all others."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run the command that the arguments name, and exit with its code."""
+        try:
+            code = super().main(*args, **{**options, "standalone_mode": False})
+        except _USAGE_ERROR as error:
+            problem: Any = error
+            if type(error).__name__ == "NoArgsIsHelpError":
+                problem.show()
+            else:
+                command = getattr(problem.ctx, "command_path", "offtrack")
+                remark(f"{problem.format_message().rstrip('.')}; see {command} --help")
+            sys.exit(BAD_INPUT)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+class PlainConsole(Console):
+    """A console on which texts are plain: brackets are no markup, control characters are shown as escapes."""
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """The text, whose file names and names of units may come from anywhere."""
+        return super().render_str(printable(text), **options)
+
+
+def printable(text: str) -> str:
+    """The text with control characters, which a terminal may obey, as escapes."""
+    return _CONTROL.sub(lambda control: repr(control[0])[1:-1], text)
 
 
 def check_number(option: str, value: float | None, low: float, high: float) -> None:
@@ -65,14 +111,14 @@ class LazyDisplay(ProgressDisplay):
 def progress_display(*, shown: bool) -> LazyDisplay:
     """A rich progress display on standard error; its tasks carry a field ``detail``."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[detail]}"),
+        TextColumn("{task.fields[detail]}", markup=False),
     )
-    return LazyDisplay(*columns, console=Console(stderr=True), disable=not shown)
+    return LazyDisplay(*columns, console=PlainConsole(stderr=True), disable=not shown)
 
 
 def progress_bar(display: ProgressDisplay, title: str) -> Progress:
@@ -82,8 +128,8 @@ def progress_bar(display: ProgressDisplay, title: str) -> Progress:
     def report(done: float, total: float, note: str = "", /) -> None:
         if not tasks:
             display.start()
-            tasks.append(display.add_task(title, total=total, detail=""))
-        display.update(tasks[0], completed=done, total=total, detail=note)
+            tasks.append(display.add_task(printable(title), total=total, detail=""))
+        display.update(tasks[0], completed=done, total=total, detail=printable(note))
 
     return report
 

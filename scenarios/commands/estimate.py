@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from scenarios.commands.console import (
     INTERRUPTED,
+    PlainConsole,
     Quiet,
     check_number,
     lines,
@@ -166,7 +165,7 @@ def slip(
     reported.
     """
     from estimators.context import RoverContext
-    from scenarios.catalogue import SLIP_ESTIMATOR, resolve
+    from scenarios.catalogue import SLIP_ESTIMATOR, constructed, resolve
     from scenarios.randomness import stream
     from scenarios.recordings.rover_reader import open_rover_recording
     from scenarios.recordings.slip_estimation import estimate_slip
@@ -180,7 +179,8 @@ def slip(
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR)
         recording = open_rover_recording(directory, rig)
-        source = part.of(RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={}))
+        context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
+        source = constructed("--estimator", estimator, lambda: part.of(context))
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             estimation = estimate_slip(recording, estimator, source, checked(progress_bar(display, "slip angle")))
             numbers = write_slip_estimation(
@@ -195,11 +195,12 @@ def slip(
 def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, OffTrackingSource]:
     """Estimator with an odometry of this name, and the name."""
     from estimators.calibration.self_calibration import SelfCalibratedOdometry
-    from scenarios.catalogue import ODOMETRY, OFF_TRACKING, resolve
+    from scenarios.catalogue import ODOMETRY, OFF_TRACKING, constructed, resolve
     from scenarios.options.scenario import Scenario
 
     name = odometry or str(Scenario.model_fields["odometry"].default)
-    motions = resolve("--odometry", name, ODOMETRY)(recording.calibration)
+    kind = resolve("--odometry", name, ODOMETRY)
+    motions = constructed("--odometry", name, lambda: kind(recording.calibration))
     if self_calibration:
         motions = SelfCalibratedOdometry(recording.calibration, motions)
     estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
@@ -219,19 +220,19 @@ def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *
 
 
 def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) -> None:
-    console = Console()
-    table = Table(title=f"{escape(numbers['recording'])}: {numbers['outcome']}", title_justify="left")
+    console = PlainConsole()
+    table = Table(title=f"{numbers['recording']}: {numbers['outcome']}", title_justify="left")
     table.add_column("")
     table.add_column("quantity")
     table.add_column("value", justify="right")
     for group in groups:
         rows = [(name, value) for name, value in numbers[group].items() if value not in (None, [])]
         for k, (name, value) in enumerate(rows):
-            shown = f"{value:.4g}" if isinstance(value, float) else escape(str(value))
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
             table.add_row(group if k == 0 else "", name, shown, end_section=k == len(rows) - 1)
     console.print(table)
     for line in (*_remarks(numbers), f"Report: {directory / 'report.html'}"):
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+        console.print(line, soft_wrap=True)
 
 
 def _remarks(numbers: dict[str, Any]) -> list[str]:

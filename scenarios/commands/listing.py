@@ -7,12 +7,10 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 from rich.syntax import Syntax
 from rich.table import Table
 
-from scenarios.commands.console import one_line_errors
+from scenarios.commands.console import PlainConsole, one_line_errors
 
 if TYPE_CHECKING:
     from scenarios.listing import Key
@@ -38,14 +36,14 @@ def scenarios(
             table = Table(box=None, show_header=False, pad_edge=False)
             for known in scenario_names():
                 table.add_row(known, load_any_scenario(known).description)
-            Console().print(table)
+            PlainConsole().print(table)
             return
         scenario = load_any_scenario(name)
-        console = Console()
-        console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True, highlight=False, markup=False)
+        console = PlainConsole()
+        console.print(f"{scenario.name}: {scenario.description}", soft_wrap=True)
         console.print(Syntax(scenario.to_toml(), "toml", background_color="default", word_wrap=True))
-        console.print(f"Run it:     offtrack run {name}", soft_wrap=True, highlight=False, markup=False)
-        console.print(f"Change it:  offtrack keys {name}", soft_wrap=True, highlight=False, markup=False)
+        console.print(f"Run it:     offtrack run {name}", soft_wrap=True)
+        console.print(f"Change it:  offtrack keys {name}", soft_wrap=True)
 
 
 def parts(
@@ -66,13 +64,13 @@ def parts(
         if as_json:
             typer.echo(json.dumps([part.to_json() for part in matches], indent=2, ensure_ascii=False))
             return
-        console, kinds = Console(), dict.fromkeys(part.kind for part in matches)
+        console, kinds = PlainConsole(), dict.fromkeys(part.kind for part in matches)
         for heading in kinds:
             table = _table("part", "value", "range", "meaning", title=heading)
             for part in (part for part in matches if part.kind == heading):
-                table.add_row(part.name, "", "", escape(part.meaning))
+                table.add_row(part.name, "", "", part.meaning)
                 for key in part.parameters:
-                    table.add_row(f"  {key.name}", *map(escape, (_value(key), key.range, key.meaning)))
+                    table.add_row(f"  {key.name}", _value(key), key.range, key.meaning)
             console.print(table)
 
 
@@ -97,8 +95,8 @@ def keys(
             return
         table = _table("key", "default" if scenario is None else "value", "range", "meaning")
         for key in matches:
-            table.add_row(*map(escape, (key.name, _value(key), key.range, key.meaning)))
-        Console().print(table)
+            table.add_row(key.name, _value(key), key.range, key.meaning)
+        PlainConsole().print(table)
 
 
 def _table(*columns: str, title: str | None = None) -> Table:

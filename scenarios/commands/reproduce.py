@@ -7,10 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import INTERRUPTED, Quiet, one_line_errors, progress_bar, progress_display, remark
+from scenarios.commands.console import (
+    INTERRUPTED,
+    PlainConsole,
+    Quiet,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
 
 if TYPE_CHECKING:
     from scenarios.reproduce.figure import Reproduction
@@ -101,8 +108,8 @@ def _print(result: Reproduction, directory: Path) -> None:
     table.add_column("unit")
     for one in result.comparisons:
         table.add_row(one.quantity, one.published or "–", one.own_text, one.unit)
-    console = Console(highlight=False)
+    console = PlainConsole()
     console.print(table)
     for note in result.notes:
-        console.print(note, style="dim", markup=False)
+        console.print(note, style="dim")
     console.print(f"Picture, data and numbers: {directory}", soft_wrap=True)

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from scenarios.commands.console import (
     CHECK_FAILED,
     INTERRUPTED,
+    PlainConsole,
     Quiet,
     ScenarioName,
     one_line_errors,
@@ -44,7 +43,8 @@ def run(
             "--set",
             metavar="KEY=VALUE",
             help="Change a key of the scenario (see: offtrack keys), e.g. off_tracking=truth, trailer_steering=none, "
-            "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. May be repeated.",
+            "vehicle=my_truck.toml, surface.friction=0.3, steering.gain=0.5, traffic=mixed. "
+            "May be repeated; the last value of a key counts.",
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the world and all noise.")] = 1,
@@ -104,9 +104,8 @@ def run(
 
 
 def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
-    console = Console()
-    title = Text(f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}")  # text: not read as markup
-    table = Table(title=title, title_justify="left")
+    console = PlainConsole()
+    table = Table(title=f"{numbers['scenario']}, seed {numbers['seed']}: {numbers['outcome']}", title_justify="left")
     table.add_column("")
     table.add_column("quantity")
     table.add_column("value", justify="right")
@@ -117,4 +116,4 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
                 shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
                 table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
     console.print(table)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from scenarios.commands.console import (
     CHECK_FAILED,
+    PlainConsole,
     Quiet,
     ScenarioName,
     check_number,
@@ -167,7 +167,7 @@ def _print(rows: Sequence[Row], directory: Path) -> None:
 
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
-    table = Table(padding=(0, 1) if Console().width > 100 else (0, 0))
+    table = Table(padding=(0, 1) if PlainConsole().width > 100 else (0, 0))
     for key in varied:  # 80 columns may break headings but must not cut names
         table.add_column(key.rpartition(".")[2], min_width=max(len(dict(row.axes)[key]) for row in rows))
     table.add_column("done", justify="right", min_width=3)
@@ -180,9 +180,9 @@ def _print(rows: Sequence[Row], directory: Path) -> None:
             f"{row.completed}/{row.runs}",
             *(text_of(quantity, row.numbers[quantity.path]) for quantity in quantities),
         )
-    console = Console()
+    console = PlainConsole()
     console.print(table)
     for ending in dict.fromkeys(ending for row in rows for ending in row.endings):
         count = sum(row.runs - row.completed for row in rows if ending in row.endings)
-        console.print(f"{ending}: {count} runs", soft_wrap=True, highlight=False, markup=False)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
+        console.print(f"{ending}: {count} runs", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

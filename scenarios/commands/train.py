@@ -11,10 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from scenarios.commands.console import Quiet, check_number, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import (
+    PlainConsole,
+    Quiet,
+    check_number,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+)
 from scenarios.interrupts import postponed_interrupts
 from scenarios.processes import MOST_JOBS
 
@@ -126,8 +132,8 @@ def _print(result: dict[str, Any], scores: Scores, network: Path) -> None:
     for name, laws in scores.items():
         marks = [f"{s.rms_m:.3f} ({s.max_m:.2f}){'*' * s.mishaps}" for s in laws.values()]
         table.add_row(name if name == "trained" else f"unseen {name}", *marks)
-    console = Console()
-    console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min", highlight=False)
+    console = PlainConsole()
+    console.print(f"{result['steps'] / 1e6:.1f} million steps in {result['wall_s'] / 60.0:.1f} min")
     console.print(table)
     run = f"offtrack run roundabout --set trailer_steering=policy --set policy.path={network}"
-    console.print(f"Run it: {run}", soft_wrap=True, highlight=False)
+    console.print(f"Run it: {run}", soft_wrap=True)

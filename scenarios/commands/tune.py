@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tomli_w
 import typer
-from rich.console import Console
 from rich.table import Table
 
 from scenarios.commands.console import (
+    PlainConsole,
     Quiet,
     ScenarioName,
     check_number,
@@ -252,9 +252,9 @@ def _print(tuning: Tuning, best: Trial, judged: dict[str, tuple[float, ...]], di
         table.add_column(name, justify="right")
     for name, values in judged.items():
         table.add_row(name, *(f"{value:.4g}" for value in values))
-    console = Console()
+    console = PlainConsole()
     console.print(table)
     for name, value in best.parameters.items():
-        console.print(f"{subject_of(tuning.tuned_on.scenario).parameters}.{name} = {value:.4g}", highlight=False)
-    console.print(f"Run it: offtrack run {directory / 'tuned.toml'}", soft_wrap=True, highlight=False)
-    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True, highlight=False)
+        console.print(f"{subject_of(tuning.tuned_on.scenario).parameters}.{name} = {value:.4g}")
+    console.print(f"Run it: offtrack run {directory / 'tuned.toml'}", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

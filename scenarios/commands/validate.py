@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scenarios.commands.console import CHECK_FAILED, one_line_errors, progress_bar, progress_display
+from scenarios.commands.console import CHECK_FAILED, PlainConsole, one_line_errors, progress_bar, progress_display
 
 if TYPE_CHECKING:
     from scenarios.validation.check import Check, Section
@@ -107,7 +106,7 @@ def _finite(value: float | None) -> float | None:
 def _print(sections: Sequence[Section], directory: Path) -> None:
     from scenarios.validation.check import tally
 
-    console = Console(highlight=False)
+    console = PlainConsole()
     for part in sections:
         _print_section(console, part)
     counts = tally(sections)
@@ -116,7 +115,7 @@ def _print(sections: Sequence[Section], directory: Path) -> None:
     console.print(f"Page: {directory / 'validation.html'}", soft_wrap=True)
 
 
-def _print_section(console: Console, part: Section) -> None:
+def _print_section(console: PlainConsole, part: Section) -> None:
     """Print the checks of a section and, below, the numbered sources."""
     sources = list(dict.fromkeys(check.source for check in part.checks))
     table = Table(title=part.title, title_justify="left", title_style="bold", box=None, pad_edge=False)
@@ -126,10 +125,10 @@ def _print_section(console: Console, part: Section) -> None:
     table.add_column("", no_wrap=True)
     table.add_column("source", justify="right", no_wrap=True)
     for check in part.checks:
-        table.add_row(*_row(check), f"[{1 + sources.index(check.source)}]".replace("[", "\\["))
+        table.add_row(*_row(check), f"[{1 + sources.index(check.source)}]")
     console.print(table)
     for k, source in enumerate(sources):
-        console.print(f"  [{1 + k}] {source}", style="dim", markup=False)
+        console.print(f"  [{1 + k}] {source}", style="dim")
     console.print()
 
 

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scenarios.commands.console import one_line_errors
+from scenarios.commands.console import PlainConsole, one_line_errors
 
 if TYPE_CHECKING:
     from scenarios.vehicle_sheet.paper import SheetTable
@@ -58,8 +57,8 @@ def _list_vehicles(*, as_json: bool) -> None:
     for kind, summaries in known.items():
         table.add_row(Text(kind, style="bold"), "")
         for name, summary in summaries.items():
-            table.add_row(Text(f"  {name}"), Text(summary))
-    Console().print(table)
+            table.add_row(f"  {name}", summary)
+    PlainConsole().print(table)
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
@@ -78,22 +77,22 @@ def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
 
 
 def _print(sheet: VehicleSheet, directory: Path) -> None:
-    console = Console()
+    console = PlainConsole()
     for line in (f"{sheet.name}: {sheet.summary}", sheet.size):
-        console.print(line, soft_wrap=True, highlight=False, markup=False)
+        console.print(line, soft_wrap=True)
     for table in sheet.tables:
         _print_table(console, table)
     for warning in sheet.warnings:
-        console.print(f"Warning: {warning}", soft_wrap=True, highlight=False, markup=False, style="yellow")
-    console.print(f"{sheet.note}.", soft_wrap=True, highlight=False)
-    console.print(f"Sheet: {directory / 'sheet.svg'}, sheet.png", soft_wrap=True, highlight=False)
+        console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
+    console.print(f"{sheet.note}.", soft_wrap=True)
+    console.print(f"Sheet: {directory / 'sheet.svg'}, sheet.png", soft_wrap=True)
 
 
-def _print_table(console: Console, sheet_table: SheetTable) -> None:
+def _print_table(console: PlainConsole, sheet_table: SheetTable) -> None:
     head, *rows = sheet_table.rows
     table = Table()
     for title, (_, align) in zip(head, sheet_table.columns, strict=True):
-        table.add_column(Text(title), justify=align)
+        table.add_column(title, justify=align)
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))  # units in brackets are no markup
+        table.add_row(*row)
     console.print(table)

@@ -45,8 +45,9 @@ class SurrogateParameters:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ValueError(f"surrogate: {field.name} = {value} must be a number >= 0")
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (is_number and 0.0 <= value < math.inf):
+                raise ValueError(f"surrogate: {field.name} = {value!r:.80} must be a number >= 0")
         for name in ("drift_time", "loss_duration"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"surrogate: {name} = {getattr(self, name)} s must be positive")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from vehicle.user_file import full_path
 
@@ -23,9 +23,19 @@ FullPath = Annotated[str, AfterValidator(full_path)]  # a saved scenario runs an
 
 
 class Options(BaseModel):
-    """Base class of tables: frozen, validated, unknown keys refused."""
+    """Base class of tables: frozen, validated, unknown keys refused; a boolean or a text is no number."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_tuples(cls, table: Any) -> Any:
+        """The table of a file with tuples in place of its lists."""
+        return {key: _as_tuple(value) for key, value in table.items()} if isinstance(table, dict) else table
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(map(_as_tuple, value)) if isinstance(value, list) else value
 
 
 def tables_in(annotation: object) -> tuple[type[BaseModel], ...]:

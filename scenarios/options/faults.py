@@ -16,11 +16,12 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, model_validator
 
-from scenarios.catalogue import resolve
+from scenarios.catalogue import FAULT, resolve
 from scenarios.options.base import Options, option, quantity
 from sensors.faults.catalogue import FAULTS, checked_kind
 from sensors.faults.fault import Fault
 from vehicle.parameter_file import nearest
+from vehicle.user_file import shown
 
 _NAMES = "|".join(FAULTS)
 _TEXT = re.compile(
@@ -30,7 +31,7 @@ _TEXT = re.compile(
 
 
 def _numbers(amount: Any) -> Any:
-    return (amount,) if isinstance(amount, int | float) else amount
+    return (amount,) if isinstance(amount, int | float) else tuple(amount) if isinstance(amount, list) else amount
 
 
 class FaultOptions(Options):
@@ -51,7 +52,7 @@ class FaultOptions(Options):
     def fault(self) -> Fault:
         """Build the fault."""
         _check_name(self.kind)
-        kind = checked_kind(self.kind, resolve("kind", self.kind, FAULTS))
+        kind = checked_kind(self.kind, resolve("kind", self.kind, FAULT))
         return Fault(name=self.kind, kind=kind, amount=self.amount, start=self.start, duration=self.duration)
 
 
@@ -67,17 +68,24 @@ def _tables(faults: Any) -> Any:
 def _table(text: str) -> dict[str, Any]:
     match = _TEXT.fullmatch(text)
     if match is None:
-        raise ValueError(f"fault '{text}' must be written as kind:amount@start+duration")
+        raise ValueError(f"fault '{shown(text)}' must be written as kind:amount@start+duration")
     _check_name(match["kind"])
     table: dict[str, Any] = {"kind": match["kind"]}
     if match["amount"]:
-        table["amount"] = tuple(match["amount"].split(","))
-    return table | {key: match[key] for key in ("start", "duration") if match[key]}
+        table["amount"] = tuple(map(_number, match["amount"].split(",")))
+    return table | {key: _number(match[key]) for key in ("start", "duration") if match[key]}
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text  # refused by the validation, which names the key
 
 
 def _check_name(kind: str) -> None:
     if kind not in FAULTS and ":" not in kind:
-        raise ValueError(f"unknown fault '{kind}'{nearest(kind, FAULTS)} (or package.module:Name)")
+        raise ValueError(f"unknown fault '{shown(kind)}'{nearest(kind, FAULTS)} (or package.module:Name)")
 
 
 Faults = Annotated[tuple[FaultOptions, ...], BeforeValidator(_tables)]

@@ -13,7 +13,7 @@ from vehicle.combination.plant_changes import NamedChanges
 class PlantOptions(NamedChanges):
     """Changes of the simulated vehicle: named ones, or any number of the vehicle file by its path."""
 
-    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="allow", allow_inf_nan=False, strict=True)
 
     kind: str | None = option("multibody, constant_slip or package.module:Name; not given: as the course needs.", None)
 

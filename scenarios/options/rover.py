@@ -79,7 +79,7 @@ class RoverScenario(Options):
     """One closed-loop run of a rover."""
 
     kind: Literal["rover"] = option("rover: a scenario for rovers.")
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
+    name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
     course: RoverCourseTable = option("Path of the rover.")
     vehicle: str = option("Rover by name (see offtrack parts rover) or TOML file.", "el_dorado_ii")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
@@ -14,7 +15,7 @@ from pydantic import BaseModel, Field, ValidationError, create_model, field_vali
 from pydantic_core import ErrorDetails
 
 from controllers.trailer_steering.policy import shipped_networks
-from scenarios.catalogue import resolve
+from scenarios.catalogue import Catalogue, resolve
 from scenarios.options.base import Options, option, quantity, tables_in
 from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.degradation import DegradationOptions
@@ -29,9 +30,24 @@ from scenarios.options.signals import SignalOptions, SteerGroups
 from scenarios.options.surface import PATCHES, SurfaceOptions
 from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
-from vehicle.parameter_file import nearest, read_toml
-from vehicle.user_file import FileKind, full_path, shown
+from vehicle.parameter_file import nearest, parsed_toml, read_toml
+from vehicle.user_file import MAX_NESTING, FileKind, full_path, shown
 
+_WANTED: Final = {  # by types of errors of pydantic
+    "tuple_type": "must be a list",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "dict_type": "must be a table",
+    "bool_type": "must be true or false",
+    "string_type": "must be a text",
+    "int_type": "must be a whole number",
+    "float_type": "must be a number",
+    "string_pattern_mismatch": "must consist of letters, digits, dots, _ and -",
+}
+_COURSE_KIND: Final = "course.kind"
+_MAX_KEY: Final = 200  # characters
+_CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")  # also bytes that are not UTF-8
+_BARE_POINT: Final = re.compile(r"(?P<sign>[+-]?)(?=\.?\d)(?P<whole>\d*)\.(?P<rest>\d*)")  # TOML wants digits around it
 _NAMED: Final = ("driver", "traffic")  # tables that the name of their kind may stand for
 Table = dict[str, Any]  # parsed TOML; only this module uses it
 Parameter = bool | int | float | str
@@ -55,7 +71,7 @@ class PolicyOptions(Options):
 class Scenario(Options):
     """One closed-loop run."""
 
-    name: str = Field(min_length=1, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
+    name: str = Field(min_length=1, max_length=100, pattern=r"^[A-Za-z0-9._-]+$", description="Name of the scenario.")
     description: str = option("One line for offtrack scenarios.", "")
     course: CourseTable = option("Course of the guided point of the tractor.")
     vehicle: str = option(
@@ -132,7 +148,7 @@ def load_any_scenario(name_or_path: str, settings: Sequence[str] = ()) -> Scenar
         ValueError: one line that names the scenario, the key, the value, its limit or the nearest known key.
     """
     table = _read(name_or_path)
-    for setting in settings:
+    for setting in sorted(settings, key=_comes_first, reverse=True):
         _apply(table, setting)
     vehicle = table.get("vehicle")
     if isinstance(vehicle, str) and vehicle.endswith(".toml"):
@@ -151,8 +167,9 @@ def _with_own_course(model: type[Scenario | RoverScenario], table: Table) -> typ
     kind = course.get("kind") if isinstance(course, dict) else None
     if not isinstance(kind, str) or ":" not in kind:
         return model
-    part, base = resolve("course.kind", kind, {}), CourseOptions if issubclass(model, Scenario) else RoverCourseOptions
-    if not (isinstance(part, type) and issubclass(part, base)):
+    part = resolve("course.kind", kind, Catalogue({}))
+    base = CourseOptions if issubclass(model, Scenario) else RoverCourseOptions
+    if not issubclass(part, base):
         raise ValueError(f"course.kind = {kind}: the class must be derived from {base.__module__}.{base.__name__}")
     return create_model(model.__name__, __base__=model, course=(part, ...))
 
@@ -169,17 +186,28 @@ def _read(name_or_path: str) -> Table:
     return read_toml(Path(name_or_path), FileKind.SCENARIO)
 
 
+def _comes_first(setting: str) -> bool:
+    return setting.partition("=")[0].strip() == _COURSE_KIND  # it clears the keys of the kind before
+
+
 def _apply(table: Table, setting: str) -> None:
     key, equals, text = setting.partition("=")
-    if not equals or not key.strip():
-        raise ValueError(f"--set {setting}: expected KEY=VALUE, for example --set surface.friction=0.3")
-    *parents, last = key.strip().split(".")
+    parts = [part.strip() for part in key.split(".")]
+    if not equals or not all(parts):
+        example = "expected KEY=VALUE, for example --set surface.friction=0.3"
+        raise ValueError(f"--set {shown(setting)}: {example}")
+    if _CONTROL.search(setting) or len(parts) > MAX_NESTING or len(key) > _MAX_KEY:
+        raise ValueError(
+            f"--set {shown(setting)}: expected one KEY=VALUE without line breaks or control characters, with a key of "
+            f"at most {_MAX_KEY} characters and {MAX_NESTING} parts"
+        )
+    *parents, last = parts
     for parent in parents:
         if parent in _NAMED and isinstance(table.get(parent), str):
             table[parent] = {"kind": table[parent]}
         table = table.setdefault(parent, {})
         if not isinstance(table, dict):
-            raise ValueError(f"--set {setting}: '{parent}' is a value, not a table")
+            raise ValueError(f"--set {shown(setting)}: '{parent}' is a value, not a table")
     if parents == ["course"] and last == "kind" and table.get("kind") != text.strip():
         table.clear()  # the other keys belong to another kind of course
     table[last] = _value(text.strip())
@@ -187,8 +215,12 @@ def _apply(table: Table, setting: str) -> None:
 
 def _value(text: str) -> Parameter | list[Any]:
     """A TOML value, or else the text itself: names need no quotes on a command line."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    if point := _BARE_POINT.fullmatch(text):
+        text = f"{point['sign']}{point['whole'] or 0}.{point['rest'] or 0}"
     try:
-        value = tomllib.loads(f"value = {text}")["value"]
+        value = parsed_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
     return value if isinstance(value, bool | int | float | str | list) else text
@@ -206,19 +238,24 @@ def _complaint(model: type[Scenario | RoverScenario], first: ErrorDetails) -> st
     tables: tuple[type[BaseModel], ...] = (*tables_in(model.model_fields["course"].annotation), *PATCHES)
     kinds = [kind for options in tables for kind in get_args(options.model_fields["kind"].annotation)]
     parts = [str(part) for part in first["loc"] if part not in kinds]
+    is_parameter = first["type"].endswith("_type") and parts[-1] == "bool"  # the first of several types
+    parts = parts[:-1] if is_parameter else parts
     key, known = ".".join(parts), ".".join(part for part in parts if not part.isdigit())
     units = dict(_known_keys(model))
     if first["type"] == "union_tag_invalid":
-        return f"{key}.kind = '{first['ctx']['tag']}'{nearest(first['ctx']['tag'], kinds)}"
+        return f"{key}.kind = '{shown(first['ctx']['tag'])}'{nearest(first['ctx']['tag'], kinds)}"
     if first["type"] == "union_tag_not_found":
         return f"{key}.kind is missing"
     if first["type"] == "extra_forbidden":
-        return f"unknown key '{shown(key)}'{nearest(known, units)}"
+        hint = nearest(known, units)
+        return f"unknown key '{shown(key)}'{hint}{'' if hint.endswith('?') else '; offtrack keys lists all'}"
     if first["type"] == "missing":
         return f"{key} is missing"
     if first["type"] == "value_error":
         return f"{key}: {first['ctx']['error']}"
-    limit = first["msg"].replace("Input should be", "must be")
+    limit = _WANTED.get(first["type"], first["msg"].replace("Input should be", "must be"))
+    if is_parameter:
+        limit = "must be a finite number, true, false or text"
     unit = f" [{units[known]}]" if units.get(known, "-") != "-" else ""
     return f"{key} = {shown(repr(first['input']))} {limit}{unit}"
 

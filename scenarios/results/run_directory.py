@@ -17,7 +17,9 @@ from typing import Final
 
 from scenarios.interrupts import postponed_interrupts
 from scenarios.results.files import locked
+from vehicle.user_file import shown
 
+_LONGEST_NAME: Final = 200
 _INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results
 
 
@@ -33,6 +35,10 @@ def check_run_directory(directory: Path) -> None:
     Raises:
         ValueError: if it is a file, contains anything but interrupted results, can not be replaced, or can not be made.
     """
+    name = _real(directory).name
+    if len(os.fsencode(name)) > _LONGEST_NAME or not name.isprintable():  # hidden names beside it are longer
+        rule = f"at most {_LONGEST_NAME} bytes and no control characters"
+        raise ValueError(f"directory {shown(name)}: its name must have {rule}")
     if os.path.lexists(directory) and not directory.is_dir():
         raise ValueError(f"{directory} is a file or a broken link: choose another name")
     if directory.is_dir() and any(directory.iterdir()) and not _is_interrupted(directory):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING
+from scenarios.catalogue import OFF_TRACKING, ROVER_DRIVER, SLIP_ESTIMATOR, TRAILER_STEERING, Catalogue
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario
 
@@ -18,9 +17,9 @@ class Subject:
     compared: str  # key that ``compare --controllers`` varies
     controllers: tuple[str, ...]  # its values, if none are given
     estimator: str  # key of the estimator
-    estimators: Mapping[str, str]  # its catalogue
+    estimators: Catalogue
     tuned: str  # key of the part that ``tune`` tunes
-    parts: Mapping[str, str]  # its catalogue
+    parts: Catalogue
     part: str  # tuned if none is given
     parameters: str  # table of its parameters
     objectives: tuple[str, ...]

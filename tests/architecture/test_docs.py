@@ -14,7 +14,7 @@ from typing import Any, Final
 import pytest
 import typer
 
-from scenarios.catalogue import TRAILER_STEERING, resolve
+from scenarios.catalogue import TRAILER_STEERING, Catalogue, resolve
 from scenarios.cli import app
 from scenarios.listing import KINDS
 from scenarios.options.scenario import load_any_scenario, scenario_names
@@ -189,7 +189,7 @@ def test_every_command_of_a_shell_block_would_start(
     monkeypatch.syspath_prepend(tmp_path)
     try:
         for module, part in re.findall(r"=(\w+):([A-Z]\w*)", line):
-            assert isinstance(resolve("part", f"{module}:{part}", {}), type)
+            assert isinstance(resolve("part", f"{module}:{part}", Catalogue({})), type)
         check(*parsed(words))
     finally:
         for module in modules & set(sys.modules):

@@ -8,6 +8,7 @@ axles and follow points of towed units have negative x.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Final, NamedTuple
 
@@ -30,10 +31,13 @@ from vehicle.quantities import (
 )
 from vehicle.tyres import Tyre
 from vehicle.tyres.laws import TYRES
+from vehicle.user_file import shown
 
 GRAVITY: Final = 9.81  # [m/s2]
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
 
+_UNIT_NAME: Final = re.compile(r"[^\W\d_]([\w -]{0,38}[\w-])?")
+_ENDINGS: Final = ("command", "std")  # of signals that have another one of the same beginning
 _VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
 
 
@@ -126,6 +130,17 @@ class Unit(Frozen):
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
 
+    @field_validator("name")
+    @classmethod
+    def _is_part_of_names(cls, name: str) -> str:
+        """Refuse a name that cannot be a part of signal names and of the paths of ``plant.…``."""
+        if not _UNIT_NAME.fullmatch(name):
+            rule = "letters, digits, spaces, _ and -, beginning with a letter, at most 40 characters"
+            raise ValueError(f"'{shown(name, 40)}' must be {rule}")
+        if name in _ENDINGS:
+            raise ValueError(f"'{name}' is an ending of signal names: choose another name")
+        return name
+
     @property
     def rear_hitch(self) -> tuple[float, float]:
         """Position along x and height [m] of the hitch for the next unit; zeros without one."""
@@ -216,6 +231,10 @@ class Vehicle(Frozen):
     @model_validator(mode="after")
     def _is_a_chain(self) -> Vehicle:
         tractor, towed = self.units[0], self.units[1:]
+        names = [unit.name.replace(" ", "_") for unit in self.units]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"units: two have the name '{name}': each needs its own, which its signals carry")
         if not tractor.steered_axles:
             raise ValueError("units.0: the tractor needs a steered axle")
         if not any(axle.driven for axle in tractor.axles):
