@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of
-from vehicle.parameter_file import read_toml
+from vehicle.parameter_file import parsed_toml, read_toml
 from vehicle.user_file import FileKind, shown
 
 FILE = "study.toml"
@@ -111,7 +111,7 @@ def _uses_off_tracking(case: Case) -> bool:
 def _typed(text: str) -> Any:
     """The TOML value of a text, or else the text itself."""
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return parsed_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
 

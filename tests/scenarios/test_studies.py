@@ -210,3 +210,9 @@ def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     assert {path.name for path in out.iterdir()} == {"cells", "report.html", "study.toml", "table.csv", "table.parquet"}
     page = (out / "report.html").read_text()
     assert not any(f'{link}="http' in page for link in ("src", "href"))
+
+
+def test_a_deeply_nested_value_stays_text_in_the_study_file() -> None:
+    """The parser of TOML would recurse into it."""
+    value = "[" * 5000 + "]" * 5000
+    assert value in study(speed_kmh=(value,)).to_toml()
