@@ -16,7 +16,8 @@ from scenarios.processes import workers
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import digest, replacing
 from scenarios.studies.case import Case, Outcome
-from scenarios.studies.identity import unnamed_files, watch_files
+from scenarios.studies.identity import named_files
+from scenarios.studies.opened_files import opened_files, watch_files
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 
@@ -77,7 +78,7 @@ def run_case(case: Case, cells: Path, identity: str) -> str:
         return result.outcome
     if case.identity() != identity:
         raise ValueError("what it depends on has changed while the study ran: repeat the command")
-    opened = unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)], cells)
+    opened = opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     signals = _signals(cells, identity)
     with replacing(signals) as path:
         write_log(result.log, path)

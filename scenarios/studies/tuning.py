@@ -20,7 +20,8 @@ from scenarios.processes import workers
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import digest
 from scenarios.studies.case import Outcome, Settings
-from scenarios.studies.identity import unnamed_files, watch_files
+from scenarios.studies.identity import named_files
+from scenarios.studies.opened_files import opened_files, watch_files
 from scenarios.studies.study import Study
 from scenarios.studies.subject import subject_of
 from vehicle.user_file import FileKind, read_bytes
@@ -97,7 +98,7 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
     study = _study(tuning, directory, seed)
     if len(finished(tuning, directory)) < trials:
         study.optimize(
-            lambda trial: _values(tuning, directory, trial),
+            lambda trial: _values(tuning, trial),
             callbacks=[MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))],
         )
 
@@ -170,7 +171,7 @@ def _number(outcome: Outcome, objective: str) -> float:
     return value if outcome.completed and value is not None else _FAILED
 
 
-def _values(tuning: Tuning, directory: Path, trial: optuna.Trial) -> tuple[float, ...]:
+def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
     """Run the tuning set with the suggested parameters, and return the objectives."""
     from scenarios.loop.run import run_any
     from scenarios.results.summary import summary
@@ -179,12 +180,12 @@ def _values(tuning: Tuning, directory: Path, trial: optuna.Trial) -> tuple[float
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
         for name, range_ in tuning.ranges.items()
     }
-    watch_files()
     outcomes, files = [], dict[str, str]()
     for case in with_parameters(tuning.tuned_on, parameters).cases():
+        watch_files()
         scenario = case.resolved()
         outcomes.append(Outcome(case=case, numbers=summary(run_any(scenario, case.seed))))
-        files |= unnamed_files([case.scenario, scenario.model_dump(exclude_none=True)], directory / JOURNAL)
+        files |= opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
     if tuning.tuned_on.identity() != tuning.identity:
         raise ValueError("the files of the tuning runs have changed meanwhile: repeat the command")
     trial.set_user_attr(_FILES, files)

@@ -16,6 +16,7 @@ from scenarios.options.base import tables_in
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.studies import identity as identities
+from scenarios.studies import opened_files
 from scenarios.studies.case import Case
 from scenarios.studies.own_modules import own_modules
 from scenarios.studies.pool import run_cases
@@ -165,3 +166,28 @@ def test_a_file_that_a_law_opens_by_itself_counts_too(
         assert [Path(name).name for name in json.loads(file.read_text())["files_sha256"]] == ["scale.txt"]
     assert steer[0] == steer[1] == 0.0
     assert steer[2] == pytest.approx(2.865, abs=0.05)  # 0.05 rad, which the actuators approach
+
+
+def test_files_opened_are_told_from_those_that_are_named_or_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file of another run's law stays; one of another run's option, and a log, do not."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(opened_files, "_unnamed", {})
+    for name in ("table.txt", "option.txt", "second.txt"):
+        (tmp_path / name).write_text("1")
+    opened_files.watch_files()
+    (tmp_path / "table.txt").read_text()
+    (tmp_path / "option.txt").read_text()
+    (tmp_path / "log.txt").write_text("written")
+    (tmp_path / "log.txt").read_text()
+    first = opened_files.opened_files({tmp_path / "option.txt"})
+    assert [Path(name).name for name in first] == ["table.txt"]
+    opened_files.watch_files()
+    (tmp_path / "second.txt").read_text()
+    second = opened_files.opened_files(set())
+    assert {Path(name).name for name in second} == {"table.txt", "second.txt"}
+    (tmp_path / "table.txt").write_text("2")
+    os.utime(tmp_path / "table.txt", (1, 1))
+    with pytest.raises(ValueError, match=r"table\.txt has changed while the study ran"):
+        opened_files.opened_files(set())
