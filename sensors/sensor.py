@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import Field, is_dataclass
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -48,14 +49,41 @@ def message_type(sensor: Sensor[Any, M]) -> type[M]:
         annotation = get_type_hints(kind.sample).get("return")
     except NameError as error:
         raise ValueError(f"{kind.__name__}.sample: annotation cannot be resolved: {error}") from error
-    is_union = get_origin(annotation) in (Union, UnionType)
-    classes = [part for part in (get_args(annotation) if is_union else (annotation,)) if part is not NoneType]
+    classes = _classes(annotation)
     if len(classes) != 1 or not is_message(classes[0]):
         raise ValueError(
             f"{kind.__name__}.sample must be annotated with the message it returns: one dataclass with a field 'tick'"
         )
     message: type[M] = classes[0]
     return message
+
+
+def check_receives(name: str, receiver: object, sensor: Sensor[Any, Any]) -> None:
+    """Refuse a sensor that sends other messages than the receiver's ``step(memory, message)`` is annotated for.
+
+    What has no annotations is not checked.
+
+    Raises:
+        ValueError: one line with both classes of messages.
+    """
+    step = getattr(type(receiver), "step", None)
+    names = [*inspect.signature(step).parameters][2:3] if step is not None else []
+    try:
+        wanted = [kind for name_ in names for kind in _classes(get_type_hints(step).get(name_))]
+        sent = message_type(sensor)
+    except (NameError, ValueError):
+        return
+    if wanted and all(map(is_message, wanted)) and not issubclass(sent, tuple(wanted)):
+        needed = " or ".join(kind.__name__ for kind in wanted)
+        raise ValueError(
+            f"{name} needs messages of type {needed}; the sensor {type(sensor).__name__} sends {sent.__name__}"
+        )
+
+
+def _classes(annotation: Any) -> list[Any]:
+    """Classes of an annotation, which may be a union; without None."""
+    is_union = get_origin(annotation) in (Union, UnionType)
+    return [part for part in (get_args(annotation) if is_union else (annotation,)) if part is not NoneType]
 
 
 def is_message(kind: object) -> bool:

@@ -30,7 +30,7 @@ from sensors.instruments.rover_navigation import LaserTracker, RoverInstruments
 from sensors.sand.rig import nominal_rig
 from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
-from sensors.sensor import Message, Sensor
+from sensors.sensor import Message, Sensor, check_receives
 from vehicle.clock import Schedule
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap, load_height_map
@@ -142,6 +142,7 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     )
     estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
     check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))
+    check_receives(f"slip_estimator = {scenario.slip_estimator}", estimator, opened.sensor)
     return RoverSensing(
         sensor=with_faults(
             opened.sensor,

@@ -14,7 +14,7 @@ from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.fault import with_faults
-from sensors.sensor import Message, Sensor
+from sensors.sensor import Message, Sensor, check_receives
 from vehicle.clock import Schedule
 from vehicle.combination.truth import Truth
 from vehicle.option import Parameter, check_options
@@ -75,6 +75,7 @@ def opened_sensing(context: MountContext) -> Sensing:
     )
     estimator = constructed("off_tracking", scenario.off_tracking, lambda: part.of(known))
     check_made("off_tracking", scenario.off_tracking, estimator, ("init", "step"))
+    check_receives(f"off_tracking = {scenario.off_tracking}", estimator, opened.sensor)
     return Sensing(
         sensor=_with_faults(opened, context),
         schedule=opened.schedule,
