@@ -30,6 +30,7 @@ _RAMP = 4.0  # length of a curvature ramp: 16 deg/s of steer at 15 km/h, half of
 _ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus of 7.2 m (5.3 m to 12.5 m) with a margin [m]
 _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
 _SPACING = 0.5  # distance between points of the centreline [m]
+_LONGEST = 20e3  # course of turns: two hours at 10 km/h, and a second to build [m]
 PREVIEW: Final = 0.2  # distance of the guided point ahead of the front axle over the speed [s]; damps the steering
 _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % of the peak
 _GENTLE = 0.2  # largest offset over length of a lane change: heading up to 0.4 rad, path 3 % longer
@@ -125,7 +126,8 @@ def turns(*, front_x: float, width: float, sequence: Sequence[Turn], entry: floa
     Curvature ramps up and down as in a figure of eight; the ramps are part of the turns.
 
     Raises:
-        ValueError: for no turns, a length not positive, an unknown direction, or a turn too tight or short.
+        ValueError: for no turns, more than 20 km, a length not positive, an unknown direction, or a turn too tight or
+            short.
     """
     if not sequence:
         raise ValueError("turns is empty: a course needs at least one")
@@ -138,6 +140,9 @@ def turns(*, front_x: float, width: float, sequence: Sequence[Turn], entry: floa
             raise ValueError(f"turn of {turn.radius * turn.angle:.2f} m: must be longer than {_RAMP:g} m of its ramps")
         kappa = side / turn.radius
         segments += [Segment(_RAMP, 0.0, kappa), arc(circle, kappa), Segment(_RAMP, kappa, 0.0), line(turn.straight)]
+    length = sum(segment.length for segment in segments)
+    if length > _LONGEST:
+        raise ValueError(f"turns: the course is {1e-3 * length:.1f} km long: must be at most {1e-3 * _LONGEST:g} km")
     return _course((front_x, 0.0), tuple(segments))
 
 

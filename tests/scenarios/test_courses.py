@@ -224,3 +224,9 @@ def test_a_course_of_ones_own_is_named_by_its_import_path(tmp_path: Path, monkey
         load_scenario("roundabout", ["course.kind=depots:NoCourse"])
     with pytest.raises(ValueError, match=r"course\.kind = depots:None_: module depots has no 'None_'"):
         load_scenario("roundabout", ["course.kind=depots:None_"])
+
+
+def test_a_course_of_turns_that_takes_minutes_to_build_is_refused() -> None:
+    far = Turn(direction="left", radius=5000.0, angle=4.0 * math.pi, straight=10.0)
+    with pytest.raises(ValueError, match=r"the course is 62\.9 km long: must be at most 20 km"):
+        turns(front_x=5.2, width=2.5, sequence=[far])
