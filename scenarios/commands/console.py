@@ -56,10 +56,12 @@ def remark(line: str) -> None:
 class OneLineGroup(TyperGroup):
     """Commands whose usage errors are one line, as all others."""
 
-    def main(self, *args: Any, **options: Any) -> Any:
-        """Run the command that the arguments name, and exit with its code."""
+    def main(self, *args: Any, standalone_mode: bool = True, **options: Any) -> Any:
+        """Run the command that the arguments name, and exit with its code unless it is not the whole program."""
+        if not standalone_mode:
+            return super().main(*args, standalone_mode=False, **options)
         try:
-            code = super().main(*args, **{**options, "standalone_mode": False})
+            code = super().main(*args, standalone_mode=False, **options)
         except _USAGE_ERROR as error:
             problem: Any = error
             if type(error).__name__ == "NoArgsIsHelpError":
