@@ -59,9 +59,9 @@ class OneLineGroup(TyperGroup):
     def main(self, *args: Any, standalone_mode: bool = True, **options: Any) -> Any:
         """Run the command that the arguments name, and exit with its code unless it is not the whole program."""
         if not standalone_mode:
-            return super().main(*args, standalone_mode=False, **options)
+            return super().main(*args, **options, standalone_mode=False)  # type: ignore[misc]
         try:
-            code = super().main(*args, standalone_mode=False, **options)
+            code = super().main(*args, **options, standalone_mode=False)  # type: ignore[misc]
         except _USAGE_ERROR as error:
             problem: Any = error
             if type(error).__name__ == "NoArgsIsHelpError":

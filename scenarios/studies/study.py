@@ -59,7 +59,7 @@ class _File(Options):
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)
-    vary: dict[str, tuple[Any, ...]]
+    vary: dict[str, list[Any]]
 
 
 def load_study(path: Path) -> Study:
