@@ -56,7 +56,7 @@ class Result:
     error: str = ""  # trace of an exception that got out
     out: str = ""
     err: str = ""
-    seconds: float = 0.0  # until the end, without waiting for a core
+    seconds: float = 0.0  # of a command, or of the last statement of a script, without waiting for a core
     memory: float = 0.0  # largest [MB]
     outcome: str = ""  # of the run
 

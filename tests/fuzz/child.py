@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import ctypes
 import io
 import os
@@ -110,7 +111,7 @@ def _result(case: Case, folder: Path, watch: _Loop) -> Result:
     code, error, outcome, clock = 0, "", "", OwnTime(os.getpid())
     with _captured() as texts:
         try:
-            outcome = _run_script(case.script) if case.script else _run_command(case.command)
+            outcome = _run_script(case.script, clock) if case.script else _run_command(case.command)
         except SystemExit as exit_:
             code = exit_.code if isinstance(exit_.code, int) else int(exit_.code is not None)
         except KeyboardInterrupt:
@@ -142,9 +143,12 @@ def _run_command(arguments: tuple[str, ...]) -> str:
     return ""
 
 
-def _run_script(text: str) -> str:
+def _run_script(text: str, clock: OwnTime) -> str:
+    """Run a script; the clock shows the time of its last statement, which is the one that is refused."""
     names: dict[str, Any] = {"__name__": "__fuzz__"}
-    exec(compile(text, "case.py", "exec"), names)
+    for statement in ast.parse(text).body:
+        clock.restart()
+        exec(compile(ast.Module([statement], []), "case.py", "exec"), names)
     return str(names.get("outcome", ""))
 
 

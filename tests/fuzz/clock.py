@@ -8,11 +8,16 @@ from pathlib import Path
 
 
 class OwnTime:
-    """Time since its creation less the time that the process's first thread waited for a core [s]."""
+    """Time since its (re)start less the time that the process's first thread waited for a core [s]."""
 
     def __init__(self, pid: int) -> None:
-        self._pid, self._waited = pid, _waiting(pid)
-        self._begin, self._before = time.monotonic(), self._waited
+        self._pid = pid
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again at 0."""
+        self._waited = self._before = _waiting(self._pid)
+        self._begin = time.monotonic()
 
     def __call__(self) -> float:
         """Seconds so far; of a process that has ended those until it was last seen, and the time since."""

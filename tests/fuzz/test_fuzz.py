@@ -62,8 +62,9 @@ def test_equal_seeds_draw_equal_cases() -> None:
     assert drawn(scenario_runs(), 5, 3) != drawn(scenario_runs(), 5, 4)
 
 
-def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path) -> None:
+def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A child that died or hung is replaced, and the next case is tried."""
+    monkeypatch.setattr("tests.fuzz.case.SLOWEST", 1.0)
     scripts = {
         "raise RuntimeError('planted')": "RuntimeError: planted",
         "raise ValueError('a\\nb')": "2 lines for a refusal",
@@ -75,6 +76,8 @@ def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path) ->
         "raise ValueError('no')": None,
         "from gymnasium.error import ClosedEnvironmentError\nraise ClosedEnvironmentError('no')": None,
         "outcome = 'completed'": None,
+        "import time\ntime.sleep(1.2)\nraise ValueError('what came before is no part of a refusal')": None,
+        "import time\ntime.sleep(1.2), int('x')": "a refusal took 1",
     }
     results = tried([Case(kind="planted", script=script) for script in scripts], tmp_path, hang=4.0)
     wrong = {one.case.script: one.wrong for one in results}
