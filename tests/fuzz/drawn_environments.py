@@ -36,6 +36,8 @@ _KNOWN: Final = {
     "sensing": ["'roundabout'", "'rover-slope'", "'x'"],
 }
 
+_NUMBERS: Final = st.floats(-1.0, 1.0, width=32) | st.sampled_from([0.0, 1.0, -1.0])
+
 
 def _options(name: str) -> dict[str, st.SearchStrategy[str]]:
     """Values of the constructor's options as Python."""
@@ -52,10 +54,16 @@ def _of(name: str, annotation: Any) -> st.SearchStrategy[str]:
     if get_origin(annotation) in (Union, types.UnionType):
         return st.one_of(*(_of(name, part) for part in get_args(annotation)))
     if is_dataclass(annotation) and isinstance(annotation, type):
-        given = st.fixed_dictionaries({}, optional={field.name: _range(field) for field in fields(annotation)})
+        required = {field.name: _NUMBERS.map(repr) | _ODD for field in fields(annotation) if _is_required(field)}
+        optional = {field.name: _range(field) for field in fields(annotation) if not _is_required(field)}
+        given = st.fixed_dictionaries(required, optional=optional)
         path = f"__import__({annotation.__module__!r}, fromlist=['x']).{annotation.__name__}"
         return given.map(lambda values: f"{path}({', '.join(f'{key}={value}' for key, value in values.items())})")
     return _ODD
+
+
+def _is_required(field: Any) -> bool:
+    return field.default is MISSING and field.default_factory is MISSING
 
 
 def _range(field: Any) -> st.SearchStrategy[str]:
@@ -77,7 +85,6 @@ def _reset_options(name: str) -> dict[str, st.SearchStrategy[str]]:
 
 _OPTIONS: Final = {name: _options(name) for name in CORES}
 _RESETS: Final = {name: _reset_options(name) for name in CORES}
-_NUMBERS: Final = st.floats(-1.0, 1.0, width=32) | st.sampled_from([0.0, 1.0, -1.0])
 _ODD_ACTIONS: Final = ("nan", "inf", "-inf", "2.0", "1e38", "None", "'x'", "[]", "[[0.0]]", "{}", "1j", "True")
 _LAST: Final = (
     *("env.close()", "env.close()\nenv.close()", "env.close()\nenv.step(action)", "env.close()\nenv.reset(seed=2)"),
