@@ -23,6 +23,7 @@ UNDISTORTED: Final[Distortion] = (0.0, 0.0, 0.0, 0.0, 0.0)
 _WIDEST = 4.0  # greatest ray: the model does not hold beyond atan(4) = 76 deg off the axis, where fisheye models do
 _LARGEST: Final = 1e6  # number of a calibration [-], [px], [m]
 _LARGEST_SIDE = 20_000  # of an image [px]
+_CONVERGED: Final = 1e-9  # error of a ray's image [-]; about a millionth of a pixel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,15 +89,13 @@ class CameraModel:
 
     def _check_fold(self) -> None:
         """Refuse a lens whose image folds back before its corner: a pixel there would belong to two rays."""
-        k1, k2, _, _, k3 = self.distortion
         u, v = (-self.cx, self.width - 1 - self.cx), (-self.cy, self.height - 1 - self.cy)
         corner = max(math.hypot(x / self.fx, y / self.fy) for x in u for y in v)
-        r = np.linspace(0.0, _WIDEST, 2000)
-        distorted = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
-        turn = int(np.argmax(np.diff(distorted) <= 0.0)) or len(r) - 1
-        if distorted[turn] < corner:
+        widest = _unfolded(self.distortion)[1][-1]
+        if widest < corner:
+            k1, k2, _, _, k3 = self.distortion
             raise ValueError(
-                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over {distorted[turn]:.3f} focal "
+                f"distortion k1, k2, k3 = {k1:g}, {k2:g}, {k3:g}: the image folds over {widest:.3f} focal "
                 f"lengths from its middle, before its corner at {corner:.3f}"
             )
 
@@ -211,10 +210,34 @@ def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
     )
 
 
+def _unfolded(distortion: Distortion) -> tuple[FloatArray, FloatArray]:
+    """Lengths of rays up to where the image folds over, and their lengths after distortion, both growing."""
+    k1, k2, _, _, k3 = distortion
+    r = np.linspace(0.0, _WIDEST, 2000)
+    distorted = r * (1.0 + k1 * r**2 + k2 * r**4 + k3 * r**6)
+    turn = int(np.argmax(np.diff(distorted) <= 0.0)) or len(r) - 1
+    return r[: turn + 1], distorted[: turn + 1]
+
+
 def _undistorted(distorted: FloatArray, distortion: Distortion) -> FloatArray:
-    """Rays (..., 2) before distortion, by Newton's method; it converges wherever the lens does not fold."""
+    """Rays (..., 2) before distortion."""
+    with np.errstate(all="ignore"):  # of rays that are lost
+        rays = _newton(distorted, distorted, distortion)
+        rest = np.abs(_distorted(rays, distortion) - distorted).max(axis=-1)
+        long, image = _unfolded(distortion)
+        # Where the distortion hardly grows, the first step can lead beyond the fold: begin close to the solution then.
+        lost = ~((rest < _CONVERGED) & (np.hypot(rays[..., 0], rays[..., 1]) <= long[-1]))
+        if lost.any():
+            length = np.hypot(distorted[lost, 0], distorted[lost, 1])
+            close = distorted[lost] * (np.interp(length, image, long) / length)[:, None]
+            rays[lost] = _newton(distorted[lost], close, distortion)
+    return rays
+
+
+def _newton(distorted: FloatArray, start: FloatArray, distortion: Distortion) -> FloatArray:
+    """Rays (..., 2) before distortion, by Newton's method from a start (..., 2)."""
     k1, k2, p1, p2, k3 = distortion
-    rays = distorted.copy()
+    rays = start.copy()
     for _ in range(20):
         x, y = rays[..., 0], rays[..., 1]
         r2 = x * x + y * y
