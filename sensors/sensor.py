@@ -58,26 +58,24 @@ def message_type(sensor: Sensor[Any, M]) -> type[M]:
     return message
 
 
-def check_receives(name: str, receiver: object, sensor: Sensor[Any, Any]) -> None:
+def check_receives(name: str, receiver: object, sensor: Any) -> None:
     """Refuse a sensor that sends other messages than the receiver's ``step(memory, message)`` is annotated for.
 
-    What has no annotations is not checked.
+    What has no annotations is not checked. Either may be a class; a class of sensors names its messages in ``sends``.
 
     Raises:
         ValueError: one line with both classes of messages.
     """
-    step = getattr(type(receiver), "step", None)
+    step = getattr(receiver if isinstance(receiver, type) else type(receiver), "step", None)
     names = [*inspect.signature(step).parameters][2:3] if step is not None else []
     try:
         wanted = [kind for name_ in names for kind in _classes(get_type_hints(step).get(name_))]
-        sent = message_type(sensor)
+        sent = getattr(sensor, "sends", None) or message_type(sensor)
     except (NameError, ValueError):
         return
     if wanted and all(map(is_message, wanted)) and not issubclass(sent, tuple(wanted)):
         needed = " or ".join(kind.__name__ for kind in wanted)
-        raise ValueError(
-            f"{name} needs messages of type {needed}; the sensor {type(sensor).__name__} sends {sent.__name__}"
-        )
+        raise ValueError(f"{name} needs messages of type {needed}; the sensor sends {sent.__name__}")
 
 
 def _classes(annotation: Any) -> list[Any]:

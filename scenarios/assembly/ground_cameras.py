@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from sensors.camera.rig import ground_watching_pair
 from sensors.camera.stereo_camera import PairSource, StereoCamera
+from sensors.messages import StereoFrame
 from sensors.world.reformed_ground import ReformedGround
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
@@ -16,6 +18,8 @@ from vehicle.frames import FloatArray
 
 class GroundCameras:
     """Two cameras under a trailer that look straight down; its wheels may re-form the ground."""
+
+    sends: ClassVar = StereoFrame
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:

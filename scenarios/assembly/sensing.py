@@ -55,12 +55,15 @@ def opened_sensing(context: MountContext) -> Sensing:
     part: type[OffTrackingEstimator] = resolve("off_tracking", scenario.off_tracking, OFF_TRACKING)
     options = _estimator_options(scenario)
     check_options(part.options, options, "estimator")
-    opened = opened_sensor(scenario.sensor if scenario.sensor is not None else part.sensor, context)
+    sensor = scenario.sensor if scenario.sensor is not None else part.sensor
+    if hasattr(kind := resolve("sensor", sensor, SENSOR), "sends"):  # cameras take seconds to open
+        check_receives(f"off_tracking = {scenario.off_tracking}", part, kind)
+    opened = opened_sensor(sensor, context)
     cameras = opened.cameras
     odometry: Odometry[Any] | None = None
     if cameras and cameras.epipolar:
-        kind, calibration = resolve("odometry", scenario.odometry, ODOMETRY), cameras.calibration
-        odometry = constructed("odometry", scenario.odometry, lambda: kind(calibration))
+        motions, calibration = resolve("odometry", scenario.odometry, ODOMETRY), cameras.calibration
+        odometry = constructed("odometry", scenario.odometry, lambda: motions(calibration))
     if odometry and cameras and scenario.rig.self_calibration:
         odometry = SelfCalibratedOdometry(cameras.calibration, odometry)
     known = TrailerContext(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class StereoCameras:
 
     The calibration includes the lenses but not the later bending of the mount.
     """
+
+    sends: ClassVar = StereoFrame
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:

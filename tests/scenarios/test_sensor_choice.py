@@ -26,6 +26,15 @@ def test_a_sensor_of_other_messages_is_refused(scenario: str, settings: list[str
         run_any(load_any_scenario(scenario, settings), 1)
 
 
+@pytest.mark.parametrize("camera", ["stereo_camera", "ground_cameras"])
+def test_cameras_that_an_estimator_can_not_use_are_not_opened(camera: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their world takes half a minute to build."""
+    monkeypatch.setattr("scenarios.assembly.trailer.built_world", None)
+    scenario = load_any_scenario("roundabout", ["off_tracking=truth", f"sensor={camera}"])
+    with pytest.raises(ValueError, match=r"off_tracking = truth needs .* BodyPose; the sensor sends StereoFrame"):
+        run_any(scenario, 1)
+
+
 def test_the_estimators_own_sensor_is_accepted() -> None:
     scenario = load_any_scenario("rover-slope", ["slip_estimator=truth", "sensor=slip_reading"])
     assert isinstance(scenario, RoverScenario)
