@@ -117,8 +117,10 @@ PLANT: Final = Catalogue(
 FAULT: Final = Catalogue(FAULTS)  # ``sensors.faults.catalogue.checked_kind`` knows the members of its classes
 
 
-def resolve(key: str, name: str, catalogue: Catalogue) -> Any:
+def resolve(key: str, name: str, catalogue: Catalogue, *, in_scenario: bool = True) -> Any:
     """Import the class of a catalogue name or of ``package.module:Name``, also from the working directory.
+
+    Only scenarios need its declarations; on recordings it does without.
 
     Raises:
         ValueError: one line with the key and the nearest known name, the failed import, or what the class lacks.
@@ -135,7 +137,7 @@ def resolve(key: str, name: str, catalogue: Catalogue) -> Any:
     if part is None:
         noun = "module" if getattr(module, "__file__", None) else "folder"
         raise ValueError(f"{key} = {name}: {noun} {module_name} has no '{attribute}'")
-    _check_class(key, name, part, catalogue)
+    _check_class(key, name, part, catalogue.methods, catalogue.declares if in_scenario else ())
     return part
 
 
@@ -150,14 +152,14 @@ def _module(key: str, name: str, module_name: str) -> ModuleType:
         raise ValueError(f"{key} = {name}: {line}") from error
 
 
-def _check_class(key: str, name: str, part: object, catalogue: Catalogue) -> None:
+def _check_class(key: str, name: str, part: object, methods: tuple[str, ...], declares: tuple[str, ...]) -> None:
     if not inspect.isclass(part):
         raise ValueError(f"{key} = {name}: is no class (see docs/own-parts.md)")
-    lacks = [f"the method {method}" for method in catalogue.methods if not callable(getattr(part, method, None))]
-    lacks += [f"the declaration '{declared}'" for declared in catalogue.declares if not hasattr(part, declared)]
+    lacks = [f"the method {method}" for method in methods if not callable(getattr(part, method, None))]
+    lacks += [f"the declaration '{declared}'" for declared in declares if not hasattr(part, declared)]
     if lacks:
         raise ValueError(f"{key} = {name}: the class lacks {', '.join(lacks)} (see docs/own-parts.md)")
-    options = getattr(part, "options", ()) if "options" in catalogue.declares else ()
+    options = getattr(part, "options", ()) if "options" in declares else ()
     if not isinstance(options, tuple | list) or not all(isinstance(option, Option) for option in options):
         raise ValueError(f"{key} = {name}: 'options' must be a tuple of vehicle.option.Option")
 

@@ -177,7 +177,7 @@ def slip(
         check_run_directory(results)
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
-        part = resolve("--estimator", estimator, SLIP_ESTIMATOR)
+        part = resolve("--estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)
         recording = open_rover_recording(directory, rig)
         context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
         source = constructed("--estimator", estimator, lambda: part.of(context))

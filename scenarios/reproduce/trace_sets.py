@@ -103,7 +103,7 @@ def _all_judged(sets: Sequence[TraceSet], estimator: str, progress: Progress) ->
         KeyboardInterrupt: if no sequence is finished.
         ValueError: one line, if the estimator is unknown.
     """
-    resolve("slip_estimator", estimator, SLIP_ESTIMATOR)
+    resolve("slip_estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)
     wanted = _crossings(sets)
     done, total = 0, sum(one.size for one in sets)
     results: dict[Crossing, list[Judgement]] = {}
@@ -180,7 +180,7 @@ def _judged(sets: Sequence[TraceSet], estimator: str, one: Crossing) -> list[Jud
     rover = load_rover("el_dorado_ii")
     rig = nominal_rig(rover)
     context = RoverContext(rover=rover_geometry(rover), rig=rig, rng=stream(one.seed, "slip estimator"), options={})
-    tracker: SlipEstimator = resolve("slip_estimator", estimator, SLIP_ESTIMATOR).of(context)
+    tracker: SlipEstimator = resolve("slip_estimator", estimator, SLIP_ESTIMATOR, in_scenario=False).of(context)
     memory = tracker.init()
     estimates: list[SlipAngle] = []
     truths: list[TraceTruth] = []
