@@ -60,8 +60,8 @@ def _front(tuning: Tuning, trials: Sequence[Trial], best: Trial) -> Figure:
             ax.step([t.values[0] for t in front], [t.values[1] for t in front], where="post", color=TRUE)
         ax.plot([t.values[0] for t in front], [t.values[1] for t in front], "o", color=TRUE, label="not beaten")
         ax.plot(*best.values[:2], "D", color=ESTIMATED, markersize=9, label="chosen")
-        ax.set_xlim(0.0, 3.0 * max(t.values[0] for t in front))
-        ax.set_ylim(0.0, 3.0 * max(t.values[1] for t in front))
+        ax.set_xlim(0.0, 3.0 * max(t.values[0] for t in front) or 1.0)
+        ax.set_ylim(0.0, 3.0 * max(t.values[1] for t in front) or 1.0)
         ax.set(xlabel=tuning.objectives[0], ylabel=tuning.objectives[1])
     return drawing.content
 
@@ -73,6 +73,6 @@ def _progress(tuning: Tuning, trials: Sequence[Trial]) -> Figure:
     with drawn("tuning progress", 3.0) as (drawing, ax):
         ax.plot(values, ".", color=GREY, label="trial")
         ax.step(range(len(best)), best, where="post", color=INK, label="best so far")
-        ax.set_ylim(0.0, 3.0 * max(best[-1], min(best[0], 10.0 * best[-1])))
+        ax.set_ylim(0.0, 3.0 * max(best[-1], min(best[0], 10.0 * best[-1])) or 1.0)
         ax.set(xlabel="trial", ylabel=tuning.objectives[0])
     return drawing.content

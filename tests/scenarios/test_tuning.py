@@ -114,6 +114,7 @@ def test_what_killed_workers_left_in_a_journal_does_not_stop_the_next(tmp_path: 
         file.write('{"op_code":')
     (tmp_path / "journal.log.lock").symlink_to("journal.log")
     resume(tuning("new"), tmp_path)
+    (tmp_path / "journal.log.lock").unlink()  # the next lines would wait for it
     states = [trial.state.name for trial in stored(tmp_path, "tuning-new").trials]
     assert states == [
         "COMPLETE",
