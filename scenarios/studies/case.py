@@ -14,7 +14,7 @@ from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.numbers import number_at
 from scenarios.studies.identity import identity
 
-MOST_CASES: Final = 100_000  # of a study
+MOST_CASES: Final = 20_000  # of a study
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
 

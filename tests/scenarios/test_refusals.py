@@ -27,7 +27,7 @@ REFUSED = {
     "fit-surrogate images --out nowhere/fit.toml": "nowhere/fit.toml: there is no folder nowhere to write in",
     "tune roundabout --range gain=nan:1 --out out": "--range gain=nan:1: expected LOW:HIGH",
     "tune roundabout --seed 99999999999 --out out": "--seed 99999999999: must be from 0 to",
-    "tune roundabout --seeds 1-100000000 --out out": "100000000 seeds; a study has at most 100000 runs",
+    "tune roundabout --seeds 1-100000000 --out out": "100000000 seeds; a study has at most 20000 runs",
     "sweep study.toml --jobs 0 --out out": "--jobs 0: must be from 1 to 1024",
     "run roundabout --record out --out out": "one contains the other",
     "run roundabout --record out/images --out out": "one contains the other",
