@@ -127,7 +127,6 @@ def _check_numbers(name: str, tick: int, values: dict[str, object]) -> None:
 
 def misbehaviour(name: str, tick: int, event: str) -> LawError:
     """Error with one line that names a part, the time, and what the part did, such as "raised ValueError: …"."""
-    one_line = (
-        textwrap.shorten(event, 500, placeholder=" …").encode(errors="replace").decode()
-    )  # can be written anywhere
+    one_line = textwrap.shorten(event, 500, placeholder=" …")
+    one_line = one_line.encode(errors="replace").decode()  # without lone surrogates, which no file can hold
     return LawError(f"{name}: at tick {tick} ({tick * TICK:g} s) it {one_line}")

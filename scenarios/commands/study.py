@@ -124,6 +124,7 @@ def _short(scenario: str) -> str:
 def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
     """Run the study, write its directory and print its table."""
     from scenarios.processes import default_jobs
+    from scenarios.studies.case import identities
     from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
     from scenarios.studies.pool import run_cases
     from scenarios.studies.study import FILE
@@ -134,13 +135,17 @@ def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, 
         check_number("--jobs", jobs, 1, MOST_JOBS)
         check_study_directory(directory)
         cases = study.cases()
-        for case in cases:
-            case.identity()  # refuse invalid scenarios before anything is written
+        known = identities(cases)  # refuses invalid scenarios before anything is written
         with opened_study(directory, FILE, study_text(study, directory)):
             with progress_display(shown=not (quiet or as_json)) as bar:
                 progress = progress_bar(bar, title)
                 outcomes = run_cases(
-                    cases, directory / CELLS, jobs=jobs or default_jobs(), progress=progress, remark=remark
+                    cases,
+                    directory / CELLS,
+                    jobs=jobs or default_jobs(),
+                    known=known,
+                    progress=progress,
+                    remark=remark,
                 )
             rows = rows_of(outcomes)
             write_study(title, study, outcomes, rows, directory)

@@ -159,7 +159,7 @@ def _tuning(
         ValueError: one line, for the first invalid option.
     """
     from scenarios.catalogue import resolve
-    from scenarios.studies.case import listed, seeds_of
+    from scenarios.studies.case import identities, listed, seeds_of
     from scenarios.studies.parameters import defaults_of, ranges_of
     from scenarios.studies.study import Study, settings_of
     from scenarios.studies.subject import subject_of
@@ -175,8 +175,7 @@ def _tuning(
     for axes, seeds in sets:
         values = {key: listed(text, f"--vary {key}") for key, text in settings_of(axes, "--vary")}
         study = Study(scenario=scenario, fixed=fixed, axes=values, seeds=seeds_of(seeds))
-        for case in study.cases():
-            case.identity()
+        identities(study.cases())  # refuses invalid scenarios
         studies.append(study)
     names = listed(objectives, "--objectives")
     paths = tuple(quantity.path for quantity in QUANTITIES)

@@ -36,7 +36,7 @@ def check_run_directory(directory: Path) -> None:
         ValueError: if it is a file, contains anything but interrupted results, can not be replaced, or can not be made.
     """
     name = _real(directory).name
-    if len(os.fsencode(name)) > _LONGEST_NAME or not name.isprintable():  # hidden names beside it are longer
+    if len(os.fsencode(name)) > _LONGEST_NAME or not name.isprintable():  # the name of the hidden folder is longer
         rule = f"at most {_LONGEST_NAME} bytes and no control characters"
         raise ValueError(f"directory {shown(name)}: its name must have {rule}")
     if os.path.lexists(directory) and not directory.is_dir():
@@ -144,5 +144,5 @@ def _is_alive(process: int) -> bool:
     except ProcessLookupError:
         return False
     except (PermissionError, OverflowError):
-        return True
+        pass
     return True

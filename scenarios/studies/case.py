@@ -12,7 +12,7 @@ from typing import Any, Final
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.numbers import number_at
-from scenarios.studies.identity import identity
+from scenarios.studies.identity import content, identity
 
 MOST_CASES: Final = 20_000  # of a study
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
@@ -51,7 +51,7 @@ class Case:
         Raises:
             ValueError: one line, if the scenario is not valid with these settings.
         """
-        return identity(self.resolved().model_dump(exclude_none=True), self.seed)
+        return identities([self])[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +70,20 @@ class Outcome:
     def completed(self) -> bool:
         """True if the run was completed."""
         return bool(self.numbers["outcome"] == "completed")
+
+
+def identities(cases: Sequence[Case]) -> list[str]:
+    """Identity of every case; a scenario with its settings is resolved once for all seeds.
+
+    Raises:
+        ValueError: one line, for the first scenario that is not valid with its settings.
+    """
+    contents: dict[tuple[str, tuple[str, ...]], str] = {}
+    for case in cases:
+        key = case.scenario, case.settings
+        if key not in contents:
+            contents[key] = content(case.resolved().model_dump(exclude_none=True))
+    return [identity(contents[case.scenario, case.settings], case.seed) for case in cases]
 
 
 def cases_of(scenario: str, fixed: Settings, axes: Mapping[str, Sequence[str]], seeds: Sequence[int]) -> Iterator[Case]:

@@ -28,10 +28,14 @@ _IMPORT_PATH: Final = re.compile(r"([A-Za-z_][\w.]*):[A-Za-z_]\w*")
 _DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
 
 
-def identity(scenario: Mapping[str, Any], seed: int) -> str:
-    """Identity of a run of a resolved scenario."""
-    content = json.dumps([_content(scenario), seed, software()], sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()[:20]
+def content(scenario: Mapping[str, Any]) -> str:
+    """Hash of a resolved scenario, of all files and modules that it names, and of the software."""
+    return hashlib.sha256(json.dumps([_content(scenario), software()], sort_keys=True).encode()).hexdigest()
+
+
+def identity(content: str, seed: int) -> str:
+    """Identity of a run of a scenario of this ``content``."""
+    return hashlib.sha256(f"{content} {seed}".encode()).hexdigest()[:20]
 
 
 def _content(node: Any) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 from scenarios.processes import workers
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import digest, replacing
-from scenarios.studies.case import Case, Outcome
+from scenarios.studies.case import Case, Outcome, identities
 from scenarios.studies.identity import named_files
 from scenarios.studies.opened_files import opened_files, watch_files
 
@@ -27,23 +27,23 @@ def run_cases(
     cells: Path,
     *,
     jobs: int,
+    known: Sequence[str] | None = None,
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
 ) -> list[Outcome]:
     """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
 
-    An interrupt keeps the finished runs. ``remark`` receives a line on every damaged file, whose run is repeated.
+    ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. ``remark``
+    receives a line on every damaged file, whose run is repeated.
 
     Raises:
         ValueError: one line, for the first invalid scenario, before any run.
         KeyboardInterrupt: after the running processes have been stopped.
     """
-    identities = [case.identity() for case in cases]
+    names = identities(cases) if known is None else known
     cells.mkdir(parents=True, exist_ok=True)
     missing = {
-        identity: case
-        for identity, case in zip(identities, cases, strict=True)
-        if not _is_saved(cells, identity, remark)
+        identity: case for identity, case in zip(names, cases, strict=True) if not _is_saved(cells, identity, remark)
     }
     done, failed = len(cases) - len(missing), dict[str, str]()
     progress(done, len(cases), "from an earlier run" if done else "")
@@ -56,7 +56,7 @@ def run_cases(
                     failed[identity] = problem
                 done += 1
                 progress(done, len(cases), missing[identity].title)
-    return [_outcome(case, cells, identity, failed) for identity, case in zip(identities, cases, strict=True)]
+    return [_outcome(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
 
 
 def run_case(case: Case, cells: Path, identity: str) -> str:

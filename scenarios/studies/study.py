@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
-from scenarios.studies.case import Case, Settings, cases_of
+from scenarios.studies.case import Case, Settings, cases_of, identities
 from vehicle.parameter_file import parsed_toml, read_toml
 from vehicle.user_file import FileKind, shown
 
@@ -46,7 +46,7 @@ class Study:
         Raises:
             ValueError: one line, for the first invalid scenario.
         """
-        return hashlib.sha256(" ".join(case.identity() for case in self.cases()).encode()).hexdigest()[:20]
+        return hashlib.sha256(" ".join(identities(self.cases())).encode()).hexdigest()[:20]
 
     def to_toml(self) -> str:
         """The study as TOML for `offtrack sweep`."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -210,6 +211,7 @@ def _distorted(rays: FloatArray, distortion: Distortion) -> FloatArray:
     )
 
 
+@lru_cache(maxsize=64)
 def _unfolded(distortion: Distortion) -> tuple[FloatArray, FloatArray]:
     """Lengths of rays up to where the image folds over, and their lengths after distortion, both growing."""
     k1, k2, _, _, k3 = distortion

@@ -21,7 +21,7 @@ Tree = dict[str, tuple[int, int, int]]  # mode, size, time of change by path
 class Case:
     """One thing to try."""
 
-    kind: str  # as it is counted
+    kind: str  # the heading under which it is counted
     command: tuple[str, ...] = ()  # arguments of offtrack; none: the script
     script: str = ""  # Python; may set ``outcome``
     files: tuple[tuple[str, bytes | Special], ...] = ()  # by path in the folder; they replace those of the specimen
@@ -50,7 +50,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What became of a case."""
+    """The result of a case."""
 
     code: int | None = None  # exit code; None: the process died or was stopped
     error: str = ""  # trace of an exception that got out
@@ -74,7 +74,7 @@ class Result:
 
 
 def find(result: Result, before: Tree, after: Tree, *, own: bool = False) -> str | None:
-    """What is wrong with a result, in one line; None if all is well."""
+    """The fault of a result in one line; None if it has none."""
     said = result.err.strip().splitlines()
     if result.code is None:
         return result.error or "the process died"

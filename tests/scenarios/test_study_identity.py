@@ -136,7 +136,7 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     assert found[0] == found[1] != found[2]
     monkeypatch.setattr(identities, "compiler", lambda: None)
     assert identities.software() != found[2]
-    assert identities.identity({}, 1) != identities.identity({}, 2)
+    assert identities.identity("", 1) != identities.identity("", 2)
     identities._installed.cache_clear()
 
 
