@@ -24,6 +24,7 @@ _LONG_KEY: Final = re.compile(  # takes tomllib quadratic time
     rf"(?:^|[{{,])[ \t]*+\[{{0,2}}[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_NESTING}}}", re.MULTILINE
 )
 
+_OF_LIMITS: Final = ("greater_than", "greater_than_equal", "less_than", "less_than_equal")  # pydantic's errors
 _TOO_DEEP: Final = f"tables and lists must be nested at most {MAX_NESTING} deep"
 _TOO_BIG: Final = "an integer must fit into 64 bits"
 
@@ -132,7 +133,8 @@ def _first_error(model: type[BaseModel], error: ValidationError, table: str) -> 
     if first["type"] == "value_error":
         return f"{key}: {message}" if key else message
     limit = message.replace("Input should be", "must be")
-    return f"{key} = {shown(repr(first['input']))} {limit}{_unit_at(model, first['loc'])}"
+    why = _note_at(model, first["loc"], "why") if first["type"] in _OF_LIMITS else ""
+    return f"{key} = {shown(repr(first['input']))} {limit}{_unit_at(model, first['loc'])}{f': {why}' if why else ''}"
 
 
 def _fields_at(model: type[BaseModel], location: tuple[int | str, ...]) -> dict[str, Any]:
@@ -151,11 +153,16 @@ def _model_in(annotation: Any) -> type[BaseModel]:
 
 
 def _unit_at(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
-    *path, name = (part for part in location if isinstance(part, str))  # an entry of a list has the list's unit
+    unit = _note_at(model, location, "unit")
+    return f" [{unit}]" if unit else ""
+
+
+def _note_at(model: type[BaseModel], location: tuple[int | str, ...], note: str) -> str:
+    """Schema extra of a quantity, such as its unit; empty if it has none."""
+    *path, name = (part for part in location if isinstance(part, str))  # an entry of a list has the list's notes
     field = _fields_at(model, tuple(path)).get(name)
     extras = [] if field is None else [field.json_schema_extra, *_extras_in(field.annotation)]
-    units = [extra["unit"] for extra in extras if isinstance(extra, dict) and "unit" in extra]
-    return f" [{units[0]}]" if units else ""
+    return next((str(extra[note]) for extra in extras if isinstance(extra, dict) and note in extra), "")
 
 
 def _extras_in(annotation: Any) -> Iterator[Any]:

@@ -116,4 +116,6 @@ def _print_summary(numbers: dict[str, Any], directory: Path) -> None:
                 shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
                 table.add_row(group if k == 0 else "", name, shown, end_section=k == len(values) - 1)
     console.print(table)
+    for warning in numbers.get("warnings", ()):
+        console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)

@@ -23,6 +23,7 @@ from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
+from vehicle.combination.data_sheet import data_sheet
 from vehicle.frames import FloatArray
 
 _SPACING = 0.02  # distance between points of a rover's path in figures [m]
@@ -164,6 +165,7 @@ def _result(session: TrailerSession) -> RunResult:
             "opengl_renderer": parts.views.renderer_name,
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
+        warnings=data_sheet(vehicle).warnings,
         traceback=session.traceback,
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 from scenarios.report import run_figures as figures
 from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import groups, number_table
-from scenarios.report.page import Column, Row, Section, Table
+from scenarios.report.page import Column, Items, Row, Section, Table
 from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
@@ -33,6 +33,8 @@ def report_html(result: RunResult, summary: Summary) -> str:
 
 
 def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
+    if result.warnings:
+        yield Section("Warnings", content=[Items(result.warnings)])
     if len(result.log) > 1:
         yield from _drawn(result)
     else:

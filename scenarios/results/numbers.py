@@ -9,7 +9,7 @@ from typing import Any
 from scenarios.results.timing import Timing
 
 Numbers = dict[str, float | int | None]
-Summary = dict[str, str | int | Numbers | dict[str, Numbers]]
+Summary = dict[str, str | int | list[str] | Numbers | dict[str, Numbers]]
 
 
 def number(value: float) -> float | None:

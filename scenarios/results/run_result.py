@@ -53,6 +53,7 @@ class RunResult:
     timing: Timing
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
+    warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     traceback: str = ""  # of the exception that ended the run
 
     @property

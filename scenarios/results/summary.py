@@ -25,6 +25,7 @@ def _trailer_summary(result: RunResult) -> Summary:
         "outcome": result.outcome,
         "scenario": result.scenario,
         "seed": result.seed,
+        "warnings": list(result.warnings),
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
         "steer": _steer(result, worst),

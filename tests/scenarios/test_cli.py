@@ -121,6 +121,17 @@ def test_a_run_leaves_a_complete_directory_and_runs_again_identically(here: Path
     assert hashes[0]["signals_sha256"] == hashes[1]["signals_sha256"]
 
 
+def test_a_run_of_a_doubtful_vehicle_says_so(here: Path) -> None:
+    """A load behind the axles lifts the coupling: the vehicle is driven, and the doubt printed, written and shown."""
+    change = ("--set", "plant.units.semitrailer.cg_x=-9.5")
+    done = invoked("run", "roundabout", *QUICK, *change, "--out", "doubtful")
+    assert done.exit_code == 0, done.stderr
+    (warning,) = json.loads((here / "doubtful" / "summary.json").read_text(encoding="utf-8"))["warnings"]
+    assert warning.startswith("units.1 (semitrailer): its front hitch pulls up with ")
+    assert f"Warning: {warning}" in done.stdout
+    assert warning in (here / "doubtful" / "report.html").read_text(encoding="utf-8")
+
+
 def test_a_controller_of_ones_own_runs_by_its_import_path(here: Path) -> None:
     """A file in the working directory is enough; its own parameters are set like any other key."""
     (here / "mine.py").write_text(

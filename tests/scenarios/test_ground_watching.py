@@ -36,7 +36,7 @@ def test_ground_watching_measures_a_dragged_trailer_to_20_mm(dragged: RunResult)
     error = error_of_estimate(dragged)
     assert np.isfinite(error).sum() > 25
     assert np.nanmax(np.abs(error)) < 0.02
-    assert summary(dragged)["off_tracking"]["valid_fraction"] == 1.0  # type: ignore[index]  # a table by its key
+    assert summary(dragged)["off_tracking"]["valid_fraction"] == 1.0  # type: ignore[index, call-overload]  # a table by its key
     assert dragged.signal("off_tracking_true")[-1] == pytest.approx(-14.0 * np.tan(np.radians(2.0)), rel=1e-3)
 
 

@@ -119,6 +119,15 @@ def test_a_run_without_cameras_says_so(blind_run: RunResult) -> None:
     assert "Visual odometry" not in page
 
 
+def test_warnings_come_first(blind_run: RunResult) -> None:
+    """A run with none has no section for them."""
+    doubtful = dataclasses.replace(blind_run, warnings=("units.0 (tractor): <light>",))
+    pages = [report_html(run, summary(run)) for run in (blind_run, doubtful)]
+    assert ["Warnings" in page for page in pages] == [False, True]
+    assert re.findall(r"<h2>(.*?)</h2>", pages[1])[0] == "Warnings"
+    assert "units.0 (tractor): &lt;light&gt;" in pages[1]
+
+
 def test_the_same_run_gives_the_same_page(camera_run: RunResult, page: str) -> None:
     """No dates, no random identifiers: reports can be compared."""
     assert report_html(camera_run, summary(camera_run)) == page

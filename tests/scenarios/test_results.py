@@ -48,7 +48,7 @@ def test_the_summary_has_the_fixed_names(camera_run: RunResult, blind_run: RunRe
     """Users' scripts and our own checks read these names, with cameras or without."""
     for run in (camera_run, blind_run):
         numbers = summary(run)
-        assert list(numbers) == ["outcome", "scenario", "seed", *NAMES]
+        assert list(numbers) == ["outcome", "scenario", "seed", "warnings", *NAMES]
         assert {group: list(numbers[group]) for group in NAMES if isinstance(numbers[group], dict)} == NAMES  # type: ignore[arg-type]  # a dict, says the filter
 
 

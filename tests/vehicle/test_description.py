@@ -81,7 +81,7 @@ def test_a_file_is_loaded_as_a_file_and_plain_numbers_do(tmp_path: Path) -> None
 
 
 MISTAKES = [
-    ("value = 32000.0", "value = -32000.0", ["units.1.mass = -32000.0", "greater than 0", "[kg]"]),
+    ("value = 32000.0", "value = -32000.0", ["units.1.mass = -32000.0", "or equal to 100", "[kg]"]),
     ("value = 0.25,", "value = 250,", ["drive.lag = 250", "less than or equal to 5", "[s]"]),
     ("value = 4.60,", "value = nan,", ["tyres.trailer.cornering_stiffness = nan", "finite", "[1/rad]"]),
     ("value = 28880.0,", 'value = "28880",', ["units.0.yaw_inertia = '28880'", "valid number", "[kg m2]"]),

@@ -183,7 +183,10 @@ BAD = [
     ({"zzz": 1.0}, "known: mass_scale, inertia_scale"),
     ({"mass_scale": 11.0}, "plant.mass_scale = 11.0 must be less than or equal to 3 [-]"),
     ({"steer_lag": 0.0}, "plant.steer_lag = 0.0 must be greater than 0 [s]"),
-    ({"units": {"semitrailer": {"mass": -5.0}}}, "plant.units.semitrailer.mass = -5.0 must be greater than 0 [kg]"),
+    (
+        {"units": {"semitrailer": {"mass": -5.0}}},
+        "plant.units.semitrailer.mass = -5.0 must be greater than or equal to 100 [kg]",
+    ),
     ({"units.2.mass": float("nan")}, "plant.units.2.mass = nan must be a finite number [kg]"),
     ({"units.2.follow_x": 1.0}, "plant.units.2: follow_x = 1 m must be below 0 m, behind the hitch"),
     (

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from vehicle.combination import handling
 from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plausibility import implausibilities
 
 STANDARD_SPEED = 80.0 / 3.6  # [m/s] at which European heavy vehicles are limited and assessed
 _SQUARE = math.radians(89.0)  # largest road-wheel angle: nearly square to the unit
-_OVERLOAD = 2.0  # wheel load over its tyre's nominal load, up to which tyre data are given
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,7 +98,7 @@ def data_sheet(vehicle: Vehicle) -> DataSheet:
         width=max(unit.width for unit in vehicle.units),
         height=max(unit.height for unit in vehicle.units),
         units=units,
-        warnings=_warnings(units),
+        warnings=implausibilities(vehicle, loads, couplings),
     )
 
 
@@ -186,23 +186,3 @@ def _axles(unit: Unit, loads: Sequence[float], behind_front: float) -> tuple[Axl
         )
         for axle in sorted((*unit.axles, *unit.lifted_axles), key=lambda axle: -axle.x)
     )
-
-
-def _warnings(units: Sequence[UnitSheet]) -> tuple[str, ...]:
-    warnings = []
-    for i, unit in enumerate(units):
-        if unit.coupling_load is not None and unit.coupling_load < 0.0:
-            warnings.append(
-                f"units.{i} ({unit.name}): its front hitch pulls up with {-unit.coupling_load / 1e3:.1f} kN"
-            )
-        for k, axle in enumerate(unit.axles):
-            name = f"units.{i}.axles.{k} ({unit.name})"
-            if axle.load <= 0.0 and not axle.lifted:
-                warnings.append(
-                    f"{name}: carries {axle.load / 1e3:.1f} kN, it must be above 0 kN to stay on the ground"
-                )
-            if axle.nominal_share > _OVERLOAD:
-                warnings.append(
-                    f"{name}: {axle.nominal_share:.1f} times its tyres' nominal load, more than {_OVERLOAD:g}"
-                )
-    return tuple(warnings)

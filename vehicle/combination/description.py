@@ -17,14 +17,15 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
+    Breadth,
     Flag,
     Fraction,
     Frequency,
     Frozen,
     Gradient,
+    Height,
     Inertia,
     Lag,
-    Length,
     Mass,
     Position,
     quantity,
@@ -36,7 +37,10 @@ from vehicle.user_file import shown
 GRAVITY: Final = 9.81  # [m/s2]
 _DEGREE: Final = math.pi / 180.0  # [rad]; a product, as numbers of a vehicle may be symbols
 
+_GRIP: Final = "tyres hold 1.5 times the weight at most, 15 m/s2"
+
 _UNIT_NAME: Final = re.compile(r"[^\W\d_]([\w -]{0,38}[\w-])?")
+_LIGHTEST_TRACTOR: Final = 300.0  # [kg]
 _ENDINGS: Final = ("command", "std")  # of signals that have another one of the same beginning
 _VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
 
@@ -45,17 +49,26 @@ class Axle(Frozen):
     """An axle with two equal wheels."""
 
     x: Position
-    track: Length
+    track: Breadth
     steered: Flag
     driven: Flag = False
-    wheel_radius: Annotated[float, quantity("m", gt=0.0, le=3.0)]
-    wheel_inertia: Annotated[float, quantity("kg m2", gt=0.0, le=1e4)]  # one wheel about its axis
+    wheel_radius: Annotated[
+        float, quantity("m", ge=0.1, le=2.1, why="the smallest trailer tyre has 0.1 m, the largest of dumpers 2.0 m")
+    ]
+    wheel_inertia: Annotated[  # one wheel about its axis
+        float,
+        quantity("kg m2", ge=0.05, le=1e4, why="0.05 is 5 kg at 0.1 m, 1e4 is the largest dumper's, 5 t at 1.4 m"),
+    ]
     ackermann_x: Position | None = None  # at which the axes of the steered wheels meet; None: the wheels stay parallel
     steer_group: str | None = None  # axles of a unit with the same name are turned by one actuator
-    steer_ratio: Annotated[float, quantity("-", ge=-2.0, le=2.0)] = 1.0  # angle of the axle over its actuator's
+    steer_ratio: Annotated[
+        float, quantity("-", ge=-2.0, le=2.0, why="the actuator's own axle has 1; no linkage doubles its angle")
+    ] = 1.0  # angle of the axle over its actuator's
     lifted: Flag = False  # off the ground, carries no load
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
-    load_share: Annotated[float, quantity("-", gt=0.0, le=10.0)] = 1.0  # load relative to the others of its group
+    load_share: Annotated[
+        float, quantity("-", gt=0.0, le=10.0, why="an axle on the ground carries; beyond 10 the others carry nothing")
+    ] = 1.0  # load relative to the others of its group
     tyre: SerializeAsAny[Tyre]
 
     @field_validator("tyre", mode="before")
@@ -73,8 +86,10 @@ class Steering(Frozen):
     """Steering actuators of a unit; degrees in files, radians elsewhere."""
 
     lag: Lag  # first-order time constant
-    limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0)]
-    rate_limit_deg: Annotated[float, quantity("deg/s", gt=0.0, le=500.0)]
+    limit_deg: Annotated[float, quantity("deg", gt=0.0, le=80.0, why="a wheel square to its axle does not steer")]
+    rate_limit_deg: Annotated[
+        float, quantity("deg/s", gt=0.0, le=500.0, why="no actuator turns a loaded wheel by more than 500 deg/s")
+    ]
 
     @property
     def limit(self) -> float:
@@ -91,9 +106,11 @@ class Drive(Frozen):
     """Limits and lag of driveline and brakes under a demanded acceleration."""
 
     lag: Lag  # first-order time constant of torque build-up
-    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
-    max_power: Annotated[float, quantity("W", gt=0.0, le=5e6)]  # at the wheels
-    max_deceleration: Annotated[float, quantity("m/s2", gt=0.0, le=20.0)]
+    max_acceleration: Annotated[float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)]
+    max_power: Annotated[  # at the wheels
+        float, quantity("W", ge=1e3, le=5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW")
+    ]
+    max_deceleration: Annotated[float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)]
 
 
 class Actuator(NamedTuple):
@@ -110,22 +127,28 @@ class Unit(Frozen):
     mass: Mass
     yaw_inertia: Inertia  # about the centre of gravity
     cg_x: Position
-    cg_height: Length
+    cg_height: Height
     front_x: Position  # front end of the body
     rear_x: Position  # rear end of the body
-    width: Length
-    height: Length  # top of the body
+    width: Breadth
+    height: Height  # top of the body
     hitch_x: Position | None = None  # hitch for the next unit
-    hitch_height: Annotated[float, quantity("m", ge=0.0, le=10.0)] | None = None
+    hitch_height: (
+        Annotated[float, quantity("m", ge=0.1, le=3.0, why="couplings are 0.3 m to 1.5 m above the ground")] | None
+    ) = None
     hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
     follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
     roll_gradient: Gradient  # body roll per lateral acceleration
     pitch_gradient: Gradient  # body pitch per braking
-    roll_axis_height: Annotated[float, quantity("m", ge=0.0, le=5.0)]
+    roll_axis_height: Annotated[
+        float, quantity("m", ge=0.0, le=3.0, why="roll axes lie between the ground and the top of the wheels")
+    ]
     heave_frequency: Frequency  # of the body on its springs, undamped
     pitch_frequency: Frequency
     roll_frequency: Frequency
-    suspension_damping: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # damping ratio of heave, pitch and roll
+    suspension_damping: Annotated[  # damping ratio of heave, pitch and roll
+        float, quantity("-", gt=0.0, le=2.0, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates")
+    ]
     steering: Steering | None = None
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
@@ -231,6 +254,9 @@ class Vehicle(Frozen):
     @model_validator(mode="after")
     def _is_a_chain(self) -> Vehicle:
         tractor, towed = self.units[0], self.units[1:]
+        if tractor.mass < _LIGHTEST_TRACTOR:
+            lightest = f"{_LIGHTEST_TRACTOR:g} kg, the lightest motor vehicle on four wheels"
+            raise ValueError(f"units.0.mass = {tractor.mass:g} must be at least {lightest}; masses are in kg, not t")
         names = [unit.name.replace(" ", "_") for unit in self.units]
         for name in names:
             if names.count(name) > 1:

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import checked, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
-from vehicle.quantities import Flag, Frozen, Inertia, Lag, Length, Mass, Position, quantity
+from vehicle.quantities import Flag, Frozen, Lag, Length, Position, quantity
 from vehicle.rover.command import WheelPlace, corner_wheels
 from vehicle.rover.footprint import Footprint
 
@@ -19,6 +19,10 @@ _DEGREE: Final = math.pi / 180.0  # [rad]; not math.radians, which takes no symb
 _TOLERANCE: Final = 1e-9  # of wheel places that must mirror each other [m]
 
 _ROVERS: Final = ParameterLibrary("rover", "rovers")
+
+
+_Mass = Annotated[float, quantity("kg", gt=0.0, le=2e5)]  # from a model to the largest dumper
+_Inertia = Annotated[float, quantity("kg m2", gt=0.0, le=1e7)]
 
 
 class RoverWheel(Frozen):
@@ -36,13 +40,13 @@ class _Body(Frozen):
 
     name: str
     summary: str = ""
-    mass: Mass
-    yaw_inertia: Inertia  # about the centre of gravity
+    mass: _Mass
+    yaw_inertia: _Inertia  # about the centre of gravity
     cg_x: Position  # of the centre of gravity in R
     cg_height: Length
     radius: Length  # of the wheels, over half of their grousers
     width: Length  # of the wheels
-    wheel_inertia: Inertia  # of a wheel with its gear and motor, about the axle
+    wheel_inertia: _Inertia  # of a wheel with its gear and motor, about the axle
     drive_lag: Lag  # of a wheel's speed behind its demand
     stall_torque: Annotated[float, quantity("N m", gt=0.0, le=1e4)]  # of one drive at its wheel
     no_load_speed: Annotated[float, quantity("rad/s", gt=0.0, le=200.0)]  # of a wheel, at which its drive has no torque

@@ -1,0 +1,160 @@
+"""Unlikely and impossible vehicle files: refused with the reason of the limit, or warned of by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from vehicle.combination.data_sheet import data_sheet
+from vehicle.combination.description import Vehicle, load_vehicle, vehicle_from, vehicle_names
+from vehicle.combination.plant_changes import number_paths
+
+PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
+TRACTOR, TRAILER = "units.0 (tractor)", "units.1 (semitrailer)"
+
+
+def changed(vehicle: Vehicle, changes: dict[str, Any]) -> Vehicle:
+    """The vehicle with other contents of its file, by dotted path with indices."""
+    contents = vehicle.model_dump()
+    for path, value in changes.items():
+        *tables, key = path.split(".")
+        table: Any = contents
+        for name in tables:
+            table = table[int(name)] if name.isdigit() else table[name]
+        table[key] = value
+    for unit in contents["units"]:
+        del unit["lifted_axles"]
+    return vehicle_from(contents, "mine.toml")
+
+
+REFUSED = [
+    ({"units.0.mass": 8.0}, "units.0.mass = 8.0 must be greater than or equal to 100 [kg]: a unit weighs 100 kg"),
+    ({"units.0.mass": 150.0}, "units.0.mass = 150 must be at least 300 kg, the lightest motor vehicle on four wheels"),
+    ({"units.1.mass": 32e6}, "units.1.mass = 32000000.0 must be less than or equal to 200000 [kg]"),
+    ({"units.1.yaw_inertia": 4.5}, "units.1.yaw_inertia = 4.5 must be greater than or equal to 10 [kg m2]: 10 is"),
+    ({"drive.max_power": 350.0}, "drive.max_power = 350.0 must be greater than or equal to 1000 [W]: 1 kW moves"),
+    ({"drive.max_deceleration": 60.0}, "drive.max_deceleration = 60.0 must be less than or equal to 15 [m/s2]: tyres"),
+    ({"units.0.width": 255.0}, "units.0.width = 255.0 must be less than or equal to 8 [m]: road vehicles are"),
+    ({"units.0.cg_height": 0.001}, "units.0.cg_height = 0.001 must be greater than or equal to 0.1 [m]"),
+    ({"units.0.hitch_height": 11.5}, "units.0.hitch_height = 11.5 must be less than or equal to 3 [m]: couplings"),
+    ({"units.0.roll_gradient": 0.4}, "units.0.roll_gradient = 0.4 must be less than or equal to 0.05 [rad/(m/s2)]"),
+    ({"units.0.heave_frequency": 0.05}, "units.0.heave_frequency = 0.05 must be greater than or equal to 0.2 [Hz]"),
+    ({"units.0.axles.0.wheel_radius": 5.0}, "units.0.axles.0.wheel_radius = 5.0 must be less than or equal to 2.1 [m]"),
+    ({"units.0.axles.0.wheel_inertia": 1e-3}, "wheel_inertia = 0.001 must be greater than or equal to 0.05 [kg m2]"),
+    ({"units.0.axles.0.track": 0.02}, "units.0.axles.0.track = 0.02 must be greater than or equal to 0.5 [m]"),
+]
+
+
+@pytest.mark.parametrize(("changes", "says"), REFUSED)
+def test_what_no_vehicle_can_be_is_refused_with_the_reason(
+    tractor_semitrailer: Vehicle, changes: dict[str, Any], says: str
+) -> None:
+    """Key, value, limit, unit, and why there is one: a mistake of unit or decimal point."""
+    with pytest.raises(ValueError, match=r"mine\.toml: [^\n]+$") as caught:
+        changed(tractor_semitrailer, changes)
+    assert says in str(caught.value)
+
+
+def test_a_tyre_loaded_in_kilograms_is_refused(tmp_path: Path) -> None:
+    """34830 N are 3.55 t; a file that says 3.55 meant tonnes."""
+    text = (PARAMETERS / "eu_tractor_semitrailer.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("value = 34830.0", "value = 3.55"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"tyres\.steer\.nominal_load = 3\.55 must be .* 300 \[N\]: .* not kg"):
+        load_vehicle(str(path))
+
+
+WARNED = [
+    ({"units.1.axles.2.x": -12.5}, "units.1.axles.2 (semitrailer): at x = -12.5 m it lies outside the unit"),
+    ({"units.0.axles.0.x": 5.5}, "units.0.axles.0 (tractor): at x = 5.5 m it lies outside the unit"),
+    ({"units.0.axles.1.track": 2.6}, "units.0.axles.1 (tractor): track = 2.6 m: its wheels stick out"),
+    ({"units.0.cg_x": 4.0}, f"{TRACTOR}: its centre of gravity at cg_x = 4 m does not lie between first and last axle"),
+    ({"units.1.cg_x": -9.5}, f"{TRAILER}: its centre of gravity at cg_x = -9.5 m does not lie between hitch and last"),
+    ({"units.1.cg_x": -13.0}, f"{TRAILER}: its centre of gravity at cg_x = -13 m lies outside"),
+    ({"units.1.cg_height": 4.2}, f"{TRAILER}: its centre of gravity at cg_height = 4.2 m lies above its top, 4 m"),
+    ({"units.1.cg_height": 0.6}, f"{TRAILER}: roll_axis_height = 0.7 m is not below cg_height = 0.6 m"),
+    ({"units.0.hitch_x": 5.5}, f"{TRACTOR}: its rear hitch at x = 5.5 m lies ahead of it"),
+    ({"units.1.follow_x": -14.0}, f"{TRAILER}: its follow point at x = -14 m lies behind it"),
+    ({"units.1.yaw_inertia": 3e6}, f"{TRAILER}: yaw_inertia = 3e+06 kg m2 is a radius of gyration of 9.68 m"),
+    ({"units.1.yaw_inertia": 450.0}, f"{TRAILER}: yaw_inertia = 450 kg m2 is a radius of gyration of 0.12 m"),
+    ({"units.1.roll_frequency": 4.0}, f"{TRAILER}: roll_gradient = 0.0089 rad/(m/s2) and roll_frequency = 4 Hz contra"),
+    ({"units.1.roll_gradient": 0.0005}, f"{TRAILER}: roll_gradient = 0.0005 rad/(m/s2) and roll_frequency = 1.2 Hz"),
+    ({"units.1.pitch_gradient": 0.03}, f"{TRAILER}: pitch_gradient = 0.03 rad/(m/s2) and pitch_frequency = 1.5 Hz"),
+    ({"units.0.axles.0.ackermann_x": 3.2}, "units.0.axles.0 (tractor): ackermann_x = 3.2 m is so near to the axle"),
+    (
+        {"units.0.axles.0.wheel_inertia": 0.1},
+        "units.0.axles.0 (tractor): wheel_inertia = 0.1 kg m2 is a wheel of 0.816",
+    ),
+    ({"units.1.mass": 120e3}, "units.0.axles.1 (tractor): carries 34.4 t, more than the 16 t of four truck tyres"),
+    ({"units.1.cg_x": -8.5}, f"{TRAILER}: its front hitch pulls up with 32.6 kN"),
+    ({"units.1.cg_x": 0.5}, "units.1.axles.0 (semitrailer): carries -6.8 kN, it must be above 0 kN"),
+    (
+        {"units.1.axles.2.load_share": 0.3},
+        "units.1.axles.2 (semitrailer): it carries 3.0 t and its neighbour ahead 9.9 t: with load_share 0.3 and 1 the",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "says"), WARNED)
+def test_contradictions_are_warned_of_by_name(tractor_semitrailer: Vehicle, changes: dict[str, Any], says: str) -> None:
+    """Each number alone is within its limits; together they are no vehicle."""
+    warnings = data_sheet(changed(tractor_semitrailer, changes)).warnings
+    assert any(line.startswith(says) for line in warnings), warnings
+
+
+def test_a_tandem_without_a_suspension_that_equalises_is_warned_of() -> None:
+    """A load behind it bears on the nearer axle of two on springs of their own; in a bogie both carry the same."""
+    vehicle = load_vehicle("rigid_truck_8x4")
+    assert data_sheet(vehicle).warnings == ()
+    alone = changed(vehicle, {"units.0.axles.2.bogie": None, "units.0.axles.3.bogie": None, "units.0.cg_x": 1.2})
+    (line,) = data_sheet(alone).warnings
+    assert line.startswith("units.0.axles.3 (truck): it carries ")
+    assert "only 1.35 m apart: name a bogie for both" in line
+
+
+def test_a_declared_share_of_a_tag_axle_is_no_contradiction() -> None:
+    """The 6x2's lifted tag axle, let down, takes 0.65 of the drive axle's load, as its file says."""
+    vehicle = load_vehicle("eu_6x2_tractor_semitrailer")
+    tractor, trailer = vehicle.units
+    down = [unit.model_dump() for unit in (tractor, trailer)]
+    for unit in down:
+        raised = unit.pop("lifted_axles")
+        axles = sorted((*unit["axles"], *raised), key=lambda axle: -float(axle["x"]))
+        unit["axles"] = [axle | {"lifted": False} for axle in axles]
+    both = vehicle_from(vehicle.model_dump() | {"units": down}, "mine.toml")
+    assert len(both.units[0].axles) == 3
+    assert not data_sheet(both).warnings
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_no_shipped_vehicle_is_doubtful(name: str) -> None:
+    """They are derived from data of real vehicles."""
+    assert data_sheet(load_vehicle(name)).warnings == ()
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_wrong_unit_of_any_number_is_refused_or_warned_of(tractor_semitrailer: Vehicle, factor: float) -> None:
+    """A thousand times too small or large: kN for N, mm for m, t for kg; but for numbers that may be small or large."""
+    harmless = {
+        *("lag", "rate_limit_deg", "limit_deg", "damping", "suspension_damping", "hitch_roll_share", "load_share"),
+        *("load_sensitivity", "rolling_resistance", "pneumatic_trail", "curvature", "relaxation_length", "rear_x"),
+        *("steer_ratio", "hitch_x", "ackermann_x", "max_acceleration", "max_deceleration", "roll_axis_height"),
+        "follow_x",
+    }
+    silent = []
+    for path, value in number_paths(tractor_semitrailer).items():
+        name = path.rpartition(".")[2]
+        plain = path.split(".")[0] in ("units", "drive") and ".tyre." not in path and not path.startswith("units.t")
+        if not (plain and isinstance(value, float) and value) or name in harmless or path.startswith("units.sem"):
+            continue
+        if path.startswith("units.1.") and name in ("front_x", "x"):  # a short drawbar trailer has such places
+            continue
+        try:
+            warnings = data_sheet(changed(tractor_semitrailer, {path: factor * value})).warnings
+        except ValueError:
+            continue
+        if not warnings:
+            silent.append(path)
+    assert silent == []
