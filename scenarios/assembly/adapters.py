@@ -17,6 +17,7 @@ from scenarios.options.scenario import Scenario
 from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
 from vehicle.combination.description import Unit, Vehicle, load_vehicle
+from vehicle.combination.load_cases import with_load
 from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
 
 
@@ -55,12 +56,12 @@ def _linkages(trailer: Unit) -> tuple[Linkage, ...]:
 
 
 def vehicle_of(scenario: Scenario) -> Vehicle:
-    """The scenario's vehicle, with ``steer_groups`` applied to its trailers.
+    """The scenario's vehicle in its load case, with ``steer_groups`` applied to its trailers.
 
     Raises:
-        ValueError: one line, if there is no such vehicle.
+        ValueError: one line, if there is no such vehicle, or its file has no payload for the load case.
     """
-    vehicle = load_vehicle(scenario.vehicle)
+    vehicle = with_load(load_vehicle(scenario.vehicle), scenario.load)
     if scenario.steer_groups == "vehicle":
         return vehicle
     group = {"single": "all", "common_centre": None}[scenario.steer_groups]

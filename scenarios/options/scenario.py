@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, Literal, get_args
 
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError, create_model, field_validator
@@ -76,6 +76,9 @@ class Scenario(Options):
     course: CourseTable = option("Course of the guided point of the tractor.")
     vehicle: str = option(
         "Vehicle by name (see offtrack parts vehicle) or TOML file, as controllers know it.", "uk_longer_semitrailer"
+    )
+    load: Literal["unladen", "half", "full"] = option(
+        "Load case, from the payload in the vehicle file; full is the vehicle as its file describes it.", "full"
     )
     speed_kmh: float = quantity(10.0, "km/h", 1.0, 120.0, "Set speed.")
     plant: PlantOptions = PlantOptions()  # differences of the simulated vehicle from the data sheet

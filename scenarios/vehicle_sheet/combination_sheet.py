@@ -25,6 +25,7 @@ from scenarios.vehicle_sheet.paper import (
 from scenarios.vehicle_sheet.sheet import VehicleSheet, sources_note
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet, data_sheet, handling_at
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_sources
+from vehicle.combination.load_cases import FULL, load_cases, with_load
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet
 _KEY: Final = "lengths in m   steered: blue, in the plan at the lock of a left turn   driven: dark hub   lifted: grey"
@@ -39,17 +40,18 @@ def combination_sheet(name_or_path: str) -> VehicleSheet:
     vehicle = load_vehicle(name_or_path)
     data = data_sheet(vehicle)
     handling, missing = _handling(vehicle, data)
-    warnings = (*data.warnings, *missing)
+    loads, without_load = _loads(vehicle, data)
+    warnings = (*data.warnings, *missing, *without_load)
     note, sources = sources_note(vehicle_sources(name_or_path))
     tables = _tables(data, handling)
     return VehicleSheet(
         name=data.name,
         summary=data.summary,
         size=f"{data.mass / 1e3:.2f} t, {data.length:.2f} x {data.width:.2f} x {data.height:.2f} m",
-        tables=tables,
+        tables=(*tables, *([_load_table(loads)] if len(loads) > 1 else [])),
         warnings=warnings,
         note=note,
-        numbers=_numbers(data, handling) | {"warnings": list(warnings), "sources": sources},
+        numbers=_numbers(data, loads, handling) | {"warnings": list(warnings), "sources": sources},
         draw=lambda: draw_combination(vehicle, data, tables, note=note),
     )
 
@@ -62,6 +64,16 @@ def _handling(vehicle: Vehicle, data: DataSheet) -> tuple[Handling | None, tuple
         return handling_at(vehicle), ()
     except ValueError as error:
         return None, (f"no handling figures: {error}",)
+
+
+def _loads(vehicle: Vehicle, full: DataSheet) -> tuple[dict[str, DataSheet], tuple[str, ...]]:
+    """Data sheets by load case, and a warning if the payload does not fit the unit."""
+    try:
+        return {
+            case: full if case == FULL else data_sheet(with_load(vehicle, case)) for case in load_cases(vehicle)
+        }, ()
+    except ValueError as error:
+        return {FULL: full}, (f"no other load cases: {error}",)
 
 
 def draw_combination(vehicle: Vehicle, data: DataSheet, tables: tuple[SheetTable, ...], *, note: str = "") -> Figure:
@@ -117,6 +129,15 @@ def _unit_rows(data: DataSheet) -> Rows:
     return [*rows, ("combination", f"{data.mass / 1e3:.2f}", "")]
 
 
+def _load_table(loads: dict[str, DataSheet]) -> SheetTable:
+    """Mass and axle loads in every load case; printed, not drawn."""
+    rows: Rows = [("load case", "mass [t]", "axle loads, front to rear, unit by unit [t]")]
+    for case, data in loads.items():
+        units = (" ".join(f"{axle.load / GRAVITY / 1e3:.1f}" for axle in unit.axles) for unit in data.units)
+        rows.append((case, f"{data.mass / 1e3:.2f}", " | ".join(units)))
+    return SheetTable(rows=rows, start=MARGIN, columns=((0.0, "left"), (1.9, "right"), (2.1, "left")))
+
+
 def _tonnes(load: float) -> str:
     return f"{load / GRAVITY / 1e3:.2f}"
 
@@ -153,7 +174,7 @@ def _speed(speed: float | None, otherwise: str) -> str:
     return otherwise if speed is None else f"{speed * 3.6:.0f} km/h"
 
 
-def _numbers(data: DataSheet, handling: Handling | None) -> dict[str, object]:
+def _numbers(data: DataSheet, loads: dict[str, DataSheet], handling: Handling | None) -> dict[str, object]:
     return {
         "name": data.name,
         "summary": data.summary,
@@ -162,8 +183,14 @@ def _numbers(data: DataSheet, handling: Handling | None) -> dict[str, object]:
         "width_m": data.width,
         "height_m": data.height,
         "units": [_unit(unit) for unit in data.units],
+        "loads": {case: _load(sheet) for case, sheet in loads.items()},
         "handling": None if handling is None else _handling_numbers(handling),
     }
+
+
+def _load(data: DataSheet) -> dict[str, object]:
+    axles = {unit.name: [axle.load / GRAVITY for axle in unit.axles] for unit in data.units}
+    return {"mass_kg": data.mass, "axle_loads_kg": axles}
 
 
 def _unit(unit: UnitSheet) -> dict[str, object]:

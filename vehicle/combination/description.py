@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
+from vehicle.combination.payload import Payload
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
@@ -152,6 +153,7 @@ class Unit(Frozen):
     steering: Steering | None = None
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
+    payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
 
     @field_validator("name")
     @classmethod

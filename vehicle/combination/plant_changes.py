@@ -19,6 +19,7 @@ from vehicle.quantities import Frozen, quantity
 
 Change: TypeAlias = "float | Sequence[float] | Mapping[str, Change]"  # a mapping nests paths
 _TEXTS: Final = frozenset({"bogie", "steer_group"})  # names, or None
+_IDLE: Final = frozenset({"payload"})  # tables that the plant does not depend on
 _Keys: TypeAlias = tuple[str | int, ...]  # of a value in the contents of a vehicle file
 
 
@@ -105,6 +106,9 @@ def _scaled(vehicle: Vehicle, named: NamedChanges) -> Vehicle:
         table["mass"] = named.mass_scale * unit.mass
         table["yaw_inertia"] = named.mass_scale * named.inertia_scale * unit.yaw_inertia
         table["cg_height"] = named.cg_height_scale * unit.cg_height
+        if unit.payload is not None:
+            table["payload"]["mass"] = named.mass_scale * unit.payload.mass
+            table["payload"]["cg_height"] = named.cg_height_scale * unit.payload.cg_height
         axles = sorted((*unit.axles, *unit.lifted_axles), key=lambda axle: -axle.x)
         for axle, axle_table in zip(axles, table["axles"], strict=True):
             axle_table["tyre"] = axle.tyre.with_cornering_scaled(named.cornering_stiffness_scale)
@@ -178,6 +182,8 @@ def _paths(contents: dict[str, Any]) -> Iterator[tuple[str, _Keys]]:
 
 def _paths_below(node: dict[str, Any] | list[Any], before: str, keys: _Keys) -> Iterator[tuple[str, _Keys]]:
     for key, child in node.items() if isinstance(node, dict) else enumerate(node):
+        if key in _IDLE:
+            continue
         for name in (key, *_names(child)) if isinstance(node, list) else (key,):
             if isinstance(child, dict | list):
                 yield from _paths_below(child, f"{before}{name}.", (*keys, key))

@@ -13,6 +13,7 @@ from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 _WORDS = frozenset(["name", "summary"])  # fields that no equation depends on
+_IDLE = frozenset(["payload"])  # tables that no equation depends on
 
 
 class SymbolicTwin(NamedTuple):
@@ -62,7 +63,8 @@ def _with_numbers(
 
     if isinstance(thing, BaseModel):
         fields: dict[str, Any] = {
-            name: "" if name in _WORDS and not words else copied(value, name) for name, value in thing
+            name: "" if name in _WORDS and not words else None if name in _IDLE else copied(value, name)
+            for name, value in thing
         }
         return type(thing).model_construct(**fields)
     if isinstance(thing, tuple | list):
