@@ -6,6 +6,7 @@ import fcntl
 import hashlib
 import os
 import re
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -75,10 +76,11 @@ def locked(descriptor: int) -> bool:
 
 
 def digest(file: Path) -> str:
-    """SHA-256 of a file's content; empty if it cannot be read."""
+    """SHA-256 of a file's content; empty if it is no regular file or cannot be read."""
     try:
         status = file.stat()
-        return _digest(file, status.st_mtime_ns, status.st_size, status.st_ino)
+        is_regular = stat.S_ISREG(status.st_mode)  # a device or a pipe may never end
+        return _digest(file, status.st_mtime_ns, status.st_size, status.st_ino) if is_regular else ""
     except OSError:
         return ""
 

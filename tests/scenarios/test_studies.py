@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import os
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from scenarios.cli import app
+from scenarios.results.files import digest
 from scenarios.studies.case import Case, Outcome, listed, seeds_of
 from scenarios.studies.files import check_study_directory, opened_study, study_text
 from scenarios.studies.pool import run_cases
@@ -75,6 +77,15 @@ def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
     outcomes = run_cases(cases, tmp_path, jobs=1, remark=lines.append)
     assert lines == [f"{file} is damaged: its run is repeated" for file in files[:3]]
     assert [outcome.numbers["outcome"] for outcome in outcomes] == [*["completed"] * 3, "from before"]
+
+
+def test_only_regular_files_have_a_digest(tmp_path: Path) -> None:
+    """A device or a pipe in the place of a saved file would be read for ever: its run counts as damaged."""
+    (tmp_path / "whole").write_bytes(b"signals")
+    (tmp_path / "device").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe")
+    assert digest(tmp_path / "whole") == hashlib.sha256(b"signals").hexdigest()
+    assert [digest(tmp_path / name) for name in ("device", "pipe", "", "missing")] == [""] * 4
 
 
 def test_two_commands_do_not_share_a_directory(tmp_path: Path) -> None:
