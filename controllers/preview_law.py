@@ -7,7 +7,6 @@ motion, is compensated.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 from controllers.actuator import settled
@@ -20,11 +19,12 @@ PERIOD: Final = 0.02  # the driver's step [s]
 GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
 CREEP: Final = 0.3  # below this speed a direction of travel is not a measurement [m/s]
 
-_SLIP_TIME: Final = 0.1  # low-pass on the front axle's slip: longer than tyre dynamics, shorter than a turn-in [s]
+_SLIP_TIME: Final = 0.1  # low-pass on the front axle's slip, at least: shorter than a turn-in [s]
+_SLIP_LENGTH: Final = 0.75  # distance of that low-pass: longer than a tyre's relaxation [m]
 SPEED_GAIN: Final = 2.0  # acceleration demand per speed error [1/s]
 SPEED_INTEGRAL: Final = 1.0  # [1/s2]: aperiodic with the gain above, also with the lag of a driveline
 _MAX_ACCELERATION: Final = 1.5  # comfortable for a standing load [m/s2]
-_CROSSOVER: Final = 7.0  # of the lateral loop at most: lag of the steering and yaw leave no phase beyond [rad/s]
+_CROSSOVER: Final = 3.0  # of the lateral loop at most: lags of steering, yaw and tyres leave no phase beyond [rad/s]
 _STEEPEST: Final = 1.2  # direction of travel against the tractor's axis, at most [rad]
 
 
@@ -50,7 +50,8 @@ def filtered_front_slip(
 ) -> Num:
     """Slip angle of the front axle [rad], low-passed over ``elapsed`` [s], from the motion of T [m/s, rad/s]."""
     measured = f.atan2(v_y + tractor.wheelbase * yaw_rate, v_x) - steer
-    share = f.if_else(v_x < CREEP, 0.0, 1.0 - math.exp(-elapsed / _SLIP_TIME))
+    lag = f.fmax(_SLIP_TIME, _SLIP_LENGTH / f.fmax(v_x, CREEP))
+    share = f.if_else(v_x < CREEP, 0.0, 1.0 - f.exp(-elapsed / lag))
     return slip + share * (measured - slip)
 
 

@@ -8,12 +8,11 @@ from typing import Final
 import numpy as np
 
 from scenarios.validation.check import Check, Plot, Section, Series
-from scenarios.validation.vehicles import linear_tyre, on_single_axles
-from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle
+from scenarios.validation.vehicles import linear_tyre, on_single_axles, with_tyres
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.handling import peak_rearward_amplification, rearward_amplification, understeer_gradient
 from vehicle.combination.linear import LateralModel, lateral_model
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres.linear import LinearTyre
 
 _SPEED: Final = 24.0  # [m/s]
 _STIFFNESS: Final = (280693.53, 581536.8, 970209.0)  # of the axles, front to rear [N/rad]
@@ -46,15 +45,8 @@ def audited_vehicle() -> Vehicle:
             for C, load in zip(_STIFFNESS, loads, strict=True)
         ]
     )
-    units = tuple(_with_tyres(unit, [next(tyres) for _ in unit.axles]) for unit in vehicle.units)
+    units = tuple(with_tyres(unit, [next(tyres) for _ in unit.axles]) for unit in vehicle.units)
     return vehicle.model_copy(update={"units": units})
-
-
-def _with_tyres(unit: Unit, tyres: list[LinearTyre]) -> Unit:
-    axles: tuple[Axle, ...] = tuple(
-        axle.model_copy(update={"tyre": tyre}) for axle, tyre in zip(unit.axles, tyres, strict=True)
-    )
-    return unit.model_copy(update={"axles": axles})
 
 
 def _modes(model: LateralModel) -> tuple[Check, ...]:

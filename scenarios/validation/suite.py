@@ -13,6 +13,7 @@ from scenarios.validation.no_slip_limit import no_slip_limit
 from scenarios.validation.roundabout import roundabout
 from scenarios.validation.steady_turns import steady_turns
 from scenarios.validation.tractrix import tractrix
+from scenarios.validation.tyre_lag import tyre_lag
 
 TASKS: Final = (
     Task(title="Design vehicles", work=design_vehicles),
@@ -21,6 +22,7 @@ TASKS: Final = (
     Task(title="Roundabout", work=roundabout),
     Task(title="Kinematic limit", work=no_slip_limit),
     Task(title="Linear theory", work=linear_theory),
+    Task(title="Tyre lag", work=tyre_lag),
     Task(title="Mechanics", work=mechanics),
     Task(title="Integrator", work=integration),
 )

@@ -116,3 +116,11 @@ def linear_tyre(stiffness: float, load: float, *, relaxation_length: float, damp
         rolling_resistance=0.0,
         pneumatic_trail=0.0,
     )
+
+
+def with_tyres(unit: Unit, tyres: Sequence[LinearTyre]) -> Unit:
+    """The unit with these tyres on its axles, front to rear."""
+    axles: tuple[Axle, ...] = tuple(
+        axle.model_copy(update={"tyre": tyre}) for axle, tyre in zip(unit.axles, tyres, strict=True)
+    )
+    return unit.model_copy(update={"axles": axles})

@@ -98,7 +98,7 @@ def test_slip_of_both_axles_is_steered_against() -> None:
     driver = PreviewDriver(TRACTOR, Path(Pose2(0.0, 0.0, 0.0), (line(500.0),)), v_x)
     memory = driver.init()
     steer = math.atan(crab) - front_slip
-    for tick in range(0, 2000, 20):
+    for tick in range(0, 6000, 20):
         memory = memory._replace(demand=steer, steer=steer)
         along = v_x * math.hypot(1.0, crab) * tick * 1e-3
         y = -TRACTOR.x_ref * math.sin(-math.atan(crab)) - TRACTOR.y_ref * math.cos(math.atan(crab))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vehicle.combination.description import Vehicle
-from vehicle.tyres import Contact, Grip, Planar, Tyre, contact, deflection_rate, laws, rolling_speed
+from vehicle.tyres import Contact, Grip, Planar, Tyre, carcass_damping, contact, deflection_rate, laws, rolling_speed
 from vehicle.tyres.brush import BrushTyre
 from vehicle.tyres.linear import LinearTyre
 from vehicle.tyres.magic_formula import MagicFormulaTyre
@@ -28,6 +28,7 @@ CARCASS = {
     "rolling_resistance": 0.006,
     "pneumatic_trail": 0.05,
 }
+DAMPED = Planar(0.04, 0.04)  # of a carcass at rest [s]
 STIFFNESS = {"cornering_stiffness": 5.948, "longitudinal_stiffness": 17.7, "load_sensitivity": 0.074}
 # Project Chrono, TMeasy GuessTruck80Par, at nominal load and at twice of it.
 TRUCK_TMEASY = TmeasyTyre(
@@ -72,7 +73,7 @@ def standing(tyre: Tyre, F_z: float, friction: float, slip: float) -> Contact:
     """The contact of a tyre long under a lateral slip."""
     rate_in, grip = sliding(tyre, F_z, friction, 0.0, -slip, 1.0)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
-    return contact(n, Planar(0.0, 0.0), F_z, grip, tyre.damping)
+    return contact(n, Planar(0.0, 0.0), F_z, grip, DAMPED)
 
 
 def test_every_law_of_the_catalogue_is_tested_here() -> None:
@@ -90,10 +91,10 @@ def test_a_deflection_at_rest_gives_the_steady_force(
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
     scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
-    assert deflection_rate(n, rate_in, grip.decay) == pytest.approx((0.0, 0.0), abs=scale)
+    assert deflection_rate(n, rate_in, grip.decay, DAMPED) == pytest.approx((0.0, 0.0), abs=scale)
     slip = Planar(gain / rolling_speed(v_x), -drift / rolling_speed(v_x))
     expected = tyre.steady_force(slip, F_z, friction)
-    got = contact(n, Planar(0.0, 0.0), F_z, grip, tyre.damping).force
+    got = contact(n, Planar(0.0, 0.0), F_z, grip, DAMPED).force
     assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
 
 
@@ -106,7 +107,7 @@ def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> N
         F_z, friction, v_x = rng.uniform(2e3, 9e4), rng.uniform(0.05, 1.2), rng.uniform(-25, 25)
         _, grip = sliding(tyre, F_z, friction, rng.uniform(-25, 25), rng.uniform(-25, 25), v_x)
         n, rate = Planar(*rng.uniform(-5, 5, 2)), Planar(*rng.uniform(-1e3, 1e3, 2))
-        on = contact(n, rate, F_z, grip, tyre.damping)
+        on = contact(n, rate, F_z, grip, DAMPED)
         assert math.hypot(*on.force) <= grip.limit * F_z * (1.0 + 1e-12)
         assert 0.0 <= on.use_along <= 1.0 + 1e-12
         assert grip.limit <= most * friction * (1.0 + 1e-12)
@@ -116,13 +117,22 @@ def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> N
 def test_a_deflection_beyond_the_friction_shrinks(
     tyre: Tyre, F_z: float, friction: float, v_x: float, gain: float, drift: float
 ) -> None:
-    """The bristle cannot wind up: the force it stands for falls outside of the largest force, whatever the sliding."""
+    """The bristle cannot wind up: in each direction it shrinks outside of the largest force, whatever the sliding.
+
+    On an undamped carcass the force that both directions stand for shrinks, too.
+    """
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     x_factor, y_factor = grip.factor, grip.factor * grip.skew
     for angle in np.linspace(0.0, math.tau, 7):
         u = Planar(1.02 * grip.limit * math.cos(angle), 1.02 * grip.limit * math.sin(angle))  # force over load
-        rate = deflection_rate(Planar(u.x / x_factor, u.y / y_factor), rate_in, grip.decay)
+        n = Planar(u.x / x_factor, u.y / y_factor)
+        rate = deflection_rate(n, rate_in, grip.decay, Planar(0.0, 0.0))
         assert u.x * x_factor * rate.x + u.y * y_factor * rate.y < 0.0
+    for sign in (-1.0, 1.0):
+        u = Planar(sign * 1.02 * grip.limit / x_factor, sign * 1.02 * grip.limit / y_factor)
+        rate = deflection_rate(u, rate_in, grip.decay, DAMPED)
+        assert sign * rate.x < 0.0
+        assert sign * rate.y < 0.0
 
 
 def test_the_force_opposes_the_slip_angle_and_drives_with_slip(tyre: Tyre) -> None:
@@ -173,6 +183,14 @@ def test_the_lever_is_about_that_of_a_brush(name: str, apart: float) -> None:
 def test_the_linear_tyres_moment_is_linear_up_to_the_circle() -> None:
     """The whole trail until the force ends."""
     assert sliding(TYRES["linear"], NOMINAL, 0.8, 0.0, 0.99 * 0.8 / 5.948, 1.0)[1].trail == pytest.approx(0.05)
+
+
+def test_damping_across_the_wheel_is_that_of_creeping() -> None:
+    """All of it at rest, nothing of it from 5 km/h on, in both directions of travel; along the wheel it stays."""
+    assert carcass_damping(0.04, 0.0) == (0.04, 0.04)
+    assert 0.02 < carcass_damping(0.04, -0.6).y < 0.04
+    for v_x in (5.0 / 3.6, -5.0 / 3.6, 30.0):
+        assert carcass_damping(0.04, v_x) == (0.04, 0.0)
 
 
 def test_rolling_speed_is_never_zero() -> None:

@@ -1,6 +1,6 @@
 """Handling figures of a combination from its linearised motion: steering, stability, amplification, rollover.
 
-Tyres and bodies follow without delay, and speeds are constant.
+Tyres and bodies follow without delay unless ``tyre_dynamics`` is asked for, and speeds are constant.
 """
 
 from __future__ import annotations
@@ -56,9 +56,16 @@ def critical_speed(vehicle: Vehicle) -> float | None:
     return None
 
 
-def yaw_damping(vehicle: Vehicle, speed: float) -> float:
-    """Damping ratio of the least damped yaw-plane mode [-]; 1 if none oscillates, negative if unstable."""
+def yaw_damping(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool = False) -> float:
+    """Damping ratio of the least damped yaw-plane mode [-]; 1 if none oscillates, negative if unstable.
+
+    With ``tyre_dynamics`` tyres and bodies follow with their lags; those modes of the whole model count that lie
+    nearest to the ones without.
+    """
     modes = lateral_model(vehicle, speed).eigenvalues()
+    if tyre_dynamics:
+        lagged = lateral_model(vehicle, speed, tyre_dynamics=True).eigenvalues()
+        modes = np.array([lagged[np.argmin(np.abs(lagged - mode))] for mode in modes])
     return float(np.min(-modes.real / np.abs(modes)))
 
 

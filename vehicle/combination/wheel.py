@@ -9,7 +9,16 @@ import casadi as ca
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
-from vehicle.tyres import Contact, Num, Planar, contact, deflection_rate, rolling_speed
+from vehicle.tyres import (
+    Contact,
+    Num,
+    Planar,
+    carcass_damping,
+    contact,
+    deflection_rate,
+    felt_at_once,
+    rolling_speed,
+)
 
 _BRAKE_WINDUP: Final = 0.02  # angle over which a brake's holding torque builds up [rad]: 1 cm at the tread
 _CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips, and the engine's power does not limit the torque [rad/s]
@@ -33,7 +42,7 @@ class Relaxation(NamedTuple):
     """Relaxation rate of each state of a wheel with the others held [1/s]: minus the Jacobian's diagonal."""
 
     omega: Num
-    deflection: Num  # in either direction
+    deflection: Num  # in either direction; along the wheel damping makes it slower, which the integrator may ignore
     brake_windup: Num
 
 
@@ -70,14 +79,16 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
     speed = rolling_speed(v.x)
     grip = tyre.grip(s.load, s.friction, sliding, speed)
-    rate = deflection_rate(s.deflection, sliding, grip.decay)
-    on = contact(s.deflection, rate, s.load, grip, tyre.damping)
+    damping = carcass_damping(tyre.damping, v.x)
+    rate = deflection_rate(s.deflection, sliding, grip.decay, damping)
+    on = contact(s.deflection, rate, s.load, grip, damping)
+    spin = _spin_relaxation(axle, on, felt_at_once(grip.decay, damping))
     winding = ca.fabs(s.omega)
     return WheelMotion(
         omega=_spin_rate(vehicle, wheel, s, on.force.x),
         deflection=rate,
         brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
-        relaxation=Relaxation(_spin_relaxation(axle, on), grip.decay, (1.0 / _BRAKE_WINDUP) * winding),
+        relaxation=Relaxation(spin, grip.decay, (1.0 / _BRAKE_WINDUP) * winding),
         force=from_unit(s.plane, Vector(on.force.x, on.force.y)),
         moment_opposing=grip.trail * s.brake_windup * on.force.y,
         slip_angle=ca.atan(v.y / speed),
@@ -95,14 +106,14 @@ def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
     return rate + per_inertia * _drive_torque(vehicle, wheel, s) if wheel.axle.driven else rate
 
 
-def _spin_relaxation(axle: Axle, on: Contact) -> Num:
-    """Rate at which the carcass's damping slows a wheel [1/s].
+def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
+    """Rate at which the carcass's damping slows a wheel [1/s]; ``at_once`` is that of ``felt_at_once`` [s].
 
     The force of a sliding tyre keeps its magnitude and only turns, so the part along the wheel's share of the friction
     circle drops out. Exact for a tyre that sticks and for one that slides completely.
     """
     tyre = axle.tyre
-    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * tyre.damping
+    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * at_once
     return per_spin / (axle.wheel_inertia * tyre.relaxation_length) * (on.per_deflection * (1.0 - on.use_along))
 
 

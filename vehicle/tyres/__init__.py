@@ -6,8 +6,10 @@ from vehicle.tyres.bristle import (
     Grip,
     Num,
     Planar,
+    carcass_damping,
     contact,
     deflection_rate,
+    felt_at_once,
     rolling_speed,
 )
 from vehicle.tyres.tyre import Tyre
@@ -19,7 +21,9 @@ __all__ = [
     "Num",
     "Planar",
     "Tyre",
+    "carcass_damping",
     "contact",
     "deflection_rate",
+    "felt_at_once",
     "rolling_speed",
 ]

@@ -6,6 +6,12 @@ load. A law gives the decay rate: with decay = speed / sigma * (linear force / s
 at every speed, and n stays bounded by about the friction also at standstill, where slip is not defined. Both directions
 have one decay rate, so a sliding wheel pulls along its stiffness-weighted slip.
 
+The carcass is damped: the force is that of n + d n'. The lag of the force must stay sigma / speed all the same.
+Across the wheel d falls to 0 at ``CREEPING_SPEED``, from where on the force relaxes by the textbook's first-order
+equation. Along the wheel d stays, for it damps the spin of a wheel on its carcass, in series with the sliding contact:
+n' = (push - decay n) / (1 + d decay). With that a step of slip is answered at once by a share d decay / (1 + d decay),
+without overshoot, and the area between step and response is still sigma / speed.
+
 The side force acts behind the wheel's centre by the pneumatic trail, which vanishes as the contact patch slides. Not
 modelled: camber, turn slip.
 
@@ -21,6 +27,7 @@ import casadi as ca
 Num: TypeAlias = "float | ca.SX"
 
 ROLLING_SPEED_FLOOR: Final = 0.05  # keeps slip finite at rest; below it brakes hold with creep of its size * slip [m/s]
+CREEPING_SPEED: Final = 1.2  # at which damping across the wheel has gone: below 5 km/h [m/s]
 _TINY: Final = 1e-12  # square of a rate [1/s2]: avoids 0 / 0
 
 
@@ -60,15 +67,30 @@ def magnitude(rate: Planar) -> Num:
     return ca.sqrt(rate.x**2 + (rate.y**2 + _TINY))
 
 
-def deflection_rate(n: Planar, sliding: Planar, decay: Num) -> Planar:
+def carcass_damping(damping: Num, v_x: Num) -> Planar:
+    """Damping over stiffness [s] along and across a wheel that rolls at v_x [m/s]; ``damping`` is that at rest."""
+    return Planar(damping, damping * ca.fmax(1.0 - (v_x * (1.0 / CREEPING_SPEED)) ** 2, 0.0))
+
+
+def felt_at_once(decay: Num, damping: Planar) -> Num:
+    """Rise of the force along the wheel at once with the sliding rate, as deflection [s]."""
+    return damping.x * _in_series(decay, damping)
+
+
+def _in_series(decay: Num, damping: Planar) -> Num:
+    """Share of the motion along the wheel that deflects the damped carcass [-]; the rest slides."""
+    return 1.0 / (1.0 + damping.x * decay)
+
+
+def deflection_rate(n: Planar, sliding: Planar, decay: Num, damping: Planar) -> Planar:
     """Rate of the deflection [1/s]; ``sliding`` is the part that sliding builds up, from ``Tyre.sliding_rate``."""
-    return Planar(sliding.x - decay * n.x, sliding.y - decay * n.y)
+    return Planar(_in_series(decay, damping) * (sliding.x - decay * n.x), sliding.y - decay * n.y)
 
 
-def contact(n: Planar, n_rate: Planar, F_z: Num, grip: Grip, damping: Num) -> Contact:
+def contact(n: Planar, n_rate: Planar, F_z: Num, grip: Grip, damping: Planar) -> Contact:
     """Force of a deflected and deflecting tyre, bounded by its limit."""
-    x = n.x + damping * n_rate.x
-    y = grip.skew * (n.y + damping * n_rate.y)
+    x = n.x + damping.x * n_rate.x
+    y = grip.skew * (n.y + damping.y * n_rate.y)
     squares = grip.factor_by_limit**2
     demand = ca.fmax((x**2 + y**2) * squares, 1.0)  # squared, over the limit; at least 1
     scale = (F_z * grip.factor) / ca.sqrt(demand)

@@ -23,7 +23,7 @@ import casadi as ca
 from controllers.trailer import Combination, TrailerGeometry
 from vehicle.combination.description import Unit
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres import Planar, Tyre, contact, deflection_rate, rolling_speed
+from vehicle.tyres import Planar, Tyre, carcass_damping, contact, deflection_rate, rolling_speed
 
 V = TypeVar("V")
 
@@ -169,8 +169,9 @@ def axle_forces(model: TrailerModel, travel: Travel, deflection: ca.SX, steer: c
         sliding = axle.tyre.sliding_rate(0.0, v.y)
         grip = axle.tyre.grip(load, friction, sliding, speed)
         n = Planar(0.0, deflection[k])
-        n_rate = deflection_rate(n, sliding, grip.decay)
-        force = 2.0 * contact(n, n_rate, load, grip, axle.tyre.damping).force.y
+        damping = carcass_damping(axle.tyre.damping, v.x)
+        n_rate = deflection_rate(n, sliding, grip.decay, damping)
+        force = 2.0 * contact(n, n_rate, load, grip, damping).force.y
         moment += (axle.x + grip.trail) * force * ca.cos(delta)
         rates.append(n_rate.y)
         fadings.append(grip.decay)
