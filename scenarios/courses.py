@@ -16,6 +16,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from controllers.path import Path, Segment, arc, line
+from scenarios.results.swept_path import TurnArc
 from vehicle.frames import FloatArray, Pose2
 
 Direction = Literal["left", "right"]
@@ -30,6 +31,7 @@ _RAMP = 4.0  # length of a curvature ramp: 16 deg/s of steer at 15 km/h, half of
 _ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus of 7.2 m (5.3 m to 12.5 m) with a margin [m]
 _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
 _SPACING = 0.5  # distance between points of the centreline [m]
+_SAME: Final = 1e-6  # distance of centres that are one [m]
 _LONGEST = 20e3  # course of turns: two hours at 10 km/h, and a second to build [m]
 PREVIEW: Final = 0.2  # distance of the guided point ahead of the front axle over the speed [s]; damps the steering
 _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % of the peak
@@ -51,6 +53,22 @@ class Course:
     def length(self) -> float:
         """Distance along the path at which the course is completed [m]."""
         return self.path.length
+
+    @property
+    def arcs(self) -> tuple[TurnArc, ...]:
+        """The turns of constant curvature; consecutive arcs about one centre are one."""
+        arcs: list[TurnArc] = []
+        for knot, segment in zip(self.path.knots, self.path.segments, strict=False):
+            if segment.start_curvature != segment.end_curvature or segment.start_curvature == 0.0:
+                continue
+            radius = 1.0 / segment.start_curvature
+            centre = (knot.x - radius * math.sin(knot.psi), knot.y + radius * math.cos(knot.psi))
+            last = arcs[-1] if arcs else None
+            if last and math.dist(last.centre, centre) < _SAME:
+                arcs[-1] = last._replace(turn=last.turn + segment.turn)
+            else:
+                arcs.append(TurnArc(centre, knot.psi, segment.turn))
+        return tuple(arcs)
 
 
 def roundabout(
@@ -168,6 +186,27 @@ def corner(
     _check(wheel_x, wheel_y, radius, entry=entry, exit=exit, turn=turn)
     segments = (line(entry), arc(radius * turn, side / radius), line(exit))
     return _course((wheel_x, -side * wheel_y), segments)
+
+
+def axle_turn(
+    *,
+    axle_x: float,
+    direction: Direction = "left",
+    radius: float = _RADIUS,
+    turn: float = _QUARTER_TURN,
+    entry: float = _ENTRY,
+    exit: float = _EXIT,
+) -> Course:
+    """Straight, arc by ``turn`` [rad], straight; the centre of the first steered axle is guided, at ``axle_x`` [m].
+
+    Raises:
+        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the arc is too tight.
+    """
+    side = _side(direction)
+    _check_positive(axle_x=axle_x, radius=radius, entry=entry, exit=exit, turn=turn)
+    if radius <= axle_x:
+        raise ValueError(f"radius = {radius} m must exceed {axle_x:.2f} m: no tractor turns about its own wheel")
+    return _course((axle_x, 0.0), (line(entry), arc(radius * turn, side / radius), line(exit)))
 
 
 def lane_change(

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
 from scenarios.commands.console import PlainConsole, Quiet, one_line_errors, progress_bar, progress_display
+from scenarios.standards.catalogue import KINDS, OTHER_NAMES, STANDARD_SET
 
 if TYPE_CHECKING:
-    from scenarios.standards.assessment import Assessment
+    from scenarios.standards.assessment import Assessment, AssessmentMatrix
+    from scenarios.standards.conditions import Conditions
 
 EXAMPLES = (
     "Examples: offtrack assess eu_tractor_semitrailer   offtrack assess my_truck.toml --json   "
-    "offtrack assess uk_longer_semitrailer --trailer-steering path_preview"
+    "offtrack assess uk_longer_semitrailer --trailer-steering path_preview   "
+    "offtrack assess eu_tractor_semitrailer --manoeuvres turn,aashto_turn --hand both   "
+    "offtrack assess eu_tractor_semitrailer --manoeuvres lane_change,pulse --speed 100 --friction 0.5"
 )
+Hands = Literal["left", "right", "both"]
+
+
+def _listing() -> str:
+    """Names of the manoeuvres with a line each."""
+    others: dict[str, list[str]] = {}
+    for other, key in OTHER_NAMES.items():
+        others.setdefault(key, []).append(other)
+    lines = (f"{', '.join((key, *others.get(key, ())))}: {kind.line}" for key, kind in KINDS.items())
+    return "Manoeuvres:\n\n" + "\n\n".join(lines)
 
 
 def assess(
@@ -27,6 +42,23 @@ def assess(
         str,
         typer.Option(help="Steering law of the last unit's axles, or package.module:Name; none keeps them straight."),
     ] = "none",
+    manoeuvres: Annotated[
+        str,
+        typer.Option(
+            help="Manoeuvres of the list above, comma-separated, or all.",
+            show_default=", ".join(STANDARD_SET),
+        ),
+    ] = "standard",
+    hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
+    speed: Annotated[
+        float | None, typer.Option(help="Speed of the manoeuvres [km/h].", show_default="the standards'")
+    ] = None,
+    radius: Annotated[
+        float | None, typer.Option(help="Radius of the turns [m].", show_default="the standards'")
+    ] = None,
+    friction: Annotated[
+        float | None, typer.Option(help="Friction of the road [-].", show_default="the standards'")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -38,8 +70,8 @@ def assess(
 ) -> None:
     """Drive a vehicle through standard manoeuvres and compare it with the limits of the standards.
 
-    The manoeuvres: turn by 90 degrees, European roundabout, lane change of ISO 14791, straight road with cross-fall,
-    steer pulse for yaw damping, and tilt for the static rollover threshold. A missed limit is a result, not an error.
+    A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
+    --friction) are not compared with limits.
     """
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.standards.assessment import assess as driven
@@ -56,6 +88,8 @@ def assess(
             assessment = driven(
                 chosen,
                 trailer_steering=trailer_steering,
+                manoeuvres=_words(manoeuvres),
+                conditions=_conditions(hand, speed, radius, friction),
                 progress=progress_bar(display, f"assess {chosen.name}"),
             )
         write_assessment(assessment, directory)
@@ -65,11 +99,53 @@ def assess(
             _print(assessment, directory)
 
 
-def _print(assessment: Assessment, directory: Path) -> None:
+assess.__doc__ = f"{inspect.cleandoc(assess.__doc__ or '')}\n\n{_listing()}"
+
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",")]
+
+
+def _conditions(
+    hand: Hands, speed: float | None, radius: float | None, friction: float | None
+) -> tuple[Conditions, ...]:
+    from scenarios.standards.conditions import Conditions, Hand
+
+    hands: dict[Hands, tuple[Hand, ...]] = {"left": ("left",), "right": ("right",), "both": ("left", "right")}
+    metres_per_second = None if speed is None else speed / 3.6
+    return tuple(Conditions(hand=one, speed=metres_per_second, radius=radius, friction=friction) for one in hands[hand])
+
+
+def _print(matrix: AssessmentMatrix, directory: Path) -> None:
     console = PlainConsole()
-    console.print(_figures(assessment))
-    console.print(_levels(assessment))
+    if len(matrix.cases) > 1:
+        console.print(_matrix(matrix))
+    else:
+        (case,) = matrix.cases
+        console.print(_figures(case))
+        if case.judgements:
+            console.print(_levels(case))
+    for warning in matrix.warnings:
+        console.print(f"Warning: {warning}", soft_wrap=True, style="yellow")
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def _matrix(matrix: AssessmentMatrix) -> Table:
+    """All quantities over the cases, with the levels reached; the report names the limits."""
+    from scenarios.standards.assessment_page import matrix_table
+
+    shown = matrix_table(matrix)
+    table = Table(
+        title=f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)", title_justify="left"
+    )
+    for column in shown.columns:
+        table.add_column(column.title, justify="right" if column.kind == "number" else "left")
+    styles = {"bad": "red", "good": "green"}
+    for row in shown.rows:
+        cells = [("", cell) if isinstance(cell, str) else (styles.get(cell.emphasis, ""), cell.text) for cell in row]
+        bold = len(cells) == 1
+        table.add_row(*(Text(text, style="bold" if bold else style) for style, text in cells))
+    return table
 
 
 def _figures(assessment: Assessment) -> Table:

@@ -159,6 +159,7 @@ def _result(session: TrailerSession) -> RunResult:
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
         circle_centre=parts.course.surface_centre,
+        arcs=parts.course.arcs,
         timing=session.stopwatch.timing(session.tick * TICK),
         frames=_camera_frames(session),
         manifest={

@@ -101,6 +101,28 @@ class TurnOptions(CourseOptions):
         )
 
 
+class AxleTurnOptions(CourseOptions):
+    """The turn of AASHTO's design vehicles and the CTSW study: the front axle's centre on an arc, tangent both ends."""
+
+    kind: Literal["axle-turn"] = option("Kind of the course.")
+    direction: Literal["left", "right"] = option("Direction of the turn.", "left")
+    radius: float = quantity(12.497, "m", 8.0, 100.0, "Radius of the front axle's centre; 12.497 m is 41 ft.")
+    turn_deg: float = quantity(90.0, "deg", 10.0, 360.0, "Angle of the turn; AASHTO's templates have up to 180.")
+    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the turn.")
+    exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the turn.")
+
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Build the course for a tractor at a set speed [m/s]."""
+        return courses.axle_turn(
+            axle_x=tractor.steered_axles[0].x,
+            direction=self.direction,
+            radius=self.radius,
+            turn=math.radians(self.turn_deg),
+            entry=self.entry,
+            exit=self.exit,
+        )
+
+
 class LaneChangeOptions(CourseOptions):
     """The single lane change of ISO 14791, at the scenario's set speed."""
 
@@ -170,6 +192,7 @@ COURSES: Final = (
     FigureOfEightOptions,
     ConstantSlipOptions,
     TurnOptions,
+    AxleTurnOptions,
     LaneChangeOptions,
     StraightOptions,
     SegmentsOptions,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scenarios.results import metrics
 from scenarios.results.log import Log
-from scenarios.results.swept_path import UnitOutline
+from scenarios.results.swept_path import TurnArc, UnitOutline
 from scenarios.results.timing import Timing
 from vehicle.frames import FloatArray
 
@@ -50,6 +50,7 @@ class RunResult:
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float  # [m]
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
+    arcs: tuple[TurnArc, ...] = ()  # turns of the course
     timing: Timing
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
     manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images

@@ -55,7 +55,9 @@ def swept(result: RunResult) -> SweptPath:
     """Swept path of the run; NaN throughout if it ended before the vehicle had moved."""
     if len(result.log) < 2:
         return SweptPath(math.nan, math.nan, math.nan, math.nan, math.nan)
-    return swept_path(result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre)
+    return swept_path(
+        result.units, tuple(result.poses(unit) for unit in result.units), result.circle_centre, result.arcs
+    )
 
 
 def _off_tracking(result: RunResult, trailer: str) -> Numbers:

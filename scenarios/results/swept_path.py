@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,14 @@ _QUARTER_TURN = 0.5 * math.pi
 _TURN = math.radians(10.0)  # a smaller change of heading is a lane change, not a turn
 _STATION_SPACING = 0.25  # [m] between the cross-sections in which the width is measured
 _ROW_SPACING = 0.1  # [m] of travel between the outlines used; the path in between is almost straight
+
+
+class TurnArc(NamedTuple):
+    """A turn of constant curvature."""
+
+    centre: tuple[float, float]  # [m]
+    start: float  # heading where it begins [rad]
+    turn: float  # change of heading, + left [rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +62,7 @@ class SweptPath:
     """Space used by a run; NaN for what does not apply to its course."""
 
     max_width: float  # [m]
-    min_inner_radius: float  # about the roundabout's centre [m]
+    min_inner_radius: float  # about the centre of the turn [m]
     max_outer_radius: float  # [m]
     tail_swing_entry: float  # at the entry of the first turn [m]
     tail_swing_exit: float  # at the exit of the last turn [m]
@@ -65,15 +74,19 @@ class SweptPath:
 
 
 def swept_path(
-    outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...], circle_centre: tuple[float, float] | None
+    outlines: tuple[UnitOutline, ...],
+    poses: tuple[FloatArray, ...],
+    circle_centre: tuple[float, float] | None,
+    arcs: Sequence[TurnArc] = (),
 ) -> SweptPath:
     """Swept path of the combination whose units have these outlines and poses; unit 0 is the tractor.
 
-    On a roundabout the width is the outer minus the inner radius; elsewhere see :func:`width_across_path`.
+    On a roundabout the width is the outer minus the inner radius; elsewhere see :func:`width_across_path`, and the
+    inner radius is that of the ``arcs``.
     """
     swings = tail_swings(outlines, poses)
     if circle_centre is None:
-        return SweptPath(width_across_path(outlines, poses), math.nan, math.nan, *swings)
+        return SweptPath(width_across_path(outlines, poses), inner_radius(outlines, poses, arcs), math.nan, *swings)
     inner, outer = swept_radii(outlines, poses, circle_centre)
     return SweptPath(outer - inner, inner, outer, *swings)
 
@@ -102,6 +115,23 @@ def swept_radii(
             radius = np.hypot(points[..., 0] - centre[0], points[..., 1] - centre[1])[on_circle]
             radii.extend((float(radius.min()), float(radius.max())) if radius.size else ())
     return (min(inner), max(outer)) if len(inner) > 1 and len(outer) > 1 else (math.nan, math.nan)
+
+
+def inner_radius(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray], arcs: Sequence[TurnArc]) -> float:
+    """Smallest distance [m] of any body from the centre of the turn that it drives; NaN without a turn.
+
+    ``arcs`` are the turns of the guided point's path. Of each turn the sector counts in which the path bends.
+    """
+    smallest = math.inf
+    for centre, start, turn in arcs:
+        side = math.copysign(1.0, turn)
+        entry = start - side * _QUARTER_TURN  # direction from the centre to the arc's beginning
+        for outline, pose in zip(outlines, poses, strict=True):
+            away = _nearest_points(outline, pose, centre)[:, 0] - np.array(centre)
+            angle = np.mod(side * (np.arctan2(away[:, 1], away[:, 0]) - entry), 2.0 * math.pi)
+            radius = np.hypot(*away[angle <= abs(turn)].T)
+            smallest = min(smallest, float(radius.min(initial=math.inf)))
+    return smallest if math.isfinite(smallest) else math.nan
 
 
 def _nearest_points(outline: UnitOutline, poses: FloatArray, centre: tuple[float, float]) -> FloatArray:

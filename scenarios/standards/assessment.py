@@ -1,42 +1,41 @@
-"""Assessment of a combination: all standard manoeuvres, driven on several cores, compared with the standards."""
+"""Assessment of a combination: standard manoeuvres in load cases and to both hands, compared with the standards."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress
-from scenarios.standards.lane_change import lane_change
+from scenarios.standards.catalogue import KINDS, STANDARD_SET, check_conditions, chosen
+from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.levels import Judgement, judged
-from scenarios.standards.low_speed import roundabout, turn
 from scenarios.standards.manoeuvre import Figures, Manoeuvre
-from scenarios.standards.pulse import pulse
-from scenarios.standards.straight import straight
 from scenarios.standards.theory import linear_figures
-from scenarios.standards.tilt import tilt
+from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle
 
-MANOEUVRES: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # in the order of the report
-_LONGEST_FIRST: Final = ("roundabout", "lane_change", "turn", "straight", "tilt", "pulse")
-_DRIVEN: Final = {
-    "turn": turn,
-    "roundabout": roundabout,
-    "lane_change": lane_change,
-    "straight": straight,
-    "pulse": pulse,
-}
+MANOEUVRES: Final = STANDARD_SET  # in the order of the report
+AS_IN_FILE: Final = "full"  # load case of a vehicle as its file describes it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessment:
-    """A combination in all standard manoeuvres."""
+    """A combination in one load case, in standard manoeuvres to one hand."""
 
     vehicle: Vehicle
     trailer_steering: str
     manoeuvres: tuple[Manoeuvre, ...]
     linear: Figures  # by linear theory, where it applies
+    load: str = AS_IN_FILE
+    conditions: Conditions = STANDARD
+
+    @property
+    def name(self) -> str:
+        """Name of the case: load and hand."""
+        return f"{self.load}, {self.conditions.hand}"
 
     @property
     def figures(self) -> Figures:
@@ -45,10 +44,14 @@ class Assessment:
 
     @property
     def judgements(self) -> tuple[Judgement, ...]:
-        """All criteria of the standards that apply, compared with the measured quantities."""
+        """All criteria of the standards that apply, compared with the measured quantities.
+
+        Manoeuvres under other conditions than the standard's are not compared.
+        """
         applicable = {
             name: value
             for manoeuvre in self.manoeuvres
+            if not KINDS[manoeuvre.key].differs(self.conditions)
             for name, value in manoeuvre.figures.items()
             if math.isfinite(value) or manoeuvre.outcome != "completed"
         }
@@ -57,8 +60,6 @@ class Assessment:
     def summary(self) -> dict[str, Any]:
         """The assessment for JSON; null where a quantity could not be measured."""
         return {
-            "vehicle": self.vehicle.name,
-            "trailer_steering": self.trailer_steering,
             "manoeuvres": {
                 manoeuvre.key: {"outcome": manoeuvre.outcome, **_finite(manoeuvre.figures)}
                 for manoeuvre in self.manoeuvres
@@ -68,38 +69,107 @@ class Assessment:
         }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AssessmentMatrix:
+    """A combination in all chosen load cases and hands."""
+
+    vehicle: Vehicle  # as its file describes it
+    cases: tuple[Assessment, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Contradictions between the vehicle's numbers, in any load case."""
+        lines = ((case.load, line) for case in self.cases for line in data_sheet(case.vehicle).warnings)
+        return tuple(dict.fromkeys(line if load == AS_IN_FILE else f"{load}: {line}" for load, line in lines))
+
+    def summary(self) -> dict[str, Any]:
+        """The assessment for JSON: the first case at the top, and all of them in ``cases``."""
+        first = self.cases[0]
+        return {
+            "vehicle": self.vehicle.name,
+            "trailer_steering": first.trailer_steering,
+            **first.summary(),
+            "warnings": list(self.warnings),
+            "conditions": {
+                "speed_kmh": None if first.conditions.speed is None else round(3.6 * first.conditions.speed, 6),
+                "radius_m": first.conditions.radius,
+                "friction": first.conditions.friction,
+            },
+            "cases": [{"load": case.load, "hand": case.conditions.hand, **case.summary()} for case in self.cases],
+        }
+
+
 def assess(
-    vehicle: Vehicle, *, trailer_steering: str = "none", progress: Progress = no_progress, processes: int | None = None
-) -> Assessment:
-    """Drive a combination through every standard manoeuvre.
+    vehicle: Vehicle,
+    *,
+    trailer_steering: str = "none",
+    manoeuvres: Sequence[str] = MANOEUVRES,
+    cases: Sequence[tuple[str, Vehicle]] = (),
+    conditions: Sequence[Conditions] = (STANDARD,),
+    progress: Progress = no_progress,
+    processes: int | None = None,
+) -> AssessmentMatrix:
+    """Drive a combination through standard manoeuvres.
 
     Args:
         vehicle: the combination, laden as in its file.
         trailer_steering: law for the last unit's steered axles, fed with the exact off-tracking; "none" keeps them
             straight.
+        manoeuvres: their names, see ``catalogue.chosen``.
+        cases: names of load cases, and the combination in each; by default the vehicle as it is.
+        conditions: each manoeuvre is driven under each of them. Those without a hand are driven under the first only.
         progress: callback with the number of finished manoeuvres and the title of the last one.
         processes: number of processes; by default one per core.
 
     Raises:
-        ValueError: one line, if the vehicle has no axles for the law to steer, or can not be driven.
+        ValueError: one line, if the vehicle has no axles for the law to steer, or can not be driven, or for an unknown
+            manoeuvre or conditions that it can not be driven under.
     """
-    done: dict[str, Manoeuvre] = {}
-    progress(0, len(MANOEUVRES))
-    tasks = [(key, vehicle, trailer_steering) for key in _LONGEST_FIRST]
-    for _, manoeuvre in as_finished(_driven, tasks, jobs=processes or default_jobs()):
-        done[manoeuvre.key] = manoeuvre
-        progress(len(done), len(MANOEUVRES), manoeuvre.title)
-    return Assessment(
+    kinds, loads = chosen(manoeuvres), tuple(cases) or ((AS_IN_FILE, vehicle),)
+    check_conditions(kinds, conditions[0])
+    tasks = [
+        _Task(case, kind.key, loaded, trailer_steering, condition)
+        for case, ((_, loaded), condition) in enumerate((load, condition) for load in loads for condition in conditions)
+        for kind in kinds
+        if kind.handed or condition is conditions[0]
+    ]
+    done: dict[tuple[int, str], Manoeuvre] = {}
+    progress(0, len(tasks))
+    longest_first = sorted(tasks, key=lambda task: -KINDS[task.key].seconds)
+    for task, manoeuvre in as_finished(_driven, longest_first, jobs=processes or default_jobs()):
+        done[task.case, task.key] = manoeuvre
+        progress(len(done), len(tasks), manoeuvre.title)
+    return AssessmentMatrix(
         vehicle=vehicle,
-        trailer_steering=trailer_steering,
-        manoeuvres=tuple(done[key] for key in MANOEUVRES),
-        linear=linear_figures(vehicle),
+        cases=tuple(
+            Assessment(
+                vehicle=loaded,
+                load=load,
+                conditions=condition,
+                trailer_steering=trailer_steering,
+                manoeuvres=tuple(done[case, kind.key] for kind in kinds if (case, kind.key) in done),
+                linear=linear_figures(loaded, speed=condition.speed),
+            )
+            for case, ((load, loaded), condition) in enumerate(
+                (load, condition) for load in loads for condition in conditions
+            )
+        ),
     )
 
 
-def _driven(task: tuple[str, Vehicle, str]) -> Manoeuvre:
-    key, vehicle, trailer_steering = task
-    return tilt(vehicle) if key == "tilt" else _DRIVEN[key](vehicle, trailer_steering)
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """A manoeuvre to drive."""
+
+    case: int
+    key: str
+    vehicle: Vehicle
+    trailer_steering: str
+    conditions: Conditions
+
+
+def _driven(task: _Task) -> Manoeuvre:
+    return KINDS[task.key].drive(task.vehicle, task.trailer_steering, task.conditions)
 
 
 def _finite(figures: Figures) -> dict[str, float | None]:

@@ -6,24 +6,25 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-import numpy as np
-
-from scenarios.assembly.adapters import outlines
-from scenarios.report import plots
-from scenarios.report.page import Cell, Column, Figure, Page, Row, Section, Table, outcome_verdict, software_section
+from scenarios.report.page import (
+    Cell,
+    Column,
+    Items,
+    Page,
+    Row,
+    Section,
+    Table,
+    outcome_verdict,
+    software_section,
+)
 from scenarios.results.manifest import versions
-from scenarios.results.swept_path import placed
-from scenarios.standards.assessment import Assessment
-from scenarios.standards.lane_change import PEAK
+from scenarios.standards.assessment import Assessment, AssessmentMatrix
+from scenarios.standards.assessment_figures import figures
 from scenarios.standards.levels import Judgement
 from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.motion import lateral_acceleration, point_path, poses
 from scenarios.standards.quantities import BY_NAME
-from scenarios.standards.tilt import threshold
-from vehicle.combination.description import Vehicle
-from vehicle.polyline import arc_length, rows_every
 
-_MOMENTS = 6  # at which the combination is plots.drawn in a plan view
+_BAD: Final = ("none", "missed", "not measured")
 _TOGETHER: Final = "\N{NO-BREAK SPACE}"
 _LEVELS: Final = (
     "The level of each standard that the combination reaches. Limits marked “from memory” were not checked against the "
@@ -31,9 +32,15 @@ _LEVELS: Final = (
 )
 
 
-def assessment_page(assessment: Assessment) -> str:
+_MATRIX: Final = (
+    "Every measured quantity in each case, with the levels of the standards that it reaches. Red: a limit is missed. "
+    "A dash: not measured in this case. Manoeuvres that turn to no side are driven once in each load case."
+)
+
+
+def assessment_page(matrix: AssessmentMatrix) -> str:
     """The page as HTML."""
-    vehicle = assessment.vehicle
+    vehicle, assessment = matrix.vehicle, matrix.cases[0]
     facts = [vehicle.summary, f"{vehicle.mass / 1e3:.1f} t", f"{vehicle.length:.2f} m"]
     if any(unit.steered_axles for unit in vehicle.units[1:]):
         facts.append(f"trailer steering: {assessment.trailer_steering}")
@@ -41,7 +48,7 @@ def assessment_page(assessment: Assessment) -> str:
         title=f"{vehicle.name} · assessment",
         heading=f"{vehicle.name} in standard manoeuvres",
         subtitle=" · ".join(facts),
-        sections=list(_sections(assessment)),
+        sections=list(_sections(matrix)),
     ).html()
 
 
@@ -53,16 +60,57 @@ def bounds_text(judgement: Judgement) -> str:
     return f"{sign}{_TOGETHER}" + " · ".join(bound.replace(" ", _TOGETHER) for bound in bounds)
 
 
-def _sections(assessment: Assessment) -> Iterator[Section]:
-    yield Section("Levels", _LEVELS, [_levels(assessment)])
-    for manoeuvre in assessment.manoeuvres:
-        yield Section(
-            manoeuvre.title,
-            manoeuvre.how,
-            [*_figures(assessment.vehicle, manoeuvre), _measured(assessment, manoeuvre)],
-            outcome_verdict(manoeuvre.outcome),
-        )
+def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
+    if matrix.warnings:
+        yield Section("Warnings", content=[Items(matrix.warnings)])
+    several = len(matrix.cases) > 1
+    if several:
+        yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix)])
+    for case in matrix.cases:
+        ending = f" · {case.name}" if several else ""
+        if case.judgements:
+            yield Section(f"Levels{ending}", _LEVELS, [_levels(case)])
+        for manoeuvre in case.manoeuvres:
+            name = f"{case.load}-{case.conditions.hand}-{manoeuvre.key}" if several else manoeuvre.key
+            yield Section(
+                f"{manoeuvre.title}{ending}",
+                manoeuvre.how,
+                [*figures(case.vehicle, manoeuvre, name), _measured(case, manoeuvre)],
+                outcome_verdict(manoeuvre.outcome),
+            )
     yield software_section(versions())
+
+
+def matrix_table(matrix: AssessmentMatrix) -> Table:
+    """A row for each quantity below the title of its manoeuvre, a column for each case."""
+    rows: list[Row] = []
+    for key in dict.fromkeys(manoeuvre.key for case in matrix.cases for manoeuvre in case.manoeuvres):
+        driven = [next((one for one in case.manoeuvres if one.key == key), None) for case in matrix.cases]
+        title = next(one.title for one in driven if one is not None)
+        outcomes = [Cell("–") if one is None else outcome_cell(one) for one in driven]
+        rows += [[title], ["outcome", *outcomes]]
+        for name in dict.fromkeys(name for one in driven if one is not None for name in one.figures):
+            values = [math.nan if one is None else one.figures.get(name, math.nan) for one in driven]
+            if any(math.isfinite(value) for value in values):
+                cells = [judged_cell(case, name, value) for case, value in zip(matrix.cases, values, strict=True)]
+                rows.append([BY_NAME[name].label, *cells])
+    return Table((Column("name"), *(Column("number", case.name) for case in matrix.cases)), rows)
+
+
+def outcome_cell(manoeuvre: Manoeuvre) -> Cell:
+    """Outcome of a manoeuvre in a case."""
+    return Cell(manoeuvre.outcome, "good" if manoeuvre.outcome == "completed" else "bad")
+
+
+def judged_cell(case: Assessment, name: str, value: float) -> Cell:
+    """A measured quantity with the levels that it reaches."""
+    judgements = [judgement for judgement in case.judgements if judgement.criterion.quantity == name]
+    reached = [judgement.reached for judgement in judgements]
+    text = BY_NAME[name].text(value)
+    if not judgements or not math.isfinite(value):
+        return Cell(text)
+    bad = any(one in _BAD for one in reached)
+    return Cell(f"{text} ({', '.join(dict.fromkeys(reached))})", "bad" if bad else "good")
 
 
 def _levels(assessment: Assessment) -> Table:
@@ -70,7 +118,7 @@ def _levels(assessment: Assessment) -> Table:
     rows: list[Row] = []
     for judgement in assessment.judgements:
         criterion, quantity = judgement.criterion, BY_NAME[judgement.criterion.quantity]
-        bad = judgement.reached in ("none", "missed", "not measured")
+        bad = judgement.reached in _BAD
         rows.append(
             [
                 quantity.label,
@@ -94,92 +142,3 @@ def _measured(assessment: Assessment, manoeuvre: Manoeuvre) -> Table:
             rows.append([quantity.label, quantity.text(value), *linear, quantity.meaning])
     numbers = [Column("number", "measured"), Column("number", "linear theory")] if theory else [Column("number")]
     return Table([Column("name"), *numbers, Column("note")], rows)
-
-
-def _figures(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Iterator[Figure]:
-    """The figures of a manoeuvre; none if it ended before anything had moved."""
-    if len(manoeuvre.log) < 2:
-        return
-    if manoeuvre.key in ("turn", "roundabout"):
-        yield _plan(vehicle, manoeuvre)
-    elif manoeuvre.key == "lane_change":
-        yield _paths(vehicle, manoeuvre, (45.0, 330.0))
-        yield _accelerations(vehicle, manoeuvre)
-    elif manoeuvre.key == "straight":
-        yield _paths(vehicle, manoeuvre, None)
-    elif manoeuvre.key == "pulse":
-        yield _yaw_rates(vehicle, manoeuvre)
-    else:
-        yield _load_transfers(vehicle, manoeuvre)
-
-
-def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
-    """Swept path from above, the combination at some moments, and the path of the guided point."""
-    moved = [poses(manoeuvre.log, unit.name) for unit in vehicle.units]
-    swept = [placed(body.corners, pose) for body, pose in zip(outlines(vehicle), moved, strict=True)]
-    path = moved[0][:, :2]
-    along = arc_length(path)
-    with plots.plan_drawn(manoeuvre.key, swept, tallest=7.0) as (drawing, ax):
-        rows = rows_every(path, 0.2)
-        plots.swept_bodies(ax, [corners[rows] for corners in swept])
-        moments = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
-        for corners in swept:
-            plots.outlines(ax, corners[moments])
-        if manoeuvre.course is not None:
-            ax.plot(
-                *manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label="path of the guided point", zorder=4
-            )
-    return drawing.content
-
-
-def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, span: tuple[float, float] | None) -> Figure:
-    """Lateral positions of the first and the last axle over the position along the road, stretched."""
-    first, last = vehicle.units[0], vehicle.units[-1]
-    front = point_path(manoeuvre.log, first.name, first.steered_axles[0].x)
-    rear = point_path(manoeuvre.log, last.name, last.axles[-1].x)
-    with plots.drawn(f"{manoeuvre.key}-paths") as (drawing, ax):
-        ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
-        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({last.name})", zorder=5)
-        if manoeuvre.course is not None:
-            ax.plot(
-                *manoeuvre.course.T, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6
-            )
-        ax.set(xlim=span or (0.0, float(front[-1, 0])), xlabel="along the road [m]", ylabel="lateral [m], + left")
-    return drawing.content
-
-
-def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
-    """Lateral acceleration of the front axle and of every trailer's centre of gravity over time."""
-    log, tractor = manoeuvre.log, vehicle.units[0]
-    with plots.drawn(f"{manoeuvre.key}-accelerations") as (drawing, ax):
-        front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
-        ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
-        for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
-            ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
-        plots.limit_lines(ax, PEAK, "0.15 g", colour=plots.GREY)
-        plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
-    return drawing.content
-
-
-def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
-    """Yaw rate of every unit over time."""
-    log = manoeuvre.log
-    with plots.drawn(manoeuvre.key) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
-        plots.over_time(ax, log["time"][log["time"] <= 8.0], "yaw rate [°/s]")
-    return drawing.content
-
-
-def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre) -> Figure:
-    """Load transfer of every unit over the slope of the tilt table."""
-    log = manoeuvre.log
-    with plots.drawn(manoeuvre.key) as (drawing, ax):
-        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
-            transfer = np.abs(log[f"load_transfer_{unit.name}"])
-            ax.plot(log["slope"], transfer, color=colour, label=unit.name)
-            ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
-        ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
-        ax.set(xlim=(0.0, 1.05 * max(threshold(log, unit.name) for unit in vehicle.units)), ylim=(0.0, 1.08))
-        ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
-    return drawing.content

@@ -7,12 +7,14 @@ from pathlib import Path
 
 from scenarios.results.log import write_log
 from scenarios.results.run_directory import appearing_at_once
-from scenarios.standards.assessment import Assessment
+from scenarios.standards.assessment import AssessmentMatrix
 from scenarios.standards.assessment_page import assessment_page
 
 
-def write_assessment(assessment: Assessment, directory: Path) -> None:
+def write_assessment(assessment: AssessmentMatrix, directory: Path) -> None:
     """Write ``report.html``, ``assessment.json`` and ``<manoeuvre>.parquet``; the directory appears complete.
+
+    With several cases the logs are ``<load>-<hand>-<manoeuvre>.parquet``.
 
     Raises:
         ValueError: if the directory exists and is not empty.
@@ -20,5 +22,7 @@ def write_assessment(assessment: Assessment, directory: Path) -> None:
     with appearing_at_once(directory) as folder:
         (folder / "report.html").write_text(assessment_page(assessment), encoding="utf-8")
         (folder / "assessment.json").write_text(json.dumps(assessment.summary(), indent=2) + "\n", encoding="utf-8")
-        for manoeuvre in assessment.manoeuvres:
-            write_log(manoeuvre.log, folder / f"{manoeuvre.key}.parquet")
+        for case in assessment.cases:
+            before = f"{case.load}-{case.conditions.hand}-" if len(assessment.cases) > 1 else ""
+            for manoeuvre in case.manoeuvres:
+                write_log(manoeuvre.log, folder / f"{before}{manoeuvre.key}.parquet")

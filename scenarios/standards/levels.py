@@ -1,6 +1,7 @@
-"""Limits of the standards, each with its source, and the levels that a combination reaches.
+"""Limits of the standards, each with document and clause, and the levels that a combination reaches.
 
-Most of these numbers are from memory, not from the text of the standards; the tables that show them say so.
+Most of these numbers are from memory, not from the text of the standards; the tables that show them say so. A clause
+that is cited from memory is marked in the same way.
 """
 
 from __future__ import annotations
@@ -12,9 +13,12 @@ from typing import Final
 from scenarios.standards.manoeuvre import Figures
 
 _PBS: Final = "PBS (Australia)"
-_MEMORY: Final = "from memory"
-_DIRECTIVE: Final = "97/27/EC"
 _SWEDISH: Final = "HCT (Sweden), typical"
+_OPENPBS: Final = "OpenPBS documentation, read; it names no clause, so take the number as from memory"
+
+
+def _pbs(clause: str, note: str = "") -> str:
+    return f"from memory: PBS Scheme, The Standards and Vehicle Assessment Rules, {clause}{note}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,35 +77,51 @@ def _single(bound: float) -> tuple[tuple[str, float], ...]:
 
 
 CRITERIA: Final = (
-    Criterion("swept_path_m", _PBS, _levels(7.4, 8.7, 10.6, 13.7), source=_MEMORY),
-    Criterion("swept_path_m", _SWEDISH, _single(8.5), source="OpenPBS documentation"),
-    Criterion("frontal_swing_m", _PBS, _single(0.7), source=_MEMORY),
-    Criterion("frontal_swing_mod_m", _PBS, _single(0.4), source=_MEMORY),
-    Criterion("frontal_swing_dom_m", _PBS, _single(0.2), source=_MEMORY),
-    Criterion("tail_swing_entry_m", _PBS, _levels(0.30, 0.35, 0.35, 0.50), source=_MEMORY),
+    Criterion("swept_path_m", _PBS, _levels(7.4, 8.7, 10.6, 13.7), source=_pbs("C7")),
+    Criterion("swept_path_m", _SWEDISH, _single(8.5), source=_OPENPBS),
+    Criterion("frontal_swing_m", _PBS, _single(0.7), source=_pbs("C8")),
+    Criterion("frontal_swing_mod_m", _PBS, _single(0.4), source=_pbs("C8")),
+    Criterion("frontal_swing_dom_m", _PBS, _single(0.2), source=_pbs("C8")),
+    Criterion("tail_swing_entry_m", _PBS, _levels(0.30, 0.35, 0.35, 0.50), source=_pbs("C9")),
     Criterion(
         "tail_swing_exit_m",
         _PBS,
         _levels(0.30, 0.35, 0.35, 0.50),
-        source="from memory, for the entry; applied to the exit too, as steered trailers swing there",
+        source=_pbs("C9", "; for the entry; applied to the exit too, as steered trailers swing there"),
     ),
-    Criterion("steer_friction_demand", _PBS, _single(0.80), source=_MEMORY),
+    Criterion("steer_friction_demand", _PBS, _single(0.80), source=_pbs("C10")),
     Criterion(
-        "roundabout_inner_radius_m", _DIRECTIVE, _single(5.30), at_most=False, source="extracts of 97/27/EC 7.6.1, read"
+        "roundabout_inner_radius_m",
+        "96/53/EC",
+        _single(5.30),
+        at_most=False,
+        source="96/53/EC, annex I, 1.5; wording read in an extract, number of the clause from memory",
     ),
-    Criterion("roundabout_tail_swing_m", _DIRECTIVE, _single(0.80), source="from memory, for rigid vehicles on entry"),
+    Criterion(
+        "roundabout_inner_radius_m",
+        "97/27/EC",
+        _single(5.30),
+        at_most=False,
+        source="97/27/EC, annex I, 7.6.1, read in extracts",
+    ),
+    Criterion(
+        "roundabout_tail_swing_m",
+        "97/27/EC",
+        _single(0.80),
+        source="from memory: 97/27/EC, annex I, 7.6.2, for rigid vehicles on entry",
+    ),
     Criterion(
         "rearward_amplification",
         _PBS,
         _single(5.7),
         times="rollover_threshold_g",
-        source="from memory: 5.7 times the static rollover threshold in g",
+        source=_pbs("C12", ": 5.7 times the static rollover threshold in g"),
     ),
-    Criterion("transient_off_tracking_m", _PBS, _levels(0.6, 0.8, 1.0, 1.2), source=_MEMORY),
-    Criterion("tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_MEMORY),
-    Criterion("yaw_damping", _PBS, _single(0.15), at_most=False, source=_MEMORY),
+    Criterion("transient_off_tracking_m", _PBS, _levels(0.6, 0.8, 1.0, 1.2), source=_pbs("C13")),
+    Criterion("tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_pbs("C5")),
+    Criterion("yaw_damping", _PBS, _single(0.15), at_most=False, source=_pbs("C14")),
     Criterion(
-        "rollover_threshold_g", _PBS, (("dangerous goods", 0.40), ("general", 0.35)), at_most=False, source=_MEMORY
+        "rollover_threshold_g", _PBS, (("dangerous goods", 0.40), ("general", 0.35)), at_most=False, source=_pbs("C11")
     ),
-    Criterion("rollover_acceleration_m_s2", _SWEDISH, _single(3.5), at_most=False, source="OpenPBS documentation"),
+    Criterion("rollover_acceleration_m_s2", _SWEDISH, _single(3.5), at_most=False, source=_OPENPBS),
 )

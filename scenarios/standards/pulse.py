@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import articulation, damping
 from scenarios.standards.pilots import SteerProgramme, half_sine
@@ -26,23 +27,25 @@ _START: Final = 0.5  # [s]
 _LENGTH: Final = 12.0  # of the test [s]
 
 
-def pulse(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
-    """Steer pulse to the left, then steering held straight."""
+def pulse(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
+    """Steer pulse, by default to the left, then steering held straight."""
     count = round(_LENGTH / (PERIOD * TICK))
-    angles = half_sine(_STEER, _DURATION, _START, count, PERIOD)
+    speed, friction = conditions.speed_or(SPEED), conditions.friction_or(_FRICTION)
+    angles = half_sine(conditions.side * _STEER, _DURATION, _START, count, PERIOD)
     driven = drive(
         vehicle,
-        Surface(friction=_FRICTION),
-        SteerProgramme(angles, SPEED, PERIOD),
+        Surface(friction=friction),
+        SteerProgramme(angles, speed, PERIOD),
         trailer_steering=trailer_steering,
-        speed=SPEED,
+        speed=speed,
         done=lambda truth: truth.tick >= count * PERIOD,
         patience=2.0 * _LENGTH,
     )
     return Manoeuvre(
         key="pulse",
         title="Yaw damping after a steer pulse",
-        how="80 km/h, half a sine of 2° and 0.3 s at the road wheels, steering held straight afterwards, friction 0.8.",
+        how=f"{3.6 * speed:g} km/h, half a sine of 2° and 0.3 s to the {conditions.hand} at the road wheels, steering "
+        f"held straight afterwards, friction {friction:g}.",
         outcome=driven.outcome,
         figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven)),
         log=driven.log,

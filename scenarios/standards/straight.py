@@ -12,6 +12,7 @@ from scenarios.courses import PREVIEW
 from scenarios.courses import straight as straight_course
 from scenarios.results.log import Log
 from scenarios.results.swept_path import placed
+from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import point_path, poses
 from scenarios.standards.proving_ground import drive
@@ -30,29 +31,30 @@ _SEED: Final = 1  # of the road's profile, the same for every combination
 _STATION: Final = 0.5  # between cross-sections [m]: the distance travelled per row of the log
 
 
-def straight(vehicle: Vehicle, trailer_steering: str) -> Manoeuvre:
+def straight(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STANDARD) -> Manoeuvre:
     """One kilometre of straight road at 90 km/h with a driver who keeps the line."""
     axle_x = vehicle.units[0].steered_axles[0].x
-    course = straight_course(front_x=axle_x + PREVIEW * SPEED, length=_LENGTH)
+    speed, friction = conditions.speed_or(SPEED), conditions.friction_or(_FRICTION)
+    course = straight_course(front_x=axle_x + PREVIEW * speed, length=_LENGTH)
     surface = Surface(
-        friction=_FRICTION,
+        friction=friction,
         cross_fall=CROSS_FALL,
         roughness=Roughness(profile=RoughProfile(np.random.default_rng(_SEED), ROUGHNESS)),
     )
     driven = drive(
         vehicle,
         surface,
-        PreviewDriver(tractor_geometry(vehicle, course), course.path, SPEED),
+        PreviewDriver(tractor_geometry(vehicle, course), course.path, speed),
         trailer_steering=trailer_steering,
-        speed=SPEED,
+        speed=speed,
         done=lambda truth: bool(truth.poses[0, 0] >= _LENGTH),
-        patience=2.0 * _LENGTH / SPEED,
+        patience=2.0 * _LENGTH / speed,
     )
     return Manoeuvre(
         key="straight",
         title="Tracking on a straight road",
-        how="90 km/h over 1000 m of straight road with 3 % cross-fall to the right and roughness of class B in ISO "
-        "8608, friction 0.8.",
+        how=f"{3.6 * speed:g} km/h over 1000 m of straight road with 3 % cross-fall to the right and roughness of "
+        f"class B in ISO 8608, friction {friction:g}.",
         outcome=driven.outcome,
         figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven.log)),
         log=driven.log,

@@ -18,19 +18,24 @@ _LENGTH = 41.0  # of the periodic lane change [s]: all motion decays in the last
 _STEP = 0.01  # [s]
 
 
-def linear_figures(vehicle: Vehicle, *, tyre_dynamics: bool = True) -> Figures:
+def linear_figures(vehicle: Vehicle, *, speed: float | None = None, tyre_dynamics: bool = True) -> Figures:
     """Figures by linear theory, with the names of the measured ones; without those that do not apply.
 
-    Without ``tyre_dynamics`` tyres, roll and hitch forces follow without lag.
+    Without ``speed`` [m/s] the manoeuvres have their own. Without ``tyre_dynamics`` tyres, roll and hitch forces follow
+    without lag.
     """
     return {
-        "yaw_damping": yaw_damping(vehicle, pulse.SPEED, tyre_dynamics=tyre_dynamics),
+        "yaw_damping": yaw_damping(vehicle, speed or pulse.SPEED, tyre_dynamics=tyre_dynamics),
         "rollover_threshold_g": static_rollover_threshold(vehicle) / GRAVITY,
-        **(_lane_change(vehicle, tyre_dynamics=tyre_dynamics) if len(vehicle.units) > 1 else {}),
+        **(
+            _lane_change(vehicle, speed or lane_change.SPEED, tyre_dynamics=tyre_dynamics)
+            if len(vehicle.units) > 1
+            else {}
+        ),
     }
 
 
-def _lane_change(vehicle: Vehicle, *, tyre_dynamics: bool) -> Figures:
+def _lane_change(vehicle: Vehicle, speed: float, *, tyre_dynamics: bool) -> Figures:
     """Lane change with the front axle exactly on its path.
 
     Ratios of frequency responses give all motions from the front axle's; the steer cancels. The last axle is farthest
@@ -41,7 +46,7 @@ def _lane_change(vehicle: Vehicle, *, tyre_dynamics: bool) -> Figures:
     f = np.fft.rfftfreq(count, _STEP)[1:]  # 0 Hz is omitted: the mean of one sine period is 0
     s = 2j * math.pi * f
     kinds: tuple[OutputKind, ...] = ("lateral_acceleration", "yaw_rate", "axle_position")
-    model = lateral_model(vehicle, lane_change.SPEED, outputs=kinds, path=True, tyre_dynamics=tyre_dynamics)
+    model = lateral_model(vehicle, speed, outputs=kinds, path=True, tyre_dynamics=tyre_dynamics)
     response = {name: model.response(name, f) for name in model.outputs}
     last, axle = len(vehicle.units) - 1, sum(len(unit.axles) for unit in vehicle.units) - 1
     front = response["axle_position_0"] * s**2

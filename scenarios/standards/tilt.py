@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from scenarios.results.log import Log, Signal
+from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.proving_ground import PERIOD, drive_log
 from vehicle.clock import TICK
@@ -40,7 +41,7 @@ class TiltTable(Surface):
         """Skip the limits of a road: its slope is at most 0.2."""
 
 
-def tilt(vehicle: Vehicle) -> Manoeuvre:
+def tilt(vehicle: Vehicle, trailer_steering: str = "none", conditions: Conditions = STANDARD) -> Manoeuvre:
     """Tilt the combination on a table, left side up."""
     slopes, truths, outcome = _tilted(vehicle)
     slope = Signal("slope", "-", "lateral slope of the table, + left side up")

@@ -44,7 +44,7 @@ from scenarios.results.rover import RoverResult, rover_summary
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 from scenarios.results.timing import Timing
-from scenarios.standards.assessment import Assessment
+from scenarios.standards.assessment import Assessment, AssessmentMatrix
 from scenarios.standards.assessment_page import assessment_page
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.studies.case import Case, Outcome
@@ -188,7 +188,8 @@ def assessment_html(_: RunResult) -> str:
     vehicle = vehicle.model_copy(update={"name": BAD, "summary": BAD, "units": units})
     log = table_log(("time", "s"), ("yaw_rate_tractor", "rad/s"), (f"yaw_rate_{BAD}", "rad/s"))
     pulse = Manoeuvre(key="pulse", title=BAD, how=BAD, outcome=BAD, figures={"yaw_damping": math.nan}, log=log)
-    return assessment_page(Assessment(vehicle=vehicle, trailer_steering=BAD, manoeuvres=(pulse,), linear={}))
+    case = Assessment(vehicle=vehicle, trailer_steering=BAD, manoeuvres=(pulse,), linear={})
+    return assessment_page(AssessmentMatrix(vehicle=vehicle, cases=(case,)))
 
 
 def validation_html(_: RunResult) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from controllers.path import Path, arc, line
 from scenarios.results.swept_path import UnitOutline, tail_swings
-from scenarios.standards.low_speed import front_reach, reach
+from scenarios.standards.reach import front_reach, reach
 from vehicle.frames import FloatArray, Pose2
 
 BODY = UnitOutline("truck", 6.0, -2.0, 2.5, (5.0, 0.0), (2.0, 2.0))

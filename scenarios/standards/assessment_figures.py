@@ -1,0 +1,114 @@
+"""Figures of the standard manoeuvres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import numpy as np
+
+from scenarios.assembly.adapters import outlines
+from scenarios.report import plots
+from scenarios.report.page import Figure
+from scenarios.results.swept_path import placed
+from scenarios.standards.lane_change import PEAK
+from scenarios.standards.manoeuvre import Manoeuvre
+from scenarios.standards.motion import lateral_acceleration, point_path, poses
+from scenarios.standards.tilt import threshold
+from vehicle.combination.description import Vehicle
+from vehicle.polyline import arc_length, rows_every
+
+_MOMENTS: Final = 6  # at which the combination is drawn in a plan view
+_CHANGE: Final = (45.0, 330.0)  # of the lane change along the road [m]
+
+
+def figures(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
+    """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
+    if len(manoeuvre.log) >= 2:
+        yield from (draw(vehicle, manoeuvre, name) for draw in _FIGURES.get(manoeuvre.key, ()))
+
+
+def _plan(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Swept path from above, the combination at some moments, and the path of the guided point."""
+    moved = [poses(manoeuvre.log, unit.name) for unit in vehicle.units]
+    swept = [placed(body.corners, pose) for body, pose in zip(outlines(vehicle), moved, strict=True)]
+    path = moved[0][:, :2]
+    along = arc_length(path)
+    with plots.plan_drawn(name, swept, tallest=7.0) as (drawing, ax):
+        rows = rows_every(path, 0.2)
+        plots.swept_bodies(ax, [corners[rows] for corners in swept])
+        moments = np.minimum(np.searchsorted(along, np.linspace(0.0, along[-1], _MOMENTS)), len(along) - 1)
+        for corners in swept:
+            plots.outlines(ax, corners[moments])
+        if manoeuvre.course is not None:
+            ax.plot(
+                *manoeuvre.course.T, color=plots.ESTIMATED, linewidth=1.3, label="path of the guided point", zorder=4
+            )
+    return drawing.content
+
+
+def _paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str, span: tuple[float, float] | None = None) -> Figure:
+    """Lateral positions of the first and the last axle over the position along the road, stretched."""
+    first, last = vehicle.units[0], vehicle.units[-1]
+    front = point_path(manoeuvre.log, first.name, first.steered_axles[0].x)
+    rear = point_path(manoeuvre.log, last.name, last.axles[-1].x)
+    with plots.drawn(f"{name}-paths") as (drawing, ax):
+        ax.plot(*front.T, color=plots.TRUE, label="front axle", zorder=4)
+        ax.plot(*rear.T, color=plots.ESTIMATED, label=f"last axle ({last.name})", zorder=5)
+        if manoeuvre.course is not None:
+            ax.plot(
+                *manoeuvre.course.T, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="prescribed path", zorder=6
+            )
+        ax.set(xlim=span or (0.0, float(front[-1, 0])), xlabel="along the road [m]", ylabel="lateral [m], + left")
+    return drawing.content
+
+
+def _accelerations(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Lateral acceleration of the front axle and of every trailer's centre of gravity over time."""
+    log, tractor = manoeuvre.log, vehicle.units[0]
+    with plots.drawn(f"{name}-accelerations") as (drawing, ax):
+        front = lateral_acceleration(log, tractor.name, tractor.steered_axles[0].x)
+        ax.plot(log["time"], front, color=plots.INK, linewidth=1.1, label="front axle", zorder=5)
+        for unit, colour in zip(vehicle.units[1:], plots.SERIES[1:], strict=False):
+            ax.plot(log["time"], lateral_acceleration(log, unit.name, unit.cg_x), color=colour, label=unit.name)
+        plots.limit_lines(ax, PEAK, "0.15 g", colour=plots.GREY)
+        plots.over_time(ax, log["time"][log["time"] <= 10.0], "lateral acceleration [m/s²]")
+    return drawing.content
+
+
+def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Yaw rate of every unit over time."""
+    log = manoeuvre.log
+    with plots.drawn(name) as (drawing, ax):
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
+            ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
+        plots.over_time(ax, log["time"][log["time"] <= 8.0], "yaw rate [°/s]")
+    return drawing.content
+
+
+def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Load transfer of every unit over the slope of the tilt table."""
+    log = manoeuvre.log
+    with plots.drawn(name) as (drawing, ax):
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
+            transfer = np.abs(log[f"load_transfer_{unit.name}"])
+            ax.plot(log["slope"], transfer, color=colour, label=unit.name)
+            ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
+        ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
+        ax.set(xlim=(0.0, 1.05 * max(threshold(log, unit.name) for unit in vehicle.units)), ylim=(0.0, 1.08))
+        ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
+    return drawing.content
+
+
+def _change_paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    return _paths(vehicle, manoeuvre, name, _CHANGE)
+
+
+_Draw = Callable[[Vehicle, Manoeuvre, str], Figure]
+_FIGURES: Final[dict[str, tuple[_Draw, ...]]] = {
+    **dict.fromkeys(("turn", "roundabout", "aashto_turn", "ctsw_turn"), (_plan,)),
+    "lane_change": (_change_paths, _accelerations),
+    "straight": (_paths,),
+    "pulse": (_yaw_rates,),
+    "tilt": (_load_transfers,),
+}

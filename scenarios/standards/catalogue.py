@@ -1,0 +1,161 @@
+"""Names of the standard manoeuvres, what each is, and which conditions it takes."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, cast
+
+from vehicle.parameter_file import nearest
+
+if TYPE_CHECKING:
+    from scenarios.standards.conditions import Conditions
+    from scenarios.standards.manoeuvre import Manoeuvre
+    from vehicle.combination.description import Vehicle
+
+    Drive = Callable[[Vehicle, str, Conditions], Manoeuvre]
+
+_KMH: Final = 1.0 / 3.6  # [m/s]
+_SLOW: Final = (1.0 * _KMH, 20.0 * _KMH)  # [m/s]
+_FAST: Final = (30.0 * _KMH, 120.0 * _KMH)  # [m/s]
+_TURNS: Final = (8.0, 100.0)  # [m]
+_FRICTIONS: Final = (0.05, 1.5)  # [-]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """A kind of manoeuvre: its function, and the limits of its conditions; None: it has no such condition."""
+
+    key: str
+    line: str  # what it is
+    function: str  # module:name, called with vehicle, trailer steering law and conditions
+    seconds: float  # of driving, about; longer ones are started first
+    speeds: tuple[float, float] | None = _FAST  # [m/s]
+    radii: tuple[float, float] | None = None  # [m]
+    frictions: tuple[float, float] | None = _FRICTIONS  # [-]
+    handed: bool = True  # it turns to one side first
+
+    @property
+    def drive(self) -> Drive:
+        """The function that drives it."""
+        module, name = self.function.split(":")
+        return cast("Drive", getattr(importlib.import_module(module), name))
+
+    def differs(self, conditions: Conditions) -> bool:
+        """True if the manoeuvre is driven under other conditions than the standard's."""
+        return any(
+            value is not None and limits is not None
+            for value, limits in (
+                (conditions.speed, self.speeds),
+                (conditions.radius, self.radii),
+                (conditions.friction, self.frictions),
+            )
+        )
+
+
+_ROOM: Final = "scenarios.standards"
+KINDS: Final = {
+    kind.key: kind
+    for kind in (
+        Kind(
+            key="turn",
+            line="low-speed turn of performance-based standards: 90°, the outer steered tyre's wall on 12.5 m, 5 km/h",
+            function=f"{_ROOM}.low_speed:turn",
+            seconds=60.0,
+            speeds=_SLOW,
+            radii=_TURNS,
+        ),
+        Kind(
+            key="roundabout",
+            line="EU circle of 96/53/EC: 360° between circles of 12.50 m and 5.30 m, 5 km/h",
+            function=f"{_ROOM}.low_speed:roundabout",
+            seconds=110.0,
+            speeds=_SLOW,
+            radii=_TURNS,
+        ),
+        Kind(
+            key="aashto_turn",
+            line="AASHTO design-vehicle template: 180°, the front axle's centre on 41 ft (12.50 m), 5 km/h",
+            function=f"{_ROOM}.guided_axle:aashto_turn",
+            seconds=80.0,
+            speeds=_SLOW,
+            radii=_TURNS,
+        ),
+        Kind(
+            key="ctsw_turn",
+            line="Comprehensive Truck Size and Weight turn: 90°, the front axle's centre on 41 ft (12.50 m), 5 km/h",
+            function=f"{_ROOM}.guided_axle:ctsw_turn",
+            seconds=60.0,
+            speeds=_SLOW,
+            radii=_TURNS,
+        ),
+        Kind(
+            key="lane_change",
+            line="single lane change of ISO 14791: 0.4 Hz and 0.15 g at the front axle, 88 km/h",
+            function=f"{_ROOM}.lane_change:lane_change",
+            seconds=80.0,
+        ),
+        Kind(
+            key="straight",
+            line="tracking on 1 km of straight rough road with 3 % cross-fall, 90 km/h",
+            function=f"{_ROOM}.straight:straight",
+            seconds=50.0,
+            handed=False,
+        ),
+        Kind(
+            key="pulse",
+            line="steer pulse for the yaw damping, 80 km/h",
+            function=f"{_ROOM}.pulse:pulse",
+            seconds=12.0,
+        ),
+        Kind(
+            key="tilt",
+            line="tilt table for the static rollover threshold",
+            function=f"{_ROOM}.tilt:tilt",
+            seconds=30.0,
+            speeds=None,
+            frictions=None,
+            handed=False,
+        ),
+    )
+}
+STANDARD_SET: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # driven by default
+OTHER_NAMES: Final = {"pbs_turn": "turn", "eu_circle": "roundabout", "iso14791": "lane_change", "tilt_table": "tilt"}
+
+
+def chosen(names: Sequence[str]) -> tuple[Kind, ...]:
+    """Kinds of these names in the order of the report; ``all`` is every kind, ``standard`` those driven by default.
+
+    Raises:
+        ValueError: one line, for an unknown name.
+    """
+    keys: set[str] = set()
+    for name in names:
+        key = OTHER_NAMES.get(name, name)
+        if key not in (*KINDS, "all", "standard"):
+            raise ValueError(f"manoeuvre '{name}' is unknown{nearest(name, (*KINDS, *OTHER_NAMES, 'all', 'standard'))}")
+        keys |= {"all": set(KINDS), "standard": set(STANDARD_SET)}.get(key, {key})
+    return tuple(kind for key, kind in KINDS.items() if key in keys)
+
+
+def check_conditions(kinds: Sequence[Kind], conditions: Conditions) -> None:
+    """Refuse conditions that a manoeuvre can not be driven under, or that none of them has.
+
+    Raises:
+        ValueError: one line.
+    """
+    for name, unit, factor, value, limits in (
+        ("speed", "km/h", 3.6, conditions.speed, [kind.speeds for kind in kinds]),
+        ("radius", "m", 1.0, conditions.radius, [kind.radii for kind in kinds]),
+        ("friction", "", 1.0, conditions.friction, [kind.frictions for kind in kinds]),
+    ):
+        if value is None:
+            continue
+        if not any(limits):
+            raise ValueError(f"--{name}: none of the manoeuvres {', '.join(kind.key for kind in kinds)} has a {name}")
+        for kind, limit in zip(kinds, limits, strict=True):
+            if limit is not None and not limit[0] <= value * (1.0 + 1e-12) <= limit[1] * (1.0 + 2e-12):
+                low, high = (factor * bound for bound in limit)
+                said = f"--{name} {factor * value:g}: {kind.key} is driven at {low:g} to {high:g} {unit}".rstrip()
+                raise ValueError(f"{said}; choose others with --manoeuvres")
