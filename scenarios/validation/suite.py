@@ -10,6 +10,7 @@ from scenarios.validation.integration import integration
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
 from scenarios.validation.no_slip_limit import no_slip_limit
+from scenarios.validation.parking import parking
 from scenarios.validation.roundabout import roundabout
 from scenarios.validation.steady_turns import steady_turns
 from scenarios.validation.tractrix import tractrix
@@ -23,6 +24,7 @@ TASKS: Final = (
     Task(title="Kinematic limit", work=no_slip_limit),
     Task(title="Linear theory", work=linear_theory),
     Task(title="Tyre lag", work=tyre_lag),
+    Task(title="Parking", work=parking),
     Task(title="Mechanics", work=mechanics),
     Task(title="Integrator", work=integration),
 )

@@ -25,6 +25,7 @@ from scenarios.validation.integration import OtherStepPlant
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
 from scenarios.validation.no_slip import RollingChain, poses_along
+from scenarios.validation.parking import parking
 from scenarios.validation.tyre_lag import tyre_lag
 from scenarios.validation.validation_page import validation_page
 from scenarios.validation.vehicles import on_single_axles
@@ -145,9 +146,9 @@ def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, 
 # --- sections that cost little ---
 
 
-@pytest.mark.parametrize("section", [linear_theory, mechanics, tyre_lag])
+@pytest.mark.parametrize("section", [linear_theory, mechanics, tyre_lag, parking])
 def test_theory_holds(section: Callable[[bool], Section]) -> None:
-    """Linear oracle, conservation, derivations, friction circle, the tyres' lag at 5 to 110 km/h."""
+    """Linear oracle, conservation, derivations, friction circle, the tyres' lag at 5 to 110 km/h, parking."""
     done = section(True)
     assert [one.name for one in done.checks if one.verdict != "passed"] == []
     assert all(one.source for one in done.checks)

@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from vehicle.combination.description import Vehicle
 from vehicle.tyres import Contact, Grip, Planar, Tyre, carcass_damping, contact, deflection_rate, laws, rolling_speed
+from vehicle.tyres.bristle import slip_speed
 from vehicle.tyres.brush import BrushTyre
 from vehicle.tyres.linear import LinearTyre
 from vehicle.tyres.magic_formula import MagicFormulaTyre
@@ -66,7 +67,7 @@ def tyre(request: pytest.FixtureRequest) -> Tyre:
 def sliding(tyre: Tyre, F_z: float, friction: float, gain: float, drift: float, v_x: float) -> tuple[Planar, Grip]:
     """Sliding rate and grip of a tyre that gains on the ground and drifts left [m/s] while rolling at v_x [m/s]."""
     rate = tyre.sliding_rate(gain, drift)
-    return rate, tyre.grip(F_z, friction, rate, rolling_speed(v_x))
+    return rate, tyre.grip(F_z, friction, rate, abs(v_x))
 
 
 def standing(tyre: Tyre, F_z: float, friction: float, slip: float) -> Contact:
@@ -92,7 +93,10 @@ def test_a_deflection_at_rest_gives_the_steady_force(
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
     scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
     assert deflection_rate(n, rate_in, grip.decay, DAMPED) == pytest.approx((0.0, 0.0), abs=scale)
-    slip = Planar(gain / rolling_speed(v_x), -drift / rolling_speed(v_x))
+    pull = grip.factor_by_limit * math.hypot(rate_in.x, grip.skew * rate_in.y)
+    assume(abs(v_x) > 0.05 or pull > 0.01)  # of a tyre that neither rolls nor slides no slip is defined
+    over = slip_speed(abs(v_x), pull, tyre.relaxation_length)
+    slip = Planar(gain / over, -drift / over)
     expected = tyre.steady_force(slip, F_z, friction)
     got = contact(n, Planar(0.0, 0.0), F_z, grip, DAMPED).force
     assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
@@ -191,6 +195,20 @@ def test_damping_across_the_wheel_is_that_of_creeping() -> None:
     assert 0.02 < carcass_damping(0.04, -0.6).y < 0.04
     for v_x in (5.0 / 3.6, -5.0 / 3.6, 30.0):
         assert carcass_damping(0.04, v_x) == (0.04, 0.0)
+
+
+def test_a_standing_tyre_keeps_its_force(tyre: Tyre) -> None:
+    """At rest nothing relaxes it; slowly sliding it holds about its largest force, faster that of sliding."""
+    _, still = sliding(tyre, NOMINAL, 0.8, 0.0, 0.0, 0.0)
+    assert still.decay < 1e-5  # [1/s]: 0.6 % in ten minutes
+    for drift in (1e-5, 1e-4, 1e-3):
+        rate, grip = sliding(tyre, NOMINAL, 0.8, 0.0, drift, 0.0)
+        held = abs(float(rate.y)) / grip.decay * grip.factor * grip.skew
+        largest = tyre.steady_force(Planar(0.0, 3.0 * 0.8 / tyre.stiffness(NOMINAL).y), NOMINAL, 0.8).y / NOMINAL
+        assert held == pytest.approx(largest, rel=0.04)  # the peak of TMeasy's side force is 0.965 of the limit
+    rate, grip = sliding(tyre, NOMINAL, 0.8, 0.0, 1.0, 0.0)
+    fast = abs(float(rate.y)) / grip.decay * grip.factor * grip.skew
+    assert fast == pytest.approx(tyre.steady_force(Planar(0.0, 20.0), NOMINAL, 0.8).y / NOMINAL, rel=1e-6)
 
 
 def test_rolling_speed_is_never_zero() -> None:

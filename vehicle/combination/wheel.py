@@ -77,8 +77,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     axle, tyre = wheel.axle, wheel.axle.tyre
     v = along(s.plane, s.hub)
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
-    speed = rolling_speed(v.x)
-    grip = tyre.grip(s.load, s.friction, sliding, speed)
+    grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))
     damping = carcass_damping(tyre.damping, v.x)
     rate = deflection_rate(s.deflection, sliding, grip.decay, damping)
     on = contact(s.deflection, rate, s.load, grip, damping)
@@ -91,7 +90,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         relaxation=Relaxation(spin, grip.decay, (1.0 / _BRAKE_WINDUP) * winding),
         force=from_unit(s.plane, Vector(on.force.x, on.force.y)),
         moment_opposing=grip.trail * s.brake_windup * on.force.y,
-        slip_angle=ca.atan(v.y / speed),
+        slip_angle=ca.atan(v.y / rolling_speed(v.x)),
         friction_used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * s.load),
     )
 

@@ -3,8 +3,12 @@
 Each direction of each wheel has a deflection state n: the force over load that it would cause at the nominal load.
 Sliding builds it up and it decays, n' = C_0 V_s / sigma - decay n; the force is n times the load and a factor for that
 load. A law gives the decay rate: with decay = speed / sigma * (linear force / steady force) the steady state is the law
-at every speed, and n stays bounded by about the friction also at standstill, where slip is not defined. Both directions
-have one decay rate, so a sliding wheel pulls along its stiffness-weighted slip.
+at every speed, and n stays bounded by about the friction. Both directions have one decay rate, so a sliding wheel pulls
+along its stiffness-weighted slip.
+
+Only rolling and sliding relax a tyre: one that stands keeps its deflection, and so its force, for good. Slip is not
+defined at rest; there a tyre that slides slowly has the slip of about its largest force (`slip_speed`), so that its
+deflection grows to the limit of the friction and no further.
 
 The carcass is damped: the force is that of n + d n'. The lag of the force must stay sigma / speed all the same.
 Across the wheel d falls to 0 at ``CREEPING_SPEED``, from where on the force relaxes by the textbook's first-order
@@ -26,8 +30,9 @@ import casadi as ca
 
 Num: TypeAlias = "float | ca.SX"
 
-ROLLING_SPEED_FLOOR: Final = 0.05  # keeps slip finite at rest; below it brakes hold with creep of its size * slip [m/s]
-CREEPING_SPEED: Final = 1.2  # at which damping across the wheel has gone: below 5 km/h [m/s]
+ROLLING_SPEED_FLOOR: Final = 0.05  # below it slip is not defined well: see `slip_speed` [m/s]
+CREEPING_SPEED: Final = 1.35  # at which damping across the wheel has gone: below 5 km/h [m/s]
+_PEAK_DEMAND: Final = 3.0  # linear force over the limit at the largest force: of a brush; truck tyres 2 to 5
 _TINY: Final = 1e-12  # square of a rate [1/s2]: avoids 0 / 0
 
 
@@ -58,8 +63,17 @@ class Contact(NamedTuple):
 
 
 def rolling_speed(v_x: Num) -> Num:
-    """Magnitude of v_x [m/s], at least the floor."""
+    """Magnitude of v_x [m/s], at least the floor, for output: slip is finite at rest."""
     return ca.fmax(ca.fabs(v_x), ROLLING_SPEED_FLOOR)
+
+
+def slip_speed(speed: Num, pull: Num, relaxation_length: Num) -> Num:
+    """Speed [m/s] over which slip is taken, never quite zero: that of rolling, but at rest in proportion to sliding.
+
+    ``pull`` is the rate at which sliding builds up force, over its limit [1/s]. Slowly sliding at rest then is a demand
+    of three times the limit, the largest force of a brush. Beyond some cm/s the floor makes it full sliding.
+    """
+    return ca.fmax(speed, ca.fmin((relaxation_length / _PEAK_DEMAND) * pull, ROLLING_SPEED_FLOOR))
 
 
 def magnitude(rate: Planar) -> Num:
@@ -69,7 +83,7 @@ def magnitude(rate: Planar) -> Num:
 
 def carcass_damping(damping: Num, v_x: Num) -> Planar:
     """Damping over stiffness [s] along and across a wheel that rolls at v_x [m/s]; ``damping`` is that at rest."""
-    return Planar(damping, damping * ca.fmax(1.0 - (v_x * (1.0 / CREEPING_SPEED)) ** 2, 0.0))
+    return Planar(damping, ca.fmax(damping - (damping / CREEPING_SPEED) * ca.fabs(v_x), 0.0))
 
 
 def felt_at_once(decay: Num, damping: Planar) -> Num:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import casadi as ca
 
-from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude, slip_speed
 from vehicle.tyres.tyre import StiffnessTyre
 
 
@@ -26,6 +26,7 @@ class BrushTyre(StiffnessTyre):
         factor = self.load_factor(F_z)
         by_limit = factor * (1.0 / friction)
         pull = by_limit * magnitude(sliding)
-        t = ca.fmin((self.relaxation_length / 3.0) * (pull / speed), 1.0)
+        slip = pull / slip_speed(speed, pull, self.relaxation_length)
+        t = ca.fmin((self.relaxation_length / 3.0) * slip, 1.0)
         used = t * (3.0 - t * (3.0 - t))
         return Grip(pull / used, friction, factor, 1.0, by_limit, self.trail(F_z, (1.0 - used) * (3.0 * t / used)))

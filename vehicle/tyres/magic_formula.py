@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import casadi as ca
 
 from vehicle.quantities import quantity
-from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude, slip_speed
 from vehicle.tyres.tyre import StiffnessTyre
 
 
@@ -26,6 +26,7 @@ class MagicFormulaTyre(StiffnessTyre):
         factor = self.load_factor(F_z)
         by_limit = factor * (1.0 / friction)
         pull = by_limit * magnitude(sliding)
-        x = (self.relaxation_length / self.shape) * (pull / speed)
+        slip = pull / slip_speed(speed, pull, self.relaxation_length)
+        x = (self.relaxation_length / self.shape) * slip
         used = ca.sin(self.shape * ca.atan((1.0 - self.curvature) * x + self.curvature * ca.atan(x)))
         return Grip(pull / used, friction, factor, 1.0, by_limit, self.trail(F_z, 1.0 - used))

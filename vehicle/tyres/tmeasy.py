@@ -14,7 +14,7 @@ import casadi as ca
 from pydantic import model_validator
 
 from vehicle.quantities import Frozen, quantity
-from vehicle.tyres.bristle import Grip, Num, Planar, magnitude
+from vehicle.tyres.bristle import Grip, Num, Planar, magnitude, slip_speed
 from vehicle.tyres.tyre import Stiffness, Tyre
 
 OverLoad = Annotated[float, quantity("-", gt=0.0, le=2.0)]
@@ -90,15 +90,16 @@ class TmeasyTyre(Tyre):
         pull = magnitude(linear)
         share = (linear.x / pull) ** 2  # squared cosine of the direction
         curve = _Curve(*(b + share * (a - b) for a, b in zip(along, across, strict=True)))
-        demand = self.relaxation_length * (pull / speed)
-        force = _force(curve, demand)
         limit = ca.fmax(along.peak_force, across.peak_force)
+        by_limit = 1.0 / limit
+        demand = self.relaxation_length * (pull / slip_speed(speed, by_limit * pull, self.relaxation_length))
+        force = _force(curve, demand)
         return Grip(
             decay=pull / force,
             limit=limit,
             factor=factors.x,
             skew=factors.y / factors.x,
-            factor_by_limit=factors.x / limit,
+            factor_by_limit=factors.x * by_limit,
             trail=self.trail(F_z, 1.0 - force / curve.peak_force),
         )
 

@@ -49,7 +49,7 @@ class Tyre(Frozen, ABC):
 
     @abstractmethod
     def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
-        """Output of the law at a load [N], friction [-], ``sliding_rate`` [1/s] and rolling speed [m/s]."""
+        """Output of the law at a load [N], friction [-], ``sliding_rate`` [1/s] and speed of rolling, |v_x| [m/s]."""
 
     @abstractmethod
     def with_cornering_scaled(self, factor: float) -> dict[str, object]:
