@@ -17,6 +17,6 @@ def steer_rate(angle: Num, demand: Num, *, lag: float, limit: float, rate_limit:
     return limited((limited(demand, -limit, limit) - angle) / lag, -rate_limit, rate_limit)
 
 
-def demand_rate(acceleration: Num, demand: Num, *, lag: float, braking: float, driving: float) -> Num:
+def demand_rate(acceleration: Num, demand: Num, *, lag: Num, braking: float, driving: float) -> Num:
     """Rate [m/s3] of the acceleration that drive and brake torques produce, which lags a demand [m/s2]."""
     return (limited(demand, -braking, driving) - acceleration) / lag

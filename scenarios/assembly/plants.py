@@ -65,19 +65,27 @@ class ConstantSlip:
 
 
 def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
-    """The simulated vehicle: the nominal one with the changes of ``plant.…``.
+    """The simulated vehicle: the nominal one with the changes of ``plant.…`` and ``brakes.…``.
 
     Raises:
         ValueError: one line, for a change that does not fit.
     """
     changes = scenario.plant.changes()
-    if not changes:
-        return vehicle
-    changed = changed_vehicle(vehicle, changes)
+    changed = _with_systems(scenario, changed_vehicle(vehicle, changes) if changes else vehicle)
     for nominal, unit in zip(vehicle.units, changed.units, strict=True):
         if len(nominal.steered_axles) != len(unit.steered_axles):
             raise ValueError(f"plant.*: unit '{unit.name}' would have another number of steered axles")
     return changed
+
+
+def _with_systems(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
+    """The vehicle with the systems of ``brakes.…`` on or off; one without data of brakes has none of them."""
+    changes = scenario.brakes.changes()
+    if vehicle.brakes is not None:
+        return vehicle.model_copy(update={"brakes": vehicle.brakes.model_copy(update=changes)})
+    if on := [name for name, value in changes.items() if value]:
+        raise ValueError(f"brakes.{on[0]} = true: the file of vehicle {vehicle.name} has no table [brakes]")
+    return vehicle
 
 
 def plant_kind(scenario: Scenario) -> str:

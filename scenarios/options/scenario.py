@@ -17,6 +17,7 @@ from pydantic_core import ErrorDetails
 from controllers.trailer_steering.policy import shipped_networks
 from scenarios.catalogue import Catalogue, resolve
 from scenarios.options.base import Options, option, quantity, tables_in
+from scenarios.options.brakes import BrakeOptions
 from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.degradation import DegradationOptions
 from scenarios.options.driver import DriverOptions, DriverTable
@@ -82,6 +83,7 @@ class Scenario(Options):
     )
     speed_kmh: float = quantity(10.0, "km/h", 1.0, 120.0, "Set speed.")
     plant: PlantOptions = PlantOptions()  # differences of the simulated vehicle from the data sheet
+    brakes: BrakeOptions = BrakeOptions()  # of the simulated vehicle
     driver: DriverTable = DriverOptions()
     trailer_steering: str = option(
         "Trailer steering law (see offtrack parts trailer_steering) or package.module:Name.", "path_preview"

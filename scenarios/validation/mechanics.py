@@ -36,6 +36,8 @@ _RANGES: Final = State(  # half ranges of random states, wider than in any drive
     brake_windup=1.0,
     steer=0.6,
     acceleration=5.0,
+    brake_pressure=1.0,
+    brake_valve=1.0,
 )
 
 

@@ -130,7 +130,7 @@ def test_the_gear_follows_the_demand_once_the_brakes_have_stopped_the_combinatio
     back, forward = moved(mover, -1.0, 2.0), moved(mover, 1.0, 4.0)
     # 0.25 s of lag and 0.006 g of rolling drag at first; wheels and gearing take 1 to 2 %.
     assert back[-1] == pytest.approx(-(2.0 - 0.25) * (1.0 - 0.06), abs=0.05)
-    braking, driving = (forward[95] - forward[70]) / 0.5, (forward[-1] - forward[-26]) / 0.5
+    braking, driving = (forward[80] - forward[55]) / 0.5, (forward[-1] - forward[-26]) / 0.5
     assert braking == pytest.approx(1.06 / 1.013, rel=0.02)  # drag helps the brakes ...
     assert driving == pytest.approx(0.94 / 1.013, rel=0.02)  # ... and holds the engine back
     assert np.abs(np.diff(np.concatenate([back, forward]))).max() < 0.03  # 1.5 m/s2: it rocks on its tyres as it stops

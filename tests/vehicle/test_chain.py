@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vehicle.combination.brake_channels import brake_channels
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import GRAVITY, Unit, Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
@@ -45,6 +46,8 @@ SCALE = State(  # typical sizes, to draw random states from
     brake_windup=1.0,
     steer=0.4,
     acceleration=3.0,
+    brake_pressure=1.0,
+    brake_valve=1.0,
 )
 LATERAL = State(  # +1: stays in a mirror, -1: flips
     x=1,
@@ -67,6 +70,8 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     brake_windup=1,
     steer=-1,
     acceleration=1,
+    brake_pressure=1,
+    brake_valve=1,
 )
 LATERAL_INPUT = Input(steer=-1, acceleration=1, gear=1, friction=1, gravity_x=1, gravity_y=-1, road=1)
 PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
@@ -144,8 +149,13 @@ Named = TypeVar("Named", State[np.ndarray], Input[np.ndarray])
 def mirrored(vehicle: Vehicle, named: Named, signs: State[int] | Input[int]) -> Named:
     """Left and right swapped."""
     swap = np.arange(vehicle.n_wheels).reshape(-1, 2)[:, ::-1].ravel()
+    channels = brake_channels(vehicle)
+    pressures = np.array([channel.mirrored for channel in channels], dtype=int)
+    modulated = [channel for channel in channels if channel.valve is not None]
+    valves = np.array([channels[channel.mirrored].valve for channel in modulated], dtype=int)
+    swaps = {**dict.fromkeys(PER_WHEEL, swap), "brake_pressure": pressures, "brake_valve": valves}
     fields = zip(named._fields, named, signs, strict=True)
-    return type(named)(*(sign * (part[swap] if name in PER_WHEEL else part) for name, part, sign in fields))
+    return type(named)(*(sign * (part[swaps[name]] if name in swaps else part) for name, part, sign in fields))
 
 
 @few

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
+from vehicle.combination.brakes import BrakeRates, brake_rates, valve_commands
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.loads import axle_loads, roll_moments, wheel_loads
@@ -54,9 +55,10 @@ class _Moment(NamedTuple):
     ground: list[_GroundForce]
 
 
-def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
-    """Time derivative of the state."""
+def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: BrakeRates | None = None) -> State[ca.SX]:
+    """Time derivative of the state; ``brakes`` are the rates of ``braking`` if they are held over a step."""
     now = _moment(vehicle, s, u)
+    brakes = _brake_rates(vehicle, now, s) if brakes is None else brakes
     e, rolling, bodies = now.e, now.rolling, now.bodies
     forces = [
         Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
@@ -91,7 +93,19 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
         brake_windup=_column(wheel.brake_windup for wheel in rolling),
         steer=_steer_rates(vehicle, s, u),
         acceleration=_demand_rate(vehicle, s, u),
+        brake_pressure=_column(brakes.pressure),
+        brake_valve=_column(brakes.valve),
     )
+
+
+def braking(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> BrakeRates:
+    """Rates of brake pressures and ABS valves in a state: brakes are controlled once a tick."""
+    return _brake_rates(vehicle, _moment(vehicle, s, u), s)
+
+
+def _brake_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> BrakeRates:
+    travel, spin_rates = [wheel.travel for wheel in now.rolling], [wheel.omega for wheel in now.rolling]
+    return brake_rates(vehicle, s, valve_commands(vehicle, now.layout, s, travel, spin_rates))
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -151,11 +165,11 @@ def _steer_rates(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
 
 
 def _demand_rate(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
-    drive = vehicle.drive
+    drive, brakes = vehicle.drive, vehicle.brakes
     rate = demand_rate(
         s.acceleration,
         u.acceleration,
-        lag=drive.lag,
+        lag=drive.lag if brakes is None else ca.if_else(u.acceleration < 0.0, brakes.lag, drive.lag),
         braking=drive.max_deceleration,
         driving=drive.max_acceleration,
     )
@@ -218,6 +232,7 @@ def _wheel_motions(
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,
+            brake_pressure=0.0 if wheel.brake is None else s.brake_pressure[wheel.brake],
             gear=u.gear,
         )
         motions.append(wheel_motion(vehicle, wheel, state))

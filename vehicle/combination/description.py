@@ -14,6 +14,8 @@ from typing import Annotated, Any, Final, NamedTuple
 
 from pydantic import Field, SerializeAsAny, field_validator, model_validator
 
+from vehicle.combination.brake_channels import check_brakes
+from vehicle.combination.brake_data import AxleBrake, Brakes, with_brakes
 from vehicle.combination.payload import Payload
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
@@ -71,6 +73,7 @@ class Axle(Frozen):
         float, quantity("-", gt=0.0, le=10.0, why="an axle on the ground carries; beyond 10 the others carry nothing")
     ] = 1.0  # load relative to the others of its group
     tyre: SerializeAsAny[Tyre]
+    brake: AxleBrake | None = None  # None: none, or as ``Vehicle.brakes`` says
 
     @field_validator("tyre", mode="before")
     @classmethod
@@ -111,7 +114,9 @@ class Drive(Frozen):
     max_power: Annotated[  # at the wheels
         float, quantity("W", ge=1e3, le=5e6, why="1 kW moves the lightest vehicle; powers are in W, not kW")
     ]
-    max_deceleration: Annotated[float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)]
+    max_deceleration: Annotated[  # demanded by a full brake application
+        float, quantity("m/s2", gt=0.0, le=15.0, why=_GRIP)
+    ]
 
 
 class Actuator(NamedTuple):
@@ -224,6 +229,7 @@ class Vehicle(Frozen):
     name: str
     summary: str = ""
     drive: Drive
+    brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
 
     @property
@@ -279,6 +285,7 @@ class Vehicle(Frozen):
                 raise ValueError(f"units.{k}: only axles of the tractor can be driven")
             if unit.follow_x is not None and unit.follow_x >= 0.0:
                 raise ValueError(f"units.{k}: follow_x = {unit.follow_x:g} m must be below 0 m, behind the hitch")
+        check_brakes(self)
         return self
 
 
@@ -303,7 +310,7 @@ def vehicle_from(contents: dict[str, Any], file: str) -> Vehicle:
     Raises:
         ValueError: one line naming file, key, value, limit and unit.
     """
-    return checked(Vehicle, _with_tyres(contents, file), file)
+    return checked(Vehicle, with_brakes(_with_tyres(contents, file), list(_axles(contents)), file), file)
 
 
 def vehicle_sources(name_or_path: str) -> dict[str, str]:

@@ -14,7 +14,8 @@ import casadi as ca
 
 from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
-from vehicle.combination.chain import derivative, output, relaxation
+from vehicle.combination.brakes import BrakeRates
+from vehicle.combination.chain import braking, derivative, output, relaxation
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.multibody import Vector, along
@@ -86,8 +87,9 @@ def step_function(twin: SymbolicTwin) -> Any:
     """Function (state, command and ground inputs, numbers) -> state one tick later."""
     x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
     u = _chain_input(twin.vehicle, v)
-    stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
-    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff)
+    start = _named(twin.vehicle, x)
+    stiff, brakes = ca.vertcat(*relaxation(twin.vehicle, start, u)), braking(twin.vehicle, start, u)
+    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u, brakes), x, TICK, stiff)
     return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
 
 
@@ -141,8 +143,8 @@ def compiled_output(vehicle: Vehicle) -> Any:
     return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
 
 
-def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
-    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
+def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX], brakes: BrakeRates | None = None) -> ca.SX:
+    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u, brakes))
 
 
 def _chain_input(vehicle: Vehicle, v: ca.SX) -> Input[ca.SX]:

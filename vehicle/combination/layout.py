@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from itertools import accumulate, pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
+from vehicle.combination.brake_channels import brake_channels, channel_of_wheel
 from vehicle.combination.description import Axle, Steering, Vehicle
 from vehicle.combination.loads import static_axle_loads
 
@@ -37,7 +38,9 @@ class State(NamedTuple, Generic[V]):
     deflection_y: V  # (n_wheels,) and across it
     brake_windup: V  # (n_wheels,) acting brake torque and rolling drag over the available ones, -1 to 1
     steer: V  # (n_actuators,) angle of every steering actuator, front to rear [rad]
-    acceleration: V  # that drive and brake torques produce now [m/s2]
+    acceleration: V  # demanded of drive torques and brakes, behind the lag [m/s2]
+    brake_pressure: V  # (n_channels,) over the full one, of every brake channel [-]
+    brake_valve: V  # (n_modulators,) 1: the ABS modulator releases the pressure, 0: it lets it in
 
 
 class Input(NamedTuple, Generic[V]):
@@ -73,9 +76,10 @@ class Wheel(NamedTuple):
     side: int  # +1 left, -1 right
     steer: int | None  # number of the steering actuator that turns it
     steer_ratio: float  # angle of its axle over that of the actuator
-    brake_share: float  # of the brake force of the whole combination
+    brake_share: float  # of the brake force of the whole combination, if the vehicle describes no brakes
     drive_share: float  # of its drive force
     roll_share: float  # of the unit's lateral load transfer [1/m]
+    brake: int | None  # number of its brake channel
 
     @property
     def y(self) -> float:
@@ -88,7 +92,7 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
     loads = static_axle_loads(vehicle)
     total = sum(sum(unit_loads) for unit_loads in loads)
     driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
-    actuators = _actuator_numbers(vehicle)
+    actuators, channels = _actuator_numbers(vehicle), channel_of_wheel(vehicle)
     layout = []
     for i, unit in enumerate(vehicle.units):
         for k, axle in enumerate(unit.axles):
@@ -104,6 +108,7 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
                         brake_share=0.5 * loads[i][k] / total,
                         drive_share=1.0 / driven if axle.driven else 0.0,
                         roll_share=loads[i][k] / sum(loads[i]) / axle.track,
+                        brake=channels.get((i, k, side)),
                     )
                 )
     return tuple(layout)
@@ -134,6 +139,7 @@ def _actuator_numbers(vehicle: Vehicle) -> dict[tuple[int, int], int]:
 def state_sizes(vehicle: Vehicle) -> State[int]:
     """Length of every part of the state vector."""
     N, n_wheels = len(vehicle.units), vehicle.n_wheels
+    channels = brake_channels(vehicle)
     return State(
         x=1,
         y=1,
@@ -155,6 +161,8 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
         brake_windup=n_wheels,
         steer=len(steering_actuators(vehicle)),
         acceleration=1,
+        brake_pressure=len(channels),
+        brake_valve=sum(channel.valve is not None for channel in channels),
     )
 
 

@@ -23,14 +23,14 @@ from vehicle.combination.layout import Input, State, input_sizes, parts, state_s
 from vehicle.combination.mirror import Coordinate, flipped, kept
 from vehicle.frames import FloatArray
 
+_IDLE: Final = ("brake_windup", "brake_pressure", "brake_valve")  # have no effect while no brake is applied
 _ITERATIONS: Final = 30  # Newton's method needs two to five
 _CONVERGED: Final = 1e-10  # last step over the size of the state
-_GIVEN: Final = frozenset({"x", "v_x", "brake_windup"})  # position and speed; brakes are not applied
+_GIVEN: Final = frozenset({"x", "v_x", *_IDLE})  # position and speed; brakes are not applied
 ComplexArray: TypeAlias = NDArray[np.complex128]
 _PATH: Final = ("y", "psi")
 _YAW_PLANE: Final = ("v_y", "yaw_rate", "articulation")
 _ACTUATOR: Final = ("steer",)
-_IDLE: Final = ("brake_windup",)  # has no effect while no brake is applied
 _AMPLE_POWER: Final = 1e9  # [W] beyond any vehicle
 
 

@@ -6,11 +6,12 @@ other: lateral motion is linear in the flipped coordinates, and straight running
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from vehicle.combination.brake_channels import Channel, brake_channels
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, state_sizes
 from vehicle.frames import FloatArray
@@ -36,8 +37,11 @@ SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also 
     brake_windup=1,
     steer=-1,
     acceleration=1,
+    brake_pressure=1,
+    brake_valve=1,
 )
 _PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup"})
+_PER_CHANNEL: Final = frozenset({"brake_pressure", "brake_valve"})
 _PER_HITCH: Final = frozenset({"hitch_x", "hitch_y"})
 _SINGLE: Final = frozenset({"x", "y", "v_x", "v_y", "acceleration"})
 
@@ -67,6 +71,9 @@ def _coordinates(vehicle: Vehicle, sign: int) -> Iterator[Coordinate]:
     for part, part_rows, own in zip(State._fields, rows, SIGNS, strict=True):
         if part in _PER_WHEEL:
             yield from _per_axle(part, part_rows, sign * own)
+        elif part in _PER_CHANNEL:
+            channels = brake_channels(vehicle)
+            yield from _per_channel(part, part_rows, channels, sign * own)
         elif sign == own:
             yield from _angles(part_rows) if part == "psi" else _plain(part, part_rows)
 
@@ -75,6 +82,19 @@ def _per_axle(part: str, rows: FloatArray, side: int) -> Iterator[Coordinate]:
     """Mean of each axle's two wheels (side +1), or half the left one's excess over the right one (-1)."""
     for k, (left, right) in enumerate(zip(rows[::2], rows[1::2], strict=True)):
         yield Coordinate(f"{part}_{k}", part, left + side * right, 0.5 * (left + side * right))
+
+
+def _per_channel(part: str, rows: FloatArray, channels: Sequence[Channel], side: int) -> Iterator[Coordinate]:
+    """The same of brake channels with this state; a channel of both sides is its own mirror image."""
+    present = [k for k, channel in enumerate(channels) if part == "brake_pressure" or channel.valve is not None]
+    row = dict(zip(present, rows, strict=True))
+    for k in present:
+        mirrored = channels[k].mirrored
+        if mirrored == k and side == +1:
+            yield Coordinate(f"{part}_{k}", part, row[k], row[k])
+        elif mirrored > k:
+            sum_ = row[k] + side * row[mirrored]
+            yield Coordinate(f"{part}_{k}", part, sum_, 0.5 * sum_)
 
 
 def _angles(rows: FloatArray) -> Iterator[Coordinate]:

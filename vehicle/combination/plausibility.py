@@ -24,6 +24,7 @@ _GYRATION: Final = (0.1, 0.45)  # of a unit over its length [-]: coils in the mi
 _PITCH_GYRATION: Final = (0.05, 0.5)  # the same in pitch: springs are estimated less well
 _ROLL_GYRATION: Final = 0.15  # smallest in roll, over the width [-]: a solid bar has 0.29
 _WHEEL: Final = (80.0, 4800.0)  # mass of a wheel over its radius cubed [kg/m3]: 100 kg at 0.5 m is 800
+_BRAKE: Final = (0.2, 5.0)  # brake force over axle load [-]: laden 0.5 to 1.2, unladen up to four times of it
 _RIM: Final = 0.7  # radius of gyration of a wheel over its radius [-]
 
 
@@ -49,11 +50,12 @@ def implausibilities(
     ``loads`` [N] are those of the axles on the ground, ``couplings`` [N] those of each unit's front hitch on the unit
     ahead, standing on level ground.
     """
-    return tuple(
+    of_units = (
         f"{place}: {line}"
         for i, unit in enumerate(vehicle.units)
         for place, line in _of_unit(f"units.{i}", unit, loads[i], couplings[i], towed=i > 0)
     )
+    return (*of_units, *_of_brakes(vehicle, loads))
 
 
 def _of_unit(
@@ -72,6 +74,22 @@ def _of_unit(
         yield from ((places[axle.x], line) for line in _of_load(axle, load))
     for (ahead, load), (axle, behind) in pairwise(zip(unit.axles, loads, strict=True)):
         yield from ((places[axle.x], line) for line in _of_sharing(ahead, load, axle, behind))
+
+
+def _of_brakes(vehicle: Vehicle, loads: Sequence[Sequence[float]]) -> Iterator[str]:
+    described = False
+    for i, unit in enumerate(vehicle.units):
+        for k, (axle, load) in enumerate(zip(unit.axles, loads[i], strict=True)):
+            if axle.brake is not None:
+                described = True
+                share = axle.brake.torque / axle.wheel_radius / max(load, 1.0)
+                if not _BRAKE[0] <= share <= _BRAKE[1]:
+                    yield (
+                        f"units.{i}.axles.{k} ({unit.name}): its brakes push with {share:.2g} times its load at full "
+                        f"pressure, usual are {_BRAKE[0]:g} to {_BRAKE[1]:g}"
+                    )
+    if described and vehicle.brakes is None:
+        yield "axles have a brake, but without a table [brakes] these data have no effect"
 
 
 def _extent(unit: Unit, *, towed: bool) -> _Extent:

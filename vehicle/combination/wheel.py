@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
+from vehicle.combination.brakes import brake_torque
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
@@ -34,7 +35,8 @@ class WheelState(NamedTuple):
     hub: Vector  # velocity along the unit's axes [m/s]
     load: Num  # [N]
     friction: Num  # [-]
-    acceleration: Num  # that drive and brake torques produce [m/s2]
+    acceleration: Num  # demanded of drive torques, and of brakes that the vehicle does not describe [m/s2]
+    brake_pressure: Num  # over the full one [-]
     gear: Num  # +1 drives forward, -1 backward
 
 
@@ -49,6 +51,7 @@ class Relaxation(NamedTuple):
 class WheelMotion(NamedTuple):
     """Rates of a wheel's states, the ground's action on its unit, and outputs."""
 
+    travel: Num  # magnitude of the velocity along its plane [m/s]
     omega: Num  # [rad/s2]
     deflection: Planar  # [1/s]
     brake_windup: Num  # [1/s]
@@ -84,6 +87,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     spin = _spin_relaxation(axle, on, felt_at_once(grip.decay, damping))
     winding = ca.fabs(s.omega)
     return WheelMotion(
+        travel=ca.fabs(v.x),
         omega=_spin_rate(vehicle, wheel, s, on.force.x),
         deflection=rate,
         brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
@@ -99,7 +103,11 @@ def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
     """Rate of the spin [rad/s2] under brake, rolling drag, drive, and the ground's pull [N]."""
     radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
     per_torque = radius * per_inertia
-    braking = (vehicle.mass * wheel.brake_share * per_torque) * ca.fmin(s.acceleration, 0.0)
+    braking: Num
+    if vehicle.brakes is None:
+        braking = (vehicle.mass * wheel.brake_share * per_torque) * ca.fmin(s.acceleration, 0.0)
+    else:
+        braking = -per_inertia * brake_torque(wheel.axle, s.brake_pressure)
     resisting = braking - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
     rate = resisting * s.brake_windup - per_torque * pull
     return rate + per_inertia * _drive_torque(vehicle, wheel, s) if wheel.axle.driven else rate

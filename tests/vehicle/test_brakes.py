@@ -1,0 +1,184 @@
+"""Service brakes: pressures behind their lags, limits of torque, and ABS."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.vehicle.braking import braked, without_abs
+from vehicle.combination.brake_channels import brake_channels
+from vehicle.combination.brake_data import Distribution
+from vehicle.combination.data_sheet import data_sheet
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
+from vehicle.combination.layout import state_sizes
+from vehicle.combination.loads import static_axle_loads
+from vehicle.surface import SplitFriction, Surface
+
+DRY = Surface(friction=0.8)
+SNOW = Surface(friction=0.3)
+FULL = 9.0  # demand of a full brake application [m/s2]
+
+
+def changed(vehicle: Vehicle, **numbers: object) -> Vehicle:
+    assert vehicle.brakes is not None
+    return vehicle.model_copy(update={"brakes": vehicle.brakes.model_copy(update=numbers)})
+
+
+def test_wheels_share_modulators_as_the_file_says(tractor_semitrailer: Vehicle) -> None:
+    """Steer axle select-low, drive axle by wheel, the tridem by side; without ABS a channel per group of axles."""
+    channels = brake_channels(tractor_semitrailer)
+    found = [(c.unit, c.axles, c.side, c.valve, c.mirrored) for c in channels]
+    assert found == [
+        (0, (0,), 0, 0, 0),
+        (0, (1,), +1, 1, 2),
+        (0, (1,), -1, 2, 1),
+        (1, (0, 1, 2), +1, 3, 4),
+        (1, (0, 1, 2), -1, 4, 3),
+    ]
+    plain = brake_channels(without_abs(tractor_semitrailer))
+    assert [(c.unit, c.axles, c.side, c.valve) for c in plain] == [
+        (0, (0,), 0, None),
+        (0, (1,), 0, None),
+        (1, (0, 1, 2), 0, None),
+    ]
+
+
+def test_brakes_that_are_not_described_cost_nothing(tractor_semitrailer: Vehicle) -> None:
+    sizes = state_sizes(tractor_semitrailer.model_copy(update={"brakes": None}))
+    assert (sizes.brake_pressure, sizes.brake_valve) == (0, 0)
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_every_shipped_vehicle_has_brakes_on_every_axle(name: str) -> None:
+    vehicle = load_vehicle(name)
+    assert vehicle.brakes is not None
+    assert vehicle.brakes.abs
+    assert all(axle.brake is not None for unit in vehicle.units for axle in unit.axles)
+
+
+def test_pressure_rises_behind_two_lags(tractor_semitrailer: Vehicle) -> None:
+    """Two lags a and b in series: 1 - (a exp(-t/a) - b exp(-t/b)) / (a - b)."""
+    demand = 1.0
+    stop = braked(tractor_semitrailer, DRY, 20.0, demand, seconds=1.0)
+    a, b, t = 0.08, 0.10, 0.01 * np.arange(len(stop.speed))
+    steer = static_axle_loads(tractor_semitrailer)[0][0] / GRAVITY * demand * 0.5 / 40e3
+    expected = steer * (1.0 - (a * np.exp(-t / a) - b * np.exp(-t / b)) / (a - b))
+    # The pressure is stepped by Euler's rule at 1 ms, 1 % of its lag.
+    np.testing.assert_allclose(stop.pressure[:, 0], expected, atol=0.01 * steer)
+
+
+def test_a_full_application_fills_the_chambers_at_their_rate(tractor_semitrailer: Vehicle) -> None:
+    """4 /s at most, so three quarters of the pressure take at least 0.19 s; the delays of both lags come on top."""
+    stop = braked(tractor_semitrailer, DRY, 20.0, FULL, seconds=1.0)
+    assert np.max(np.diff(stop.pressure[:, 1])) == pytest.approx(0.04, rel=1e-6)
+    delay = 0.01 * float(np.argmax(stop.pressure[:, 1] > 0.75))
+    assert 0.2 < delay < 0.5
+
+
+@pytest.mark.parametrize("distribution", ["load", "pressure"])
+def test_the_demanded_deceleration_is_reached(tractor_semitrailer: Vehicle, distribution: Distribution) -> None:
+    """Brake forces sum up to mass times demand; rolling resistance helps by 0.006 g, turning wheels slow by 1.3 %."""
+    stop = braked(changed(tractor_semitrailer, distribution=distribution), DRY, 20.0, 2.0, seconds=3.0)
+    slowing = (stop.speed[150] - stop.speed[290]) / 1.4
+    assert slowing == pytest.approx((2.0 + 0.006 * GRAVITY) / 1.013, rel=0.005)
+    assert bool(np.ptp(stop.pressure[-1]) < 1e-3) == (distribution == "pressure")
+
+
+def test_torque_ends_at_full_pressure(tractor_semitrailer: Vehicle) -> None:
+    """On ground that holds everything 340 kN stop 40 t: 8.5 m/s2 and rolling resistance, whatever the demand."""
+    eager = tractor_semitrailer.model_copy(
+        update={"drive": tractor_semitrailer.drive.model_copy(update={"max_deceleration": 20.0})}
+    )
+    stop = braked(without_abs(eager), Surface(friction=1.5), 25.0, 20.0, seconds=2.0)
+    slowing = (stop.speed[100] - stop.speed[150]) / 0.5
+    assert stop.pressure[-1] == pytest.approx(1.0, abs=1e-5)
+    assert slowing == pytest.approx((340e3 / 40e3 + 0.006 * GRAVITY) / 1.013, rel=0.01)
+
+
+@pytest.mark.parametrize("surface", [DRY, SNOW, Surface(friction=0.1)], ids=["dry", "snow", "ice"])
+def test_abs_keeps_the_wheels_turning(tractor_semitrailer: Vehicle, surface: Surface) -> None:
+    """Slips stay in a band about the limit, 0.1 and 0.3 m/s; without ABS wheels lock."""
+    slips = braked(tractor_semitrailer, surface, 20.0, FULL).slips(above=5.0)
+    assert slips.max() < 1.25 * (0.1 + 0.3 / 5.0)  # valve and air lag behind the wheel
+    assert slips.mean() > 0.03
+    assert braked(without_abs(tractor_semitrailer), surface, 20.0, FULL).slips(above=5.0).max() > 0.97
+
+
+@pytest.mark.parametrize(("friction", "share"), [(0.3, 0.95), (0.1, 0.92)])
+def test_abs_uses_nearly_all_friction(tractor_semitrailer: Vehicle, friction: float, share: float) -> None:
+    """Mean deceleration over friction times g once the pressure is there; the rest is lost in ups and downs of slip."""
+    stop = braked(tractor_semitrailer, Surface(friction=friction), 20.0, FULL)
+    rows = np.flatnonzero(stop.speed < 18.0)
+    first, last = int(rows[0]), int(np.argmax(stop.speed < 5.0))
+    slowing = (stop.speed[first] - stop.speed[last]) / (0.01 * (last - first))
+    assert share < slowing / (friction * GRAVITY) < 1.03  # rolling resistance adds 0.006 g
+
+
+def test_select_low_keeps_both_sides_at_the_pressure_of_the_slippery_one(tractor_semitrailer: Vehicle) -> None:
+    """0.8 left, 0.2 right: the steer axle brakes by the right wheel, the others each by its own."""
+    line = np.array([[0.0, 0.0], [1.0, 0.0]])
+    split = Surface(friction=SplitFriction(left=0.8, right=0.2, line=line))
+    stop = braked(tractor_semitrailer, split, 20.0, FULL, seconds=0.8)  # before it has turned off the line
+    steer, left, right = stop.pressure[50:, :3].mean(axis=0)
+    assert steer < 0.35
+    assert left > 2.0 * right
+    assert stop.slips(above=5.0, after=0.5).max() < 0.2
+
+
+@pytest.mark.parametrize(("friction", "speed", "a_y"), [(0.8, 22.0, 2.0), (0.3, 16.7, 1.0)])
+def test_braking_in_a_turn_folds_it_without_abs_only(
+    tractor_semitrailer: Vehicle, friction: float, speed: float, a_y: float
+) -> None:
+    """A fixed steering wheel and full demand: locked wheels have no side force left."""
+    steer = 3.8 * a_y / speed**2
+    folded = {}
+    for name, vehicle in (("abs", tractor_semitrailer), ("none", without_abs(tractor_semitrailer))):
+        stop = braked(vehicle, Surface(friction=friction), speed, FULL, steer=steer)
+        folded[name] = math.degrees(float(np.abs(stop.articulation).max()))
+    assert folded["abs"] < 20.0
+    assert folded["none"] > folded["abs"] + 10.0
+
+
+def test_runs_are_bitwise_equal(tractor_semitrailer: Vehicle) -> None:
+    stops = [braked(tractor_semitrailer, SNOW, 15.0, FULL, seconds=1.0) for _ in range(2)]
+    for one, other in zip(*stops, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_brake_data_without_a_table_of_the_system_are_named(tractor_semitrailer: Vehicle) -> None:
+    sheet = data_sheet(tractor_semitrailer.model_copy(update={"brakes": None}))
+    assert any("without a table [brakes]" in warning for warning in sheet.warnings)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('brake = "steer"', 'brake = "stear"', "no table [axle_brakes.stear]; did you mean 'steer'?"),
+        ("torque = { value = 40000.0", "torque = { value = -1.0", "axle_brakes.steer.torque = -1.0 must be greater"),
+        ('distribution = "load"', 'distribution = "mass"', "brakes.distribution = 'mass' must be"),
+        ('abs = "select_low"', 'abs = "high"', "axle_brakes.steer.abs = 'high' must be"),
+        ("abs_slip = { value = 0.1", "abs_slip = { value = 6.0", "brakes.abs_slip = 6.0 must be"),
+    ],
+)
+def test_wrong_data_are_refused_in_one_line(tmp_path: Path, old: str, new: str, complaint: str) -> None:
+    shipped = Path("vehicle/parameters/eu_tractor_semitrailer.toml").read_text(encoding="utf-8")
+    assert old in shipped
+    file = tmp_path / "mine.toml"
+    file.write_text(shipped.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(complaint)) as refusal:
+        load_vehicle(str(file))
+    assert "\n" not in str(refusal.value)
+
+
+def test_axles_that_share_modulators_have_the_same_lag(tractor_semitrailer: Vehicle) -> None:
+    trailer = tractor_semitrailer.units[1]
+    first = trailer.axles[0].brake
+    assert first is not None
+    slower = trailer.axles[0].model_copy(update={"brake": first.model_copy(update={"lag": 0.3})})
+    units = (tractor_semitrailer.units[0], trailer.model_copy(update={"axles": (slower, *trailer.axles[1:])}))
+    with pytest.raises(ValueError, match=r"units\.1\.axles\.1: brakes of abs_group 'axles' must have the same lag"):
+        Vehicle(name="x", drive=tractor_semitrailer.drive, brakes=tractor_semitrailer.brakes, units=units)

@@ -1,0 +1,110 @@
+"""Brake pressures and ABS modulators as CasADi expressions.
+
+The driver's demanded deceleration reaches the axles' valves with a lag. There it becomes a pressure: brake forces in
+proportion to the static axle loads (``load``), or one pressure for all axles (``pressure``), with the demanded sum. The
+pressure in the chambers follows with a second lag and at most at the rate at which air flows in, so that a full brake
+application rises after a delay. An ABS modulator lets the pressure out while its wheel slips too much. Pressures are
+over the full one.
+
+The slip is the true one; a real ABS estimates the vehicle's speed from the wheels. Not modelled: store of air, fade.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import NamedTuple
+
+import casadi as ca
+
+from vehicle.combination.brake_channels import Channel, brake_channels
+from vehicle.combination.brake_data import Brakes
+from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.layout import State, Wheel
+from vehicle.combination.loads import static_axle_loads
+from vehicle.tyres import Num
+
+
+class BrakeRates(NamedTuple):
+    """Rates of the states of brakes."""
+
+    pressure: list[Num]  # of every channel [1/s]
+    valve: list[Num]  # of every modulator [1/s]
+
+
+def brake_torque(axle: Axle, pressure: Num) -> Num:
+    """Largest torque [N m] of one wheel's brake at a pressure over the full one."""
+    return 0.5 * axle.brake.torque * pressure if axle.brake else 0.0
+
+
+def brake_rates(vehicle: Vehicle, s: State[ca.SX], commands: Sequence[Num]) -> BrakeRates:
+    """Rates of pressures and valves under the modulators' ``valve_commands``."""
+    system = vehicle.brakes
+    if system is None:
+        return BrakeRates([], [])
+    demand = -ca.fmin(s.acceleration, 0.0)
+    shares = _pressure_shares(vehicle)
+    pressures: list[Num] = []
+    for number, channel in enumerate(brake_channels(vehicle)):
+        target = ca.fmin(shares[channel.unit, channel.axles[0]] * demand, 1.0)
+        pressure = s.brake_pressure[number]
+        rate = ca.fmin((1.0 / channel.brake.lag) * (target - pressure), channel.brake.fill_rate)
+        if channel.valve is not None:
+            released = s.brake_valve[channel.valve]
+            rate = rate - released * (rate + (1.0 / system.abs_release_lag) * pressure)
+        pressures.append(rate)
+    valves: list[Num] = [
+        (1.0 / system.abs_valve_lag) * (command - s.brake_valve[k]) for k, command in enumerate(commands)
+    ]
+    return BrakeRates(pressures, valves)
+
+
+def valve_commands(
+    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]
+) -> list[Num]:
+    """Commands of the ABS modulators: 1 releases the pressure, 0 lets it in.
+
+    ``travel`` is the magnitude of each wheel's velocity along its plane [m/s], ``spin_rates`` are theirs [rad/s2]. Of
+    several wheels the one that slips most decides; those on one side of a unit have the same velocity.
+    """
+    system = vehicle.brakes
+    if system is None:
+        return []
+    commands: list[Num] = []
+    for number, channel in enumerate(brake_channels(vehicle)):
+        if channel.valve is None:
+            continue
+        held = 1.0 - system.abs_hysteresis * s.brake_valve[channel.valve]
+        excess: list[Num] = []
+        for side in (+1, -1):
+            wheels = [k for k, wheel in enumerate(layout) if wheel.brake == number and wheel.side == side]
+            treads = [_predicted_tread(system, layout[k], s.omega[k], spin_rates[k]) for k in wheels]
+            if treads:
+                limit = system.abs_slip * travel[wheels[0]] + system.abs_slip_speed
+                excess.append((travel[wheels[0]] - reduce(ca.fmin, treads)) - held * limit)
+        commands.append(reduce(ca.fmax, excess) > 0.0)
+    return commands
+
+
+def _predicted_tread(system: Brakes, wheel: Wheel, omega: Num, spin_rate: Num) -> Num:
+    """Speed of a wheel's tread [m/s] a little later, at its present rate."""
+    return wheel.axle.wheel_radius * ca.fabs(omega + system.abs_lead * spin_rate)
+
+
+def _pressure_shares(vehicle: Vehicle) -> dict[tuple[int, int], Num]:
+    """Pressure over the demanded deceleration [s2/m] by unit and first axle of a channel."""
+    system, loads = vehicle.brakes, static_axle_loads(vehicle)
+    channels = {(channel.unit, channel.axles[0]): channel for channel in brake_channels(vehicle)}
+    forces = {key: _force(vehicle, channel) for key, channel in channels.items()}
+    carried = {key: sum(loads[channel.unit][k] for k in channel.axles) for key, channel in channels.items()}
+    if system is not None and system.distribution == "load":
+        per_load = vehicle.mass / sum(carried.values())
+        return {key: per_load * carried[key] / forces[key] for key in channels}
+    per_force = vehicle.mass / sum(forces.values())
+    return dict.fromkeys(channels, per_force)
+
+
+def _force(vehicle: Vehicle, channel: Channel) -> Num:
+    """Force [N] at the treads of all wheels of a group at full pressure."""
+    axles = [vehicle.units[channel.unit].axles[k] for k in channel.axles]
+    return sum(axle.brake.torque / axle.wheel_radius for axle in axles if axle.brake)
