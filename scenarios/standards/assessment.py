@@ -11,6 +11,7 @@ from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress
 from scenarios.standards.catalogue import KINDS, STANDARD_SET, check_conditions, chosen
 from scenarios.standards.conditions import STANDARD, Conditions
+from scenarios.standards.drives import DRIVES
 from scenarios.standards.levels import Judgement, judged
 from scenarios.standards.manoeuvre import Figures, Manoeuvre
 from scenarios.standards.theory import linear_figures
@@ -169,7 +170,7 @@ class _Task:
 
 
 def _driven(task: _Task) -> Manoeuvre:
-    return KINDS[task.key].drive(task.vehicle, task.trailer_steering, task.conditions)
+    return DRIVES[task.key](task.vehicle, task.trailer_steering, task.conditions)
 
 
 def _finite(figures: Figures) -> dict[str, float | None]:

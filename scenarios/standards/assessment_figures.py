@@ -11,20 +11,22 @@ from scenarios.assembly.adapters import outlines
 from scenarios.report import plots
 from scenarios.report.page import Figure
 from scenarios.results.swept_path import placed
+from scenarios.standards import random_steer, steady_circle
 from scenarios.standards.lane_change import PEAK
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.motion import lateral_acceleration, point_path, poses
 from scenarios.standards.tilt import threshold
-from vehicle.combination.description import Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.polyline import arc_length, rows_every
 
 _MOMENTS: Final = 6  # at which the combination is drawn in a plan view
+_OF_WHOLE_DRIVES: Final = ("random_steer",)
 _CHANGE: Final = (45.0, 330.0)  # of the lane change along the road [m]
 
 
 def figures(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Iterator[Figure]:
     """The figures of a manoeuvre; none if it ended before anything had moved. ``name`` is unique on the page."""
-    if len(manoeuvre.log) >= 2:
+    if len(manoeuvre.log) >= 2 and (manoeuvre.outcome == "completed" or manoeuvre.key not in _OF_WHOLE_DRIVES):
         yield from (draw(vehicle, manoeuvre, name) for draw in _FIGURES.get(manoeuvre.key, ()))
 
 
@@ -86,6 +88,38 @@ def _yaw_rates(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     return drawing.content
 
 
+def _steer_over_acceleration(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Steer angle over lateral acceleration on the circle."""
+    acceleration, steer = steady_circle.steer_over_acceleration(vehicle, manoeuvre.log)
+    with plots.drawn(name) as (drawing, ax):
+        ax.plot(acceleration / GRAVITY, np.degrees(steer), color=plots.TRUE, label="road-wheel angle")
+        ax.set(xlim=(0.0, 0.26), xlabel="lateral acceleration [g], into the turn", ylabel="steer angle [°]")
+    return drawing.content
+
+
+def _dwell(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Steer angle, and yaw rate of every unit over time."""
+    log = manoeuvre.log
+    with plots.drawn(name) as (drawing, ax):
+        steer = np.degrees(log["steer_tractor"])
+        ax.plot(log["time"], steer, color=plots.INK, linewidth=0.9, dashes=(5, 4), label="road-wheel angle [°]")
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
+            ax.plot(log["time"], np.degrees(log[f"yaw_rate_{unit.name}"]), color=colour, label=unit.name)
+        plots.over_time(ax, log["time"], "yaw rate [°/s]")
+    return drawing.content
+
+
+def _frequency_response(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Rearward amplification over frequency, measured and by linear theory."""
+    response = random_steer.response_of(vehicle, manoeuvre)
+    with plots.drawn(name) as (drawing, ax):
+        ax.plot(response.frequency, response.theory, color=plots.GREY, linewidth=2.2, label="linear theory")
+        ax.plot(response.frequency, response.measured, ".", color=plots.TRUE, markersize=4, label="measured")
+        ax.set(xlim=(0.0, float(response.frequency[-1])), ylim=(0.0, None))
+        ax.set(xlabel="frequency [Hz]", ylabel="rearward amplification [-]")
+    return drawing.content
+
+
 def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     """Load transfer of every unit over the slope of the tilt table."""
     log = manoeuvre.log
@@ -110,5 +144,8 @@ _FIGURES: Final[dict[str, tuple[_Draw, ...]]] = {
     "lane_change": (_change_paths, _accelerations),
     "straight": (_paths,),
     "pulse": (_yaw_rates,),
+    "steady_circle": (_steer_over_acceleration,),
+    "sine_with_dwell": (_dwell,),
+    "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
 }

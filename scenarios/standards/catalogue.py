@@ -1,20 +1,15 @@
-"""Names of the standard manoeuvres, what each is, and which conditions it takes."""
+"""Names of the standard manoeuvres, what each is, and which conditions it takes; light, for the command's help."""
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 from vehicle.parameter_file import nearest
 
 if TYPE_CHECKING:
     from scenarios.standards.conditions import Conditions
-    from scenarios.standards.manoeuvre import Manoeuvre
-    from vehicle.combination.description import Vehicle
-
-    Drive = Callable[[Vehicle, str, Conditions], Manoeuvre]
 
 _KMH: Final = 1.0 / 3.6  # [m/s]
 _SLOW: Final = (1.0 * _KMH, 20.0 * _KMH)  # [m/s]
@@ -25,22 +20,15 @@ _FRICTIONS: Final = (0.05, 1.5)  # [-]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Kind:
-    """A kind of manoeuvre: its function, and the limits of its conditions; None: it has no such condition."""
+    """A kind of manoeuvre and the limits of its conditions; None: it has no such condition."""
 
     key: str
     line: str  # what it is
-    function: str  # module:name, called with vehicle, trailer steering law and conditions
     seconds: float  # of driving, about; longer ones are started first
     speeds: tuple[float, float] | None = _FAST  # [m/s]
     radii: tuple[float, float] | None = None  # [m]
     frictions: tuple[float, float] | None = _FRICTIONS  # [-]
     handed: bool = True  # it turns to one side first
-
-    @property
-    def drive(self) -> Drive:
-        """The function that drives it."""
-        module, name = self.function.split(":")
-        return cast("Drive", getattr(importlib.import_module(module), name))
 
     def differs(self, conditions: Conditions) -> bool:
         """True if the manoeuvre is driven under other conditions than the standard's."""
@@ -54,14 +42,12 @@ class Kind:
         )
 
 
-_ROOM: Final = "scenarios.standards"
 KINDS: Final = {
     kind.key: kind
     for kind in (
         Kind(
             key="turn",
             line="low-speed turn of performance-based standards: 90°, the outer steered tyre's wall on 12.5 m, 5 km/h",
-            function=f"{_ROOM}.low_speed:turn",
             seconds=60.0,
             speeds=_SLOW,
             radii=_TURNS,
@@ -69,7 +55,6 @@ KINDS: Final = {
         Kind(
             key="roundabout",
             line="EU circle of 96/53/EC: 360° between circles of 12.50 m and 5.30 m, 5 km/h",
-            function=f"{_ROOM}.low_speed:roundabout",
             seconds=110.0,
             speeds=_SLOW,
             radii=_TURNS,
@@ -77,7 +62,6 @@ KINDS: Final = {
         Kind(
             key="aashto_turn",
             line="AASHTO design-vehicle template: 180°, the front axle's centre on 41 ft (12.50 m), 5 km/h",
-            function=f"{_ROOM}.guided_axle:aashto_turn",
             seconds=80.0,
             speeds=_SLOW,
             radii=_TURNS,
@@ -85,7 +69,6 @@ KINDS: Final = {
         Kind(
             key="ctsw_turn",
             line="Comprehensive Truck Size and Weight turn: 90°, the front axle's centre on 41 ft (12.50 m), 5 km/h",
-            function=f"{_ROOM}.guided_axle:ctsw_turn",
             seconds=60.0,
             speeds=_SLOW,
             radii=_TURNS,
@@ -93,26 +76,40 @@ KINDS: Final = {
         Kind(
             key="lane_change",
             line="single lane change of ISO 14791: 0.4 Hz and 0.15 g at the front axle, 88 km/h",
-            function=f"{_ROOM}.lane_change:lane_change",
             seconds=80.0,
         ),
         Kind(
             key="straight",
             line="tracking on 1 km of straight rough road with 3 % cross-fall, 90 km/h",
-            function=f"{_ROOM}.straight:straight",
             seconds=50.0,
             handed=False,
         ),
         Kind(
             key="pulse",
             line="steer pulse for the yaw damping, 80 km/h",
-            function=f"{_ROOM}.pulse:pulse",
             seconds=12.0,
+        ),
+        Kind(
+            key="steady_circle",
+            line="constant-radius circle of 100 m up to 0.25 g, after ISO 14792: understeer gradient, off-tracking",
+            seconds=70.0,
+            speeds=None,
+            radii=(50.0, 500.0),
+        ),
+        Kind(
+            key="sine_with_dwell",
+            line="sine with dwell of 0.5 Hz and 1 s at 72 km/h: residual yaw, load transfer",
+            seconds=10.0,
+        ),
+        Kind(
+            key="random_steer",
+            line="pseudo-random steer at 88 km/h: frequency response of rearward amplification",
+            seconds=80.0,
+            handed=False,
         ),
         Kind(
             key="tilt",
             line="tilt table for the static rollover threshold",
-            function=f"{_ROOM}.tilt:tilt",
             seconds=30.0,
             speeds=None,
             frictions=None,

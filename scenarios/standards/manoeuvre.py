@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from scenarios.results.log import Log
+from scenarios.standards.conditions import STANDARD, Conditions
 from vehicle.frames import FloatArray
 
 Figures = Mapping[str, float]  # value of each quantity by name, in SI units; NaN if it could not be measured
@@ -22,6 +23,7 @@ class Manoeuvre:
     outcome: str  # "completed" or the mishap
     figures: Figures
     log: Log
+    conditions: Conditions = STANDARD
     course: FloatArray | None = None  # (n, 2) path of the guided point, if there is one [m]
 
 

@@ -53,6 +53,16 @@ def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
     )
 
 
+class SpeedHold:
+    """Speed control of the robots: proportional and integral."""
+
+    @staticmethod
+    def step(held: float, error: float, duration: float) -> tuple[float, float]:
+        """New memory and demanded acceleration [m/s2] for a speed error [m/s], ``duration`` [s] after the last step."""
+        held = held + _CRUISE_INTEGRAL * error * duration
+        return held, _CRUISE_GAIN * error + held
+
+
 class SteerProgramme:
     """A steering robot: road-wheel angles over time, open loop, at a speed that is held."""
 
@@ -66,10 +76,9 @@ class SteerProgramme:
 
     def step(self, held: float, tick: int, ego: EgoState) -> tuple[float, DriverCommand]:
         """New memory and command at ``tick``."""
-        error = self._speed - ego.v_x
-        held = held + _CRUISE_INTEGRAL * error * self._period * TICK
+        held, acceleration = SpeedHold.step(held, self._speed - ego.v_x, self._period * TICK)
         steer = float(self._angles[min(tick // self._period, len(self._angles) - 1)])
-        return held, DriverCommand(steer=steer, acceleration=_CRUISE_GAIN * error + held)
+        return held, DriverCommand(steer=steer, acceleration=acceleration)
 
 
 def half_sine(peak: float, duration: float, start: float, count: int, period: int) -> FloatArray:

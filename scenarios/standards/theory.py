@@ -6,16 +6,17 @@ import math
 
 import numpy as np
 
-from scenarios.standards import lane_change, pulse
+from scenarios.standards import lane_change, pulse, random_steer
 from scenarios.standards.manoeuvre import Figures
 from vehicle.combination.description import GRAVITY, Vehicle
-from vehicle.combination.handling import static_rollover_threshold, yaw_damping
+from vehicle.combination.handling import static_rollover_threshold, understeer_gradient, yaw_damping
 from vehicle.combination.lateral_outputs import OutputKind
 from vehicle.combination.linear import ComplexArray, lateral_model
 from vehicle.frames import FloatArray
 
 _LENGTH = 41.0  # of the periodic lane change [s]: all motion decays in the last 37 s
 _STEP = 0.01  # [s]
+_CIRCLE_SPEED = 8.0  # on the steady circle of 100 m, at 0.065 g [m/s]
 
 
 def linear_figures(vehicle: Vehicle, *, speed: float | None = None, tyre_dynamics: bool = True) -> Figures:
@@ -27,6 +28,8 @@ def linear_figures(vehicle: Vehicle, *, speed: float | None = None, tyre_dynamic
     return {
         "yaw_damping": yaw_damping(vehicle, speed or pulse.SPEED, tyre_dynamics=tyre_dynamics),
         "rollover_threshold_g": static_rollover_threshold(vehicle) / GRAVITY,
+        "understeer_gradient_deg_per_g": math.degrees(understeer_gradient(vehicle, _CIRCLE_SPEED)) * GRAVITY,
+        "random_amplification": random_steer.theoretical_peak(vehicle, speed or random_steer.SPEED),
         **(
             _lane_change(vehicle, speed or lane_change.SPEED, tyre_dynamics=tyre_dynamics)
             if len(vehicle.units) > 1

@@ -17,8 +17,9 @@ from scenarios.commands.assess import assess as assess_command
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
 from scenarios.standards.assessment import MANOEUVRES, Assessment, AssessmentMatrix, assess
 from scenarios.standards.assessment_page import assessment_page
-from scenarios.standards.catalogue import KINDS
+from scenarios.standards.catalogue import KINDS, OTHER_NAMES, STANDARD_SET
 from scenarios.standards.conditions import Conditions
+from scenarios.standards.drives import DRIVES
 from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
 from scenarios.standards.levels import CRITERIA, judged
 from scenarios.standards.low_speed import roundabout, turn
@@ -275,3 +276,10 @@ def test_the_help_lists_every_manoeuvre() -> None:
     for key, kind in KINDS.items():
         assert key in told
         assert kind.line[:30] in told
+
+
+def test_every_named_manoeuvre_can_be_driven() -> None:
+    """Names, functions and figures belong together."""
+    assert DRIVES.keys() == KINDS.keys()
+    assert set(STANDARD_SET) <= KINDS.keys()
+    assert set(OTHER_NAMES.values()) <= KINDS.keys()
