@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
+from scenarios.validation.amplification import rearward_amplification
 from scenarios.validation.check import Task
 from scenarios.validation.design_vehicles import design_vehicles
 from scenarios.validation.integration import integration
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
+from scenarios.validation.multibody_check import multibody_check
 from scenarios.validation.no_slip_limit import no_slip_limit
 from scenarios.validation.parking import parking
 from scenarios.validation.roundabout import roundabout
@@ -23,6 +25,8 @@ TASKS: Final = (
     Task(title="Roundabout", work=roundabout),
     Task(title="Kinematic limit", work=no_slip_limit),
     Task(title="Linear theory", work=linear_theory),
+    Task(title="Rearward amplification", work=rearward_amplification),
+    Task(title="Multibody model", work=multibody_check),
     Task(title="Tyre lag", work=tyre_lag),
     Task(title="Parking", work=parking),
     Task(title="Mechanics", work=mechanics),

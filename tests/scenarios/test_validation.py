@@ -20,10 +20,12 @@ from controllers.path import arc, line
 from scenarios.commands.validate import validate
 from scenarios.results.swept_path import placed
 from scenarios.validation import closed_forms, no_slip_limit, suite
+from scenarios.validation.amplification import rearward_amplification
 from scenarios.validation.check import Check, Plot, Section, Series, Task, number, tally
 from scenarios.validation.integration import OtherStepPlant
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
+from scenarios.validation.multibody_check import multibody_check
 from scenarios.validation.no_slip import RollingChain, poses_along
 from scenarios.validation.parking import parking
 from scenarios.validation.tyre_lag import tyre_lag
@@ -146,9 +148,11 @@ def test_numbers_show_the_digits_their_tolerance_makes_meaningful(value: float, 
 # --- sections that cost little ---
 
 
-@pytest.mark.parametrize("section", [linear_theory, mechanics, tyre_lag, parking])
+@pytest.mark.parametrize(
+    "section", [linear_theory, mechanics, tyre_lag, parking, rearward_amplification, multibody_check]
+)
 def test_theory_holds(section: Callable[[bool], Section]) -> None:
-    """Linear oracle, conservation, derivations, friction circle, the tyres' lag at 5 to 110 km/h, parking."""
+    """Linear oracle, conservation, derivations, friction circle, tyre lag, parking, amplification, multibody model."""
     done = section(True)
     assert [one.name for one in done.checks if one.verdict != "passed"] == []
     assert all(one.source for one in done.checks)
