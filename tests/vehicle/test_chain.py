@@ -44,6 +44,8 @@ SCALE = State(  # typical sizes, to draw random states from
     deflection_x=0.05,
     deflection_y=0.15,
     brake_windup=1.0,
+    twin_x=0.1,
+    twin_y=0.1,
     steer=0.4,
     acceleration=3.0,
     brake_pressure=1.0,
@@ -68,6 +70,8 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     deflection_x=1,
     deflection_y=-1,
     brake_windup=1,
+    twin_x=1,
+    twin_y=-1,
     steer=-1,
     acceleration=1,
     brake_pressure=1,
@@ -154,6 +158,7 @@ def mirrored(vehicle: Vehicle, named: Named, signs: State[int] | Input[int]) -> 
     modulated = [channel for channel in channels if channel.valve is not None]
     valves = np.array([channels[channel.mirrored].valve for channel in modulated], dtype=int)
     swaps = {**dict.fromkeys(PER_WHEEL, swap), "brake_pressure": pressures, "brake_valve": valves}
+    swaps |= dict.fromkeys(("twin_x", "twin_y"), np.arange(state_sizes(vehicle).twin_x).reshape(-1, 2)[:, ::-1].ravel())
     fields = zip(named._fields, named, signs, strict=True)
     return type(named)(*(sign * (part[swaps[name]] if name in swaps else part) for name, part, sign in fields))
 

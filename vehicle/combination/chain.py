@@ -91,6 +91,8 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Brake
         deflection_x=_column(wheel.deflection.x for wheel in rolling),
         deflection_y=_column(wheel.deflection.y for wheel in rolling),
         brake_windup=_column(wheel.brake_windup for wheel in rolling),
+        twin_x=_column(twin.x for twin in _twin_rates(rolling)),
+        twin_y=_column(twin.y for twin in _twin_rates(rolling)),
         steer=_steer_rates(vehicle, s, u),
         acceleration=_demand_rate(vehicle, s, u),
         brake_pressure=_column(brakes.pressure),
@@ -112,12 +114,15 @@ def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
     """Relaxation rate of every state with the others held [1/s], for the integrator; 0 where not stiff."""
     of_wheels = [motion.relaxation for motion in _moment(vehicle, s, u).rolling]
     deflection = _column(wheel.deflection for wheel in of_wheels)
+    twin = _column(wheel.twin for wheel in of_wheels if wheel.twin is not None)
     none = State(*(ca.SX(size, 1) for size in state_sizes(vehicle)))
     return none._replace(
         omega=_column(wheel.omega for wheel in of_wheels),
         deflection_x=deflection,
         deflection_y=deflection,
         brake_windup=_column(wheel.brake_windup for wheel in of_wheels),
+        twin_x=twin,
+        twin_y=twin,
     )
 
 
@@ -133,6 +138,11 @@ def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
         moment=_column(on.moment for on in now.ground),
         lateral_load_transfer=_column(_load_transfers(vehicle, now)),
     )
+
+
+def _twin_rates(rolling: Iterable[WheelMotion]) -> list[Planar]:
+    """Rates of the inner patches' deflections, of the wheels that have one."""
+    return [wheel.twin for wheel in rolling if wheel.twin is not None]
 
 
 def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
@@ -226,9 +236,11 @@ def _wheel_motions(
         state = WheelState(
             omega=s.omega[k],
             deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
+            twin=None if wheel.twin is None else Planar(s.twin_x[wheel.twin], s.twin_y[wheel.twin]),
             brake_windup=s.brake_windup[k],
             plane=_plane(wheel, s),
             hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
+            yaw_rate=r,
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,

@@ -72,6 +72,10 @@ class Axle(Frozen):
     load_share: Annotated[
         float, quantity("-", gt=0.0, le=10.0, why="an axle on the ground carries; beyond 10 the others carry nothing")
     ] = 1.0  # load relative to the others of its group
+    twin_spacing: (
+        Annotated[float, quantity("m", ge=0.1, le=1.5, why="twin tyres stand side by side, 0.2 m to 0.5 m on trucks")]
+        | None
+    ) = None  # between the contact patches of twin tyres, which then scrub; None: one patch in their middle
     tyre: SerializeAsAny[Tyre]
     brake: AxleBrake | None = None  # None: none, or as ``Vehicle.brakes`` says
 

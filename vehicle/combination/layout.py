@@ -37,6 +37,10 @@ class State(NamedTuple, Generic[V]):
     deflection_x: V  # (n_wheels,) of each tyre along its wheel plane, as force over load at the nominal load [-]
     deflection_y: V  # (n_wheels,) and across it
     brake_windup: V  # (n_wheels,) acting brake torque and rolling drag over the available ones, -1 to 1
+    twin_x: (
+        V  # (n_twins,) deflection_x of the inner patch of every wheel with two; deflection_x then is the outer one's
+    )
+    twin_y: V  # (n_twins,)
     steer: V  # (n_actuators,) angle of every steering actuator, front to rear [rad]
     acceleration: V  # demanded of drive torques and brakes, behind the lag [m/s2]
     brake_pressure: V  # (n_channels,) over the full one, of every brake channel [-]
@@ -80,6 +84,7 @@ class Wheel(NamedTuple):
     drive_share: float  # of its drive force
     roll_share: float  # of the unit's lateral load transfer [1/m]
     brake: int | None  # number of its brake channel
+    twin: int | None  # number among the wheels with two contact patches
 
     @property
     def y(self) -> float:
@@ -93,7 +98,8 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
     total = sum(sum(unit_loads) for unit_loads in loads)
     driven = 2 * sum(axle.driven for axle in vehicle.units[0].axles)
     actuators, channels = _actuator_numbers(vehicle), channel_of_wheel(vehicle)
-    layout = []
+    layout: list[Wheel] = []
+    twins = 0
     for i, unit in enumerate(vehicle.units):
         for k, axle in enumerate(unit.axles):
             for side in (+1, -1):
@@ -109,8 +115,10 @@ def wheels(vehicle: Vehicle) -> tuple[Wheel, ...]:
                         drive_share=1.0 / driven if axle.driven else 0.0,
                         roll_share=loads[i][k] / sum(loads[i]) / axle.track,
                         brake=channels.get((i, k, side)),
+                        twin=None if axle.twin_spacing is None else twins,
                     )
                 )
+                twins += axle.twin_spacing is not None
     return tuple(layout)
 
 
@@ -140,6 +148,7 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
     """Length of every part of the state vector."""
     N, n_wheels = len(vehicle.units), vehicle.n_wheels
     channels = brake_channels(vehicle)
+    n_twins = 2 * sum(axle.twin_spacing is not None for unit in vehicle.units for axle in unit.axles)
     return State(
         x=1,
         y=1,
@@ -159,6 +168,8 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
         deflection_x=n_wheels,
         deflection_y=n_wheels,
         brake_windup=n_wheels,
+        twin_x=n_twins,
+        twin_y=n_twins,
         steer=len(steering_actuators(vehicle)),
         acceleration=1,
         brake_pressure=len(channels),

@@ -35,12 +35,14 @@ SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also 
     deflection_x=1,
     deflection_y=-1,
     brake_windup=1,
+    twin_x=1,
+    twin_y=-1,
     steer=-1,
     acceleration=1,
     brake_pressure=1,
     brake_valve=1,
 )
-_PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup"})
+_PER_WHEEL: Final = frozenset({"omega", "deflection_x", "deflection_y", "brake_windup", "twin_x", "twin_y"})
 _PER_CHANNEL: Final = frozenset({"brake_pressure", "brake_valve"})
 _PER_HITCH: Final = frozenset({"hitch_x", "hitch_y"})
 _SINGLE: Final = frozenset({"x", "y", "v_x", "v_y", "acceleration"})

@@ -30,9 +30,11 @@ class WheelState(NamedTuple):
 
     omega: Num  # spin [rad/s]
     deflection: Planar  # of its tyre, as force over load at the nominal load [-]
+    twin: Planar | None  # deflection of the inner contact patch of twin tyres; that above then is the outer one's
     brake_windup: Num  # acting brake torque and rolling drag over the available ones, -1 to 1
     plane: Vector  # direction of its plane along the unit's axes
     hub: Vector  # velocity along the unit's axes [m/s]
+    yaw_rate: Num  # of the unit [rad/s]
     load: Num  # [N]
     friction: Num  # [-]
     acceleration: Num  # demanded of drive torques, and of brakes that the vehicle does not describe [m/s2]
@@ -46,6 +48,7 @@ class Relaxation(NamedTuple):
     omega: Num
     deflection: Num  # in either direction; along the wheel damping makes it slower, which the integrator may ignore
     brake_windup: Num
+    twin: Num | None  # the inner patch's, as of ``deflection``
 
 
 class WheelMotion(NamedTuple):
@@ -55,9 +58,10 @@ class WheelMotion(NamedTuple):
     omega: Num  # [rad/s2]
     deflection: Planar  # [1/s]
     brake_windup: Num  # [1/s]
+    twin: Planar | None  # [1/s]
     relaxation: Relaxation
     force: Vector  # at the wheel's centre, along the unit's axes [N]
-    moment_opposing: Num  # aligning moment, clockwise [N m]
+    moment_opposing: Num  # aligning moment, and that of scrubbing twin tyres, clockwise [N m]
     slip_angle: Num  # [rad]
     friction_used: Num  # horizontal force over the largest one of the tyre law [-]
 
@@ -75,27 +79,69 @@ def wheel_plane(axle: Axle, y: float, delta: Num) -> Vector:
     return Vector(per_length * run, per_length * t)
 
 
+class _Patch(NamedTuple):
+    """A contact patch of a wheel."""
+
+    rate: Planar  # of its deflection [1/s]
+    decay: Num  # [1/s]
+    force: Planar  # [N]
+    spin_relaxation: Num  # its part of the wheel's [1/s]
+    trail: Num  # [m]
+    used: Num  # force over the largest one [-]
+
+
 def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     """Motion of a wheel in a state."""
-    axle, tyre = wheel.axle, wheel.axle.tyre
     v = along(s.plane, s.hub)
-    sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
-    grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))
-    damping = carcass_damping(tyre.damping, v.x)
-    rate = deflection_rate(s.deflection, sliding, grip.decay, damping)
-    on = contact(s.deflection, rate, s.load, grip, damping)
-    spin = _spin_relaxation(axle, on, felt_at_once(grip.decay, damping))
     winding = ca.fabs(s.omega)
+    scrub: Num = 0.0
+    if s.twin is None:
+        outer, inner = _patch(wheel, s, s.deflection, v, 1.0), None
+        force, used, spin, trail = outer.force, outer.used, outer.spin_relaxation, outer.trail
+    else:
+        reach = wheel.side * 0.5 * _spacing(wheel.axle)  # of the outer patch to the left of the wheel's middle [m]
+        outer = _patch(wheel, s, s.deflection, Vector(v.x - reach * s.yaw_rate, v.y), 0.5)
+        inner = _patch(wheel, s, s.twin, Vector(v.x + reach * s.yaw_rate, v.y), 0.5)
+        force = Planar(outer.force.x + inner.force.x, outer.force.y + inner.force.y)
+        scrub = reach * (outer.force.x - inner.force.x)
+        used, spin = ca.fmax(outer.used, inner.used), outer.spin_relaxation + inner.spin_relaxation
+        trail = 0.5 * (outer.trail + inner.trail)
     return WheelMotion(
         travel=ca.fabs(v.x),
-        omega=_spin_rate(vehicle, wheel, s, on.force.x),
-        deflection=rate,
+        omega=_spin_rate(vehicle, wheel, s, force.x),
+        deflection=outer.rate,
         brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
-        relaxation=Relaxation(spin, grip.decay, (1.0 / _BRAKE_WINDUP) * winding),
-        force=from_unit(s.plane, Vector(on.force.x, on.force.y)),
-        moment_opposing=grip.trail * s.brake_windup * on.force.y,
+        twin=None if inner is None else inner.rate,
+        relaxation=Relaxation(
+            spin, outer.decay, (1.0 / _BRAKE_WINDUP) * winding, None if inner is None else inner.decay
+        ),
+        force=from_unit(s.plane, Vector(force.x, force.y)),
+        moment_opposing=scrub + trail * s.brake_windup * force.y,
         slip_angle=ca.atan(v.y / rolling_speed(v.x)),
-        friction_used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * s.load),
+        friction_used=used,
+    )
+
+
+def _spacing(axle: Axle) -> float:
+    return 0.0 if axle.twin_spacing is None else axle.twin_spacing
+
+
+def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: float) -> _Patch:
+    """Contact patch that moves at v [m/s] along and across the wheel's plane and carries a share of its load."""
+    axle, tyre = wheel.axle, wheel.axle.tyre
+    sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
+    grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))  # tyre data are those of both twins
+    damping = carcass_damping(tyre.damping, v.x)
+    rate = deflection_rate(deflection, sliding, grip.decay, damping)
+    load = s.load if share == 1.0 else share * s.load
+    on = contact(deflection, rate, load, grip, damping)
+    return _Patch(
+        rate=rate,
+        decay=grip.decay,
+        force=on.force,
+        spin_relaxation=_spin_relaxation(axle, on, felt_at_once(grip.decay, damping)),
+        trail=grip.trail,
+        used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * load),
     )
 
 

@@ -1,7 +1,7 @@
 """Tyre data common to all laws, as a table ``[tyres.name]`` of a vehicle file gives them, and what a law must define.
 
-A twin wheel counts as one. Stiffnesses and forces are over the vertical load. Every method takes numbers or
-``casadi.SX``, and so may be the data.
+A twin wheel counts as one, also where its two contact patches slip each by itself. Stiffnesses and forces are over the
+vertical load. Every method takes numbers or ``casadi.SX``, and so may be the data.
 """
 
 from __future__ import annotations

@@ -1,0 +1,129 @@
+"""Twin tyres: two contact patches on one wheel, which scrub when the wheel turns about the vertical."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.layout import State, parts, state_sizes, wheels
+from vehicle.combination.linear import lateral_model
+from vehicle.combination.multibody import Vector
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion
+from vehicle.frames import FloatArray, Pose2
+from vehicle.surface import Surface
+from vehicle.tyres import Planar
+from vehicle.tyres.linear import LinearTyre
+
+SPACING = 0.34  # [m]
+LOAD, SPEED, STIFFNESS = 50e3, 2.0, 15.0
+
+
+@pytest.fixture(scope="module")
+def twins(tractor_semitrailer: Vehicle) -> Vehicle:
+    """The combination with twin tyres on its driven axle."""
+    tractor, trailer = tractor_semitrailer.units
+    front, rear = tractor.axles
+    axles = (front, rear.model_copy(update={"twin_spacing": SPACING}))
+    return tractor_semitrailer.model_copy(update={"units": (tractor.model_copy(update={"axles": axles}), trailer)})
+
+
+def on_linear_tyres(vehicle: Vehicle) -> Vehicle:
+    tyre = LinearTyre(
+        model="linear", nominal_load=LOAD, relaxation_length=0.5, damping=0.0, rolling_resistance=0.0,
+        pneumatic_trail=0.0, cornering_stiffness=6.0, longitudinal_stiffness=STIFFNESS, load_sensitivity=0.0,
+    )  # fmt: skip
+    units = tuple(
+        unit.model_copy(update={"axles": tuple(axle.model_copy(update={"tyre": tyre}) for axle in unit.axles)})
+        for unit in vehicle.units
+    )
+    return vehicle.model_copy(update={"units": units})
+
+
+def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: float) -> WheelMotion:
+    """A wheel that rolls freely with its middle, with given deflections of its patches along it."""
+    wheel = wheels(vehicle)[number]
+    state = WheelState(
+        omega=SPEED / wheel.axle.wheel_radius,
+        deflection=Planar(outer, 0.0),
+        twin=Planar(inner, 0.0) if wheel.twin is not None else None,
+        brake_windup=1.0,
+        plane=Vector(1.0, 0.0),
+        hub=Vector(SPEED, 0.0),
+        yaw_rate=yaw_rate,
+        load=LOAD,
+        friction=0.8,
+        acceleration=0.0,
+        brake_pressure=0.0,
+        gear=1.0,
+    )
+    return wheel_motion(vehicle, wheel, state)
+
+
+@pytest.mark.parametrize("number", [2, 3])
+def test_turning_twins_resist_with_their_scrub(twins: Vehicle, number: int) -> None:
+    """On a curve the patches slip by -+ (d / 2) r / v along the wheel: a moment of F_z C d^2 r / (4 v)."""
+    vehicle, r = on_linear_tyres(twins), 1e-5  # [rad/s], so small that both patches roll equally fast
+    slip = 0.5 * SPACING * r / SPEED  # of the left patch, whose ground passes more slowly in a left turn
+    outer = (1.0 if number == 2 else -1.0) * STIFFNESS * slip
+    turned = motion(vehicle, number, r, outer, -outer)
+    assert turned.twin is not None
+    assert (*turned.deflection, *turned.twin) == pytest.approx((0.0, 0.0, 0.0, 0.0), abs=1e-9)  # steady
+    assert turned.moment_opposing == pytest.approx(LOAD * STIFFNESS * SPACING**2 * r / (4.0 * SPEED), rel=1e-6)
+    assert turned.force.x == pytest.approx(0.0, abs=1e-6)
+
+
+def test_twins_that_go_straight_are_one_tyre(twins: Vehicle, tractor_semitrailer: Vehicle) -> None:
+    """Without yaw both patches have the slip of the wheel's middle and half its force."""
+    one = motion(tractor_semitrailer, 2, 0.0, 0.05, 0.0)
+    both = motion(twins, 2, 0.0, 0.05, 0.05)
+    assert both.twin == one.deflection
+    for name in ("omega", "deflection", "force", "moment_opposing", "friction_used"):
+        assert getattr(both, name) == pytest.approx(getattr(one, name), rel=1e-12)
+    assert both.relaxation.omega == pytest.approx(one.relaxation.omega, rel=1e-12)
+
+
+def test_single_tyres_have_no_second_patch(twins: Vehicle, tractor_semitrailer: Vehicle) -> None:
+    """What a file leaves out has no state."""
+    assert (state_sizes(tractor_semitrailer).twin_x, state_sizes(twins).twin_x) == (0, 2)
+
+
+def driven(vehicle: Vehicle, steer: float) -> State[FloatArray]:
+    plant = Plant(vehicle, Surface(friction=0.8), engine="interpreted")
+    state = plant.initial_state(Pose2(0.0, 0.0, 0.0), 2.0)
+    state = plant.step(state, VehicleCommand(steer, 0.1, ()), 3000)
+    return State(*parts(state, state_sizes(vehicle)))
+
+
+def test_scrub_widens_a_tight_turn_and_is_the_same_to_both_sides(twins: Vehicle, tractor_semitrailer: Vehicle) -> None:
+    """At 30 degrees of steer twins resist the yaw; the front axle's slip makes up for it."""
+    left, right, single = driven(twins, 0.5), driven(twins, -0.5), driven(tractor_semitrailer, 0.5)
+    np.testing.assert_allclose(left.yaw_rate, -right.yaw_rate, rtol=1e-9)
+    np.testing.assert_allclose(left.twin_x, right.twin_x[::-1], rtol=1e-6, atol=1e-12)
+    assert 0.9 < left.yaw_rate[0] / left.v_x[0] / (single.yaw_rate[0] / single.v_x[0]) < 0.999
+
+
+def test_scrub_damps_the_yaw_of_small_motions(twins: Vehicle) -> None:
+    """Like a rotary damper of F_z C d^2 / (4 v) at the wheels: the yaw equation of the linear model shows it.
+
+    Against the vehicle with both patches 0.1 m apart, whose damper is (0.1 / 0.34)^2 of that.
+    """
+    v = 10.0
+    vehicle = on_linear_tyres(twins)
+    tractor, trailer = vehicle.units
+    narrow_axle = tractor.axles[1].model_copy(update={"twin_spacing": 0.1})
+    narrow = vehicle.model_copy(
+        update={"units": (tractor.model_copy(update={"axles": (tractor.axles[0], narrow_axle)}), trailer)}
+    )
+    wide_model, narrow_model = (lateral_model(one, v) for one in (vehicle, narrow))
+    change = wide_model.A - narrow_model.A
+    load = 11.4e3 * 9.81  # of the driven axle [N]
+    damper = load * STIFFNESS * (SPACING**2 - 0.1**2) / (4.0 * v)  # [N m s]
+    # The moment acts on the tractor alone: acceleration of its yaw by the mass matrix of the coupled chain.
+    k = wide_model.states.index("yaw_rate_0")
+    alone = damper / tractor.yaw_inertia
+    assert 0.3 * alone < -change[k, k] < alone  # the trailer's mass on the hitch adds to the inertia
+    assert math.isclose(change[:, wide_model.states.index("v_y")].max(), 0.0, abs_tol=1e-6)
