@@ -11,6 +11,7 @@ import typer
 from scenarios.commands import (
     assess,
     calibrate,
+    draw,
     estimate,
     fit_surrogate,
     listing,
@@ -62,6 +63,7 @@ app.command(epilog=lines(listing.KEYS_EXAMPLES))(listing.keys)
 app.command(epilog=lines(run.EXAMPLES))(run.run)
 app.command(epilog=lines(vehicle.EXAMPLES))(vehicle.vehicle)
 app.command(epilog=lines(assess.EXAMPLES))(assess.assess)
+app.command(epilog=lines(draw.EXAMPLES))(draw.draw)
 app.command()(validate.validate)
 app.command(epilog=lines(calibrate.EXAMPLES))(calibrate.calibrate)
 app.command(epilog=lines(study.COMPARE_EXAMPLES))(study.compare)

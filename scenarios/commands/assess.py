@@ -21,10 +21,11 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "Examples: offtrack assess eu_tractor_semitrailer   offtrack assess my_truck.toml --json   "
     "offtrack assess uk_longer_semitrailer --trailer-steering path_preview   "
-    "offtrack assess eu_tractor_semitrailer --manoeuvres turn,aashto_turn --hand both   "
+    "offtrack assess eu_tractor_semitrailer --manoeuvres turn,aashto_turn --hand both --drawings dxf   "
     "offtrack assess eu_tractor_semitrailer --manoeuvres lane_change,pulse --speed 100 --friction 0.5"
 )
 Hands = Literal["left", "right", "both"]
+Drawings = Literal["none", "dxf", "geojson", "both"]
 
 
 def _listing() -> str:
@@ -59,6 +60,9 @@ def assess(
     friction: Annotated[
         float | None, typer.Option(help="Friction of the road [-].", show_default="the standards'")
     ] = None,
+    drawings: Annotated[
+        Drawings, typer.Option(help="Also draw manoeuvres along a path: DXF for CAD, GeoJSON for GIS (extra 'cad').")
+    ] = "none",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -73,6 +77,8 @@ def assess(
     A missed limit is a result, not an error. Manoeuvres under other conditions than the standard's (--speed, --radius,
     --friction) are not compared with limits.
     """
+    from scenarios.drawings.content import missing_package
+    from scenarios.drawings.files import formats_of, needed_packages
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.standards.assessment import assess as driven
     from scenarios.standards.files import write_assessment
@@ -83,6 +89,9 @@ def assess(
         chosen = load_vehicle(vehicle)
         directory = out or next_run_directory(f"assess-{chosen.name}")
         check_run_directory(directory)
+        kinds = formats_of(drawings)
+        if missing := missing_package(needed_packages(kinds)):
+            raise ValueError(missing)
         steered_trailer(chosen, trailer_steering)  # rejects unknown laws and vehicles without steered axles for the law
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
@@ -92,7 +101,7 @@ def assess(
                 conditions=_conditions(hand, speed, radius, friction),
                 progress=progress_bar(display, f"assess {chosen.name}"),
             )
-        write_assessment(assessment, directory)
+        write_assessment(assessment, directory, kinds)
         if as_json:
             typer.echo(json.dumps(assessment.summary(), indent=2))
         elif not quiet:

@@ -1,0 +1,207 @@
+"""Drawings of drives for CAD: closed polylines on named layers in metres, exact, and the same each time."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from scenarios.commands.assess import assess as assess_command
+from scenarios.commands.draw import draw as draw_command
+from scenarios.drawings import shapes
+from scenarios.drawings.content import DrivenPath, drawing
+from scenarios.drawings.files import geojson, write_drawing
+from scenarios.drawings.shapes import unit_layer
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+from scenarios.report.writer import write_run
+from scenarios.results.swept_path import UnitOutline
+from vehicle.frames import FloatArray
+
+shapely = pytest.importorskip("shapely")
+ezdxf = pytest.importorskip("ezdxf")
+
+BODY = UnitOutline("Truck 1/ä", 3.0, -1.0, 2.0, (2.0, 0.0), (1.8, 1.8), ("steer_tractor", None))
+QUICK = ("course.turn_deg=30", "course.entry=20", "course.exit=5", "off_tracking=truth", "trailer_steering=none")
+
+
+def driven(path: FloatArray, **more: Any) -> DrivenPath:
+    """One body along poses (n, 3)."""
+    return DrivenPath(
+        title="test",
+        notes=("a note",),
+        units=(BODY,),
+        poses=(path,),
+        steer=(np.zeros((len(path), 2)),),
+        time=np.linspace(0.0, 10.0, len(path)),
+        front_axle_x=2.0,
+        **more,
+    )
+
+
+def straight() -> FloatArray:
+    return np.column_stack([np.linspace(0.0, 20.0, 201), np.zeros(201), np.zeros(201)])
+
+
+def circling() -> FloatArray:
+    """A full circle of radius 10 m of the body's origin, about (0, 10)."""
+    psi = np.linspace(0.0, 2.0 * math.pi, 2001)
+    return np.column_stack([10.0 * np.sin(psi), 10.0 * (1.0 - np.cos(psi)), psi])
+
+
+def areas(told: dict[str, Any], layer: str) -> list[Any]:
+    chosen = [feature for feature in told["features"] if feature["properties"]["layer"] == layer]
+    return [shapely.geometry.shape(feature["geometry"]) for feature in chosen]
+
+
+def test_a_straight_drive_sweeps_a_rectangle() -> None:
+    """From the rear at the start to the front at the end, as wide as the body."""
+    (swept,) = areas(geojson(drawing(driven(straight()))), shapes.SWEPT)
+    assert swept.bounds == pytest.approx((-1.0, -1.0, 23.0, 1.0))
+    assert swept.area == pytest.approx(24.0 * 2.0)
+
+
+def test_a_circle_sweeps_a_ring_with_an_island() -> None:
+    """Inner radius R - w/2, outer radius that of the front corner: the area of the ring to 0.1 %."""
+    (swept,) = areas(geojson(drawing(driven(circling()))), shapes.SWEPT)
+    outer, inner = math.hypot(11.0, 3.0), 9.0
+    assert len(swept.interiors) == 1
+    assert swept.is_valid
+    assert swept.area == pytest.approx(math.pi * (outer**2 - inner**2), rel=1e-3)
+    (left, bottom, right, top) = swept.bounds
+    assert (right - left, top - bottom) == pytest.approx((2.0 * outer, 2.0 * outer), abs=5e-3)
+
+
+def test_a_road_is_an_area_with_its_edges() -> None:
+    """20 m of road, 4 m to either side."""
+    road = np.column_stack([np.linspace(0.0, 20.0, 41), np.zeros(41)])
+    told = geojson(drawing(driven(straight(), road=road, road_half_width=4.0)))
+    (area,) = areas(told, shapes.ROAD)
+    assert area.bounds == pytest.approx((0.0, -4.0, 20.0, 4.0))
+    assert [len(areas(told, layer)) for layer in (shapes.ROAD_CENTRE, shapes.COURSE)] == [1, 0]
+
+
+def test_geojson_is_as_its_specification_asks() -> None:
+    """RFC 7946: rings closed, outer ones counter-clockwise, holes clockwise; and it says that these are not degrees."""
+    told = geojson(drawing(driven(circling())))
+    assert told["type"] == "FeatureCollection"
+    assert "metres" in told["coordinate_frame"]
+    for feature in told["features"]:
+        if feature["geometry"]["type"] == "Polygon":
+            edge, *holes = feature["geometry"]["coordinates"]
+            assert edge[0] == edge[-1]
+            assert shapely.geometry.LinearRing(edge).is_ccw
+            assert not any(shapely.geometry.LinearRing(hole).is_ccw for hole in holes)
+    (place,) = [f["properties"] for f in told["features"] if f["properties"].get("travelled_m") == 0.0][:1]
+    assert place["unit"] == BODY.name
+
+
+def test_dxf_opens_without_errors_in_metres_on_named_layers(tmp_path: Path) -> None:
+    """Areas are closed polylines; the swept ring has two. Layer names hold nothing that CAD programs refuse."""
+    write_drawing(drawing(driven(circling(), course=circling()[:, :2])), tmp_path / "a.dxf", "dxf")
+    document = ezdxf.readfile(tmp_path / "a.dxf")
+    assert not document.audit().errors
+    assert document.header["$INSUNITS"] == 6
+    assert document.header["$MEASUREMENT"] == 1
+    assert document.header["$ACADVER"] == "AC1024"
+    by_layer: dict[str, list[Any]] = {}
+    for entity in document.modelspace():
+        by_layer.setdefault(entity.dxf.layer, []).append(entity)
+    body = unit_layer(BODY.name)
+    assert body == "VEHICLE_TRUCK_1_"
+    closed = {shapes.SWEPT: True, body: True, shapes.WHEELS: True, shapes.COURSE: False, shapes.FRONT_AXLE: False}
+    for layer, is_closed in closed.items():
+        assert layer in document.layers
+        assert all(entity.closed is is_closed for entity in by_layer[layer]), layer
+    assert len(by_layer[shapes.SWEPT]) == 2
+    assert len(by_layer[shapes.WHEELS]) == 4 * len(by_layer[body])
+    corner = np.array(by_layer[body][0].get_points("xy"))
+    np.testing.assert_allclose(sorted(corner[:, 0]), [-1.0, -1.0, 3.0, 3.0], atol=1e-12)
+    assert [text.dxf.text for text in by_layer[shapes.NOTES]][:2] == ["test", "a note"]
+
+
+def test_the_same_drive_gives_the_same_file(tmp_path: Path) -> None:
+    """No times and no random identifiers."""
+    for name in ("a", "b"):
+        for kind in ("dxf", "geojson"):
+            write_drawing(drawing(driven(straight())), tmp_path / f"{name}.{kind}", kind)
+    assert (tmp_path / "a.dxf").read_bytes() == (tmp_path / "b.dxf").read_bytes()
+    assert (tmp_path / "a.geojson").read_bytes() == (tmp_path / "b.geojson").read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"a.dxf", "a.geojson", "b.dxf", "b.geojson"}
+
+
+def command() -> typer.Typer:
+    app = typer.Typer()
+    app.command()(draw_command)
+    return app
+
+
+def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
+    """From the run directory alone: bodies at the places of the log, the road of its course, changed dimensions too."""
+    scenario = load_scenario("roundabout", [*QUICK, "plant.units.semitrailer.width=3.0"])
+    result = run(scenario, 1)
+    write_run(result, tmp_path / "run", video=False)
+    done = CliRunner().invoke(command(), [str(tmp_path / "run"), "--to", "both", "--every", "10"])
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "run" / "drawing.geojson").read_text(encoding="utf-8"))
+    first, *_ = areas(told, "VEHICLE_SEMITRAILER")
+    trailer = result.units[1]
+    length = trailer.front_x - trailer.rear_x
+    assert sorted(math.dist(*pair) for pair in zip(first.exterior.coords, first.exterior.coords[1:], strict=False)) == (
+        pytest.approx([3.0, 3.0, length, length], abs=1e-3)
+    )
+    (swept,) = areas(told, shapes.SWEPT)
+    for unit in result.units:
+        origin = shapely.points(result.poses(unit)[:, :2])
+        assert shapely.contains(swept.buffer(0.01), origin).all()
+    assert not ezdxf.readfile(tmp_path / "run" / "drawing.dxf").audit().errors
+    again = CliRunner().invoke(command(), [str(tmp_path / "run")])
+    assert again.exit_code == 2
+    assert "exists already" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda folder: None, "is no run directory: it has no scenario.toml"),
+        (lambda folder: (folder / "scenario.toml").write_text("trailer_steering = 3"), "scenario.toml"),
+        (lambda folder: (folder / "scenario.toml").write_text('kind = "rover"\nname = "r"\n'), "scenario.toml"),
+        (lambda folder: (folder / "scenario.toml").mkdir(), "is no run directory"),
+    ],
+)
+def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path, make: Any, says: str) -> None:
+    """Nothing is written then."""
+    make(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    done = CliRunner().invoke(command(), [str(tmp_path)])
+    assert done.exit_code == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_assessments_draw_their_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file beside each log of a manoeuvre along a path; none for a pulse."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    app = typer.Typer()
+    app.command()(assess_command)
+    arguments = ["rigid_truck", "--manoeuvres", "ctsw_turn,pulse", "--drawings", "both", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(app, [*arguments, "--quiet"])
+    assert done.exit_code == 0, done.output
+    drawn = {path.name for path in (tmp_path / "out").iterdir() if path.suffix in (".dxf", ".geojson")}
+    assert drawn == {"ctsw_turn.dxf", "ctsw_turn.geojson"}
+    assert not ezdxf.readfile(tmp_path / "out" / "ctsw_turn.dxf").audit().errors
+
+
+def test_without_the_extra_the_command_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything is read."""
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    done = CliRunner().invoke(command(), [str(tmp_path)])
+    assert done.exit_code == 2
+    assert "pip install 'offtrack[cad]'" in done.stderr
