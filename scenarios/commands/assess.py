@@ -22,7 +22,8 @@ EXAMPLES = (
     "Examples: offtrack assess eu_tractor_semitrailer   offtrack assess my_truck.toml --json   "
     "offtrack assess uk_longer_semitrailer --trailer-steering path_preview   "
     "offtrack assess eu_tractor_semitrailer --manoeuvres turn,aashto_turn --hand both --drawings dxf   "
-    "offtrack assess eu_tractor_semitrailer --manoeuvres lane_change,pulse --speed 100 --friction 0.5"
+    "offtrack assess eu_tractor_semitrailer --manoeuvres lane_change,pulse --speed 100 --friction 0.5   "
+    "offtrack assess b_double --loads all --manoeuvres all"
 )
 Hands = Literal["left", "right", "both"]
 Drawings = Literal["none", "dxf", "geojson", "both"]
@@ -50,6 +51,12 @@ def assess(
             show_default=", ".join(STANDARD_SET),
         ),
     ] = "standard",
+    loads: Annotated[
+        str,
+        typer.Option(
+            help="Load cases, comma-separated: unladen, half, laden (as in the vehicle file; also: full), or all."
+        ),
+    ] = "laden",
     hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
     speed: Annotated[
         float | None, typer.Option(help="Speed of the manoeuvres [km/h].", show_default="the standards'")
@@ -81,6 +88,7 @@ def assess(
     from scenarios.drawings.files import formats_of, needed_packages
     from scenarios.results.run_directory import check_run_directory, next_run_directory
     from scenarios.standards.assessment import assess as driven
+    from scenarios.standards.assessment import loaded
     from scenarios.standards.files import write_assessment
     from scenarios.standards.pilots import steered_trailer
     from vehicle.combination.description import load_vehicle
@@ -98,6 +106,7 @@ def assess(
                 chosen,
                 trailer_steering=trailer_steering,
                 manoeuvres=_words(manoeuvres),
+                cases=loaded(chosen, _words(loads)),
                 conditions=_conditions(hand, speed, radius, friction),
                 progress=progress_bar(display, f"assess {chosen.name}"),
             )

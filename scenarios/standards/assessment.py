@@ -17,9 +17,11 @@ from scenarios.standards.manoeuvre import Figures, Manoeuvre
 from scenarios.standards.theory import linear_figures
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle
+from vehicle.combination.load_cases import FULL, load_cases, with_load
 
 MANOEUVRES: Final = STANDARD_SET  # in the order of the report
-AS_IN_FILE: Final = "full"  # load case of a vehicle as its file describes it
+AS_IN_FILE: Final = FULL  # load case of a vehicle as its file describes it
+_LADEN: Final = "laden"  # another name of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,6 +158,18 @@ def assess(
             )
         ),
     )
+
+
+def loaded(vehicle: Vehicle, names: Sequence[str]) -> tuple[tuple[str, Vehicle], ...]:
+    """Load cases of these names with the combination in each; ``laden`` is as in its file, ``all`` is every case.
+
+    Raises:
+        ValueError: one line, for an unknown case, or one that the vehicle does not have.
+    """
+    cases: list[str] = []
+    for name in names:
+        cases += load_cases(vehicle)[::-1] if name == "all" else [AS_IN_FILE if name == _LADEN else name]
+    return tuple((case, with_load(vehicle, case)) for case in dict.fromkeys(cases))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from scenarios.commands.assess import assess as assess_command
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
-from scenarios.standards.assessment import MANOEUVRES, Assessment, AssessmentMatrix, assess
+from scenarios.standards.assessment import MANOEUVRES, Assessment, AssessmentMatrix, assess, loaded
 from scenarios.standards.assessment_page import assessment_page
 from scenarios.standards.catalogue import KINDS, OTHER_NAMES, STANDARD_SET
 from scenarios.standards.conditions import Conditions
@@ -254,6 +254,7 @@ def test_cases_and_conditions_make_a_matrix() -> None:
         (["--manoeuvres", "turn", "--radius", "nan"], "--radius nan: turn is driven at 8 to 100 m"),
         (["--manoeuvres", "pulse", "--friction", "7"], "--friction 7: pulse is driven at 0.05 to 1.5"),
         (["--hand", "up"], "'up'"),
+        (["--loads", "halff"], "load = 'halff' is not a load case; did you mean 'half'"),
     ],
 )
 def test_conditions_that_no_standard_manoeuvre_has_are_refused(
@@ -276,6 +277,20 @@ def test_the_help_lists_every_manoeuvre() -> None:
     for key, kind in KINDS.items():
         assert key in told
         assert kind.line[:30] in told
+
+
+def test_load_cases_are_assessed_side_by_side() -> None:
+    """Laden first, as in the file; the lighter, the higher the rollover threshold."""
+    vehicle = load_vehicle("rigid_truck")
+    matrix = assess(vehicle, manoeuvres=("tilt",), cases=loaded(vehicle, ["all"]), processes=1)
+    assert [case.load for case in matrix.cases] == ["full", "half", "unladen"]
+    assert matrix.cases[0].vehicle == vehicle
+    assert [case.vehicle.mass for case in matrix.cases] == pytest.approx([18000.0, 12750.0, 7500.0])
+    thresholds = [case.figures["rollover_threshold_g"] for case in matrix.cases]
+    assert thresholds == sorted(thresholds)
+    assert [case["load"] for case in matrix.summary()["cases"]] == ["full", "half", "unladen"]
+    assert [name for name, _ in loaded(vehicle, ["laden", "unladen", "full"])] == ["full", "unladen"]
+    assert not [line for line in matrix.warnings if line.startswith("unladen")]
 
 
 def test_every_named_manoeuvre_can_be_driven() -> None:
