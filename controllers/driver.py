@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
+import numpy as np
+
 from controllers import preview_law as law
 from controllers.functions import FLOATS
 from controllers.path import Path, SpeedProfile
+from controllers.preview_design import EDGES, gains
 from controllers.tractor import TractorGeometry
 from sensors.messages import EgoState
 from vehicle.clock import TICK
@@ -58,8 +61,17 @@ class DriverMemory(NamedTuple):
     station: float  # guided point along the path [m]
     demand: float  # last steer demand [rad]
     steer: float  # predicted steer angle now [rad]
-    front_slip: float  # slip angle of the front axle, low-passed [rad]
+    front_slip: float  # slip angle of the relaxed front tyres [rad]
     speed_integral: float  # [m/s2]
+    rear_slip: float = 0.0  # of the rear tyres [rad]
+    side: float = 0.0  # unknown side force over the mass [m/s2]
+    turn: float = 0.0  # its moment over the mass [m2/s2]
+    motion: law.Motion[float] = law.Motion(0.0, 0.0, 0.0)  # at the last step
+
+    @property
+    def slips(self) -> law.Slips[float]:
+        """What is remembered of the tyres."""
+        return law.Slips(self.front_slip, self.rear_slip, self.side, self.turn)
 
 
 class PreviewDriver(Driver[DriverMemory]):
@@ -85,15 +97,15 @@ class PreviewDriver(Driver[DriverMemory]):
     ) -> None:
         """A driver for the set ``speed`` [m/s]; ``gain``: turn towards the path per lateral error [rad/m].
 
-        The gain falls with speed, which limits the bandwidth. The driver slows down in time for turns that would exceed
-        ``max_lateral_acceleration`` [m/s2].
+        The loop gets as fast as that only where the lags of steering, tyres and yaw allow it (`preview_design`). The
+        driver slows down in time for turns that would exceed ``max_lateral_acceleration`` [m/s2].
         """
         if not speed > 0.0:
             raise ValueError(f"speed = {speed} m/s must be positive")
         if not gain > 0.0:
             raise ValueError(f"gain = {gain} rad/m must be positive")
         self._tractor, self._path, self._speed = tractor, path, speed
-        self._gain = law.gain_at(FLOATS, gain, speed)
+        self._gain, self._gains = gain, gains(tractor, gain)
         self._profile: SpeedProfile | None = None
         if math.isfinite(max_lateral_acceleration):
             self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
@@ -128,14 +140,13 @@ class PreviewDriver(Driver[DriverMemory]):
         """New memory and command at ``tick``; no faster than ``speed_limit`` [m/s]."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         steer = self._settled(memory.steer, memory.demand, elapsed)
-        front_slip = law.filtered_front_slip(
-            FLOATS, self._tractor, memory.front_slip, steer, ego.v_x, ego.v_y, ego.yaw_rate, elapsed
-        )
-        station, demand = self._steer_demand(memory._replace(steer=steer, front_slip=front_slip), ego)
+        motion = law.Motion(ego.v_x, ego.v_y, ego.yaw_rate)
+        slips = law.slips_after(FLOATS, self._tractor, memory.slips, memory.motion, motion, steer, elapsed)
+        station, demand = self._steer_demand(memory.station, ego, motion, slips, steer)
         wanted = self._speed if self._profile is None else self._profile.at(station)
         error = min(wanted, speed_limit) - ego.v_x
         integral, acceleration = speed_control(memory.speed_integral, error, elapsed)
-        after = DriverMemory(tick, station, demand, steer, front_slip, integral)
+        after = DriverMemory(tick, station, demand, steer, slips.front, integral, *slips[1:], motion)
         return after, DriverCommand(steer=demand, acceleration=acceleration)
 
     def following(self, memory: DriverMemory, tick: int, ego: EgoState, demand: float) -> DriverMemory:
@@ -144,39 +155,30 @@ class PreviewDriver(Driver[DriverMemory]):
         steer = self._settled(memory.steer, memory.demand, elapsed)
         point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(self._tractor.x_ref, self._tractor.y_ref, 0.0)
         station = self._path.project(point.x, point.y, memory.station)
-        return DriverMemory(tick, station, demand, steer, 0.0, 0.0)
+        return DriverMemory(tick, station, demand, steer, 0.0, 0.0, motion=law.Motion(ego.v_x, ego.v_y, ego.yaw_rate))
 
     def _settled(self, steer: float, demand: float, duration: float) -> float:
         return float(law.steer_after(FLOATS, self._tractor, steer, demand, duration))
 
-    def _steer_demand(self, memory: DriverMemory, ego: EgoState) -> tuple[float, float]:
+    def _steer_demand(
+        self, near: float, ego: EgoState, motion: law.Motion[float], slips: law.Slips[float], steer: float
+    ) -> tuple[float, float]:
         """Station of the guided point on the path [m] and the steer angle that it needs [rad]."""
-        t = self._tractor
-        ahead = self._predicted(memory, ego)
-        point = ahead @ Pose2(t.x_ref, t.y_ref, 0.0)
-        station = self._path.project(point.x, point.y, memory.station)
-        on_path = self._path.pose(station)
-        demand = law.steer_demand(
-            FLOATS,
-            t,
-            guided_point=(t.x_ref, t.y_ref),
-            heading_error=math.remainder(on_path.psi - ahead.psi, math.tau),
+        t, path = self._tractor, self._path
+        guided_point = t.x_ref, t.y_ref
+        point = Pose2(ego.x, ego.y, ego.psi) @ Pose2(*guided_point, 0.0)
+        station = path.project(point.x, point.y, near)
+        on_path, u = path.pose(station), law.travel(FLOATS, guided_point, motion)
+        ahead = path.headings([station + u * time for time in EDGES[1:]])
+        on = law.OnPath(
             to_path=math.cos(on_path.psi) * (on_path.y - point.y) - math.sin(on_path.psi) * (on_path.x - point.x),
-            v_x=ego.v_x,
-            v_y=ego.v_y,
-            front_slip=memory.front_slip,
-            gain=self._gain,
+            heading_error=math.remainder(on_path.psi - ego.psi, math.tau),
+            curvature=path.curvature(station),
+            headings=[heading - on_path.psi for heading in ahead],
         )
+        row = self._gains.at(np.array([motion.v_x]))[0].tolist()
+        demand = law.steer_demand(FLOATS, t, guided_point, on, motion, slips, steer, row, self._gain)
         return station, demand
-
-    def _predicted(self, memory: DriverMemory, ego: EgoState) -> Pose2:
-        """X_WT when the steering will have answered the demand of this step."""
-        horizon = law.horizon(self._tractor)
-        yaw_rate = law.mean_yaw_rate(FLOATS, self._tractor, memory.steer, memory.demand, ego.v_x, ego.yaw_rate)
-        turned = 0.5 * yaw_rate * horizon
-        c, s = math.cos(turned), math.sin(turned)
-        step = Pose2(horizon * (c * ego.v_x - s * ego.v_y), horizon * (s * ego.v_x + c * ego.v_y), 2.0 * turned)
-        return Pose2(ego.x, ego.y, ego.psi) @ step
 
 
 def speed_control(integral: float, error: float, elapsed: float) -> tuple[float, float]:

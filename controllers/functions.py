@@ -25,6 +25,7 @@ class Functions(Protocol[Num]):
     def atan(self, x: Num, /) -> Num: ...
     def atan2(self, y: Num, x: Num, /) -> Num: ...
     def exp(self, x: Num, /) -> Num: ...
+    def sqrt(self, x: Num, /) -> Num: ...
     def sign(self, x: Num, /) -> Num: ...
     def fabs(self, x: Num, /) -> Num: ...
     def fmin(self, x: Num | float, y: Num | float, /) -> Num: ...
@@ -39,6 +40,7 @@ class _Floats:
     atan = staticmethod(math.atan)
     atan2 = staticmethod(math.atan2)
     fabs = staticmethod(math.fabs)
+    sqrt = staticmethod(math.sqrt)
 
     @staticmethod
     def exp(x: float) -> float:
@@ -63,7 +65,7 @@ class _Floats:
 
 class _Arrays:
     tan, atan, atan2 = np.tan, np.arctan, np.arctan2
-    exp, sign, fabs, fmin, fmax = np.exp, np.sign, np.fabs, np.fmin, np.fmax
+    exp, sqrt, sign, fabs, fmin, fmax = np.exp, np.sqrt, np.sign, np.fabs, np.fmin, np.fmax
 
     @staticmethod
     def if_else(condition: FloatArray | bool | NDArray[np.bool_], then: Array, otherwise: Array) -> FloatArray:

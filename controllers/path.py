@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import bisect
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -93,6 +94,16 @@ class Path:
             return _ahead(self.knots[-1], s - self.length)
         i = bisect.bisect_right(self.stations, s) - 1
         return self.segments[i].advance(self.knots[i], s - self.stations[i])
+
+    def headings(self, stations: Sequence[float]) -> list[float]:
+        """Headings at arc lengths [m], counting full turns [rad]."""
+        headings = []
+        for s in stations:
+            i = min(max(bisect.bisect_right(self.stations, s) - 1, 0), len(self.segments) - 1)
+            segment, u = self.segments[i], min(max(s, 0.0), self.length) - self.stations[i]
+            sharpness = (segment.end_curvature - segment.start_curvature) / segment.length
+            headings.append(self.knots[i].psi + u * (segment.start_curvature + 0.5 * sharpness * u))
+        return headings
 
     def curvature(self, s: float) -> float:
         """Curvature at the arc length s [m], + left [1/m]; at a jump, the value ahead."""

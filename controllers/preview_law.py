@@ -1,36 +1,62 @@
-"""Equations of the preview driver, written once for floats and for CasADi symbols.
+"""Equations of the preview driver, written once for floats, arrays and CasADi symbols.
 
-The driver guides one point of the tractor along a path: inverse kinematics of the point's direction of travel, at the
-place where the tractor will be when its steering has answered. Slip of both axles, measured in the tractor's own
-motion, is compensated.
+The driver guides one point of the tractor along a path. Its law is that of `preview_design` about the steady turn of
+the path's curvature: there the guided point moves along the path, and the axles slip as their forces need. What the
+tractor's own motion tells of side forces that the data sheet does not (cross-fall, trailers, less friction) is part of
+that steady turn. Angles enter as the steer angles of a rolling tractor, so that large ones are exact, too.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, Generic, NamedTuple
 
 from controllers.actuator import settled
 from controllers.functions import Functions, Num, limited
+from controllers.preview_design import CREEP, EDGES, PERIOD
+from controllers.tractor_model import STATES, TractorModel, tractor_model
 
 if TYPE_CHECKING:
     from controllers.tractor import TractorGeometry
 
-PERIOD: Final = 0.02  # the driver's step [s]
-GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
-CREEP: Final = 0.3  # below this speed a direction of travel is not a measurement [m/s]
+__all__ = ["CREEP", "PERIOD"]
 
-_SLIP_TIME: Final = 0.1  # low-pass on the front axle's slip, at least: shorter than a turn-in [s]
-_SLIP_LENGTH: Final = 0.75  # distance of that low-pass: longer than a tyre's relaxation [m]
+GAIN: Final = 0.6  # turn towards the path per lateral error [rad/m]
+
+# Low-pass on unknown side forces: about the lag of a steering, and no quicker than the tyres relax, for at walking pace
+# the combination rocks on them hardly damped.
+_SIDE_TIME: Final = 0.12  # [s]
+_RELAXATIONS: Final = 0.75
 SPEED_GAIN: Final = 2.0  # acceleration demand per speed error [1/s]
 SPEED_INTEGRAL: Final = 1.0  # [1/s2]: aperiodic with the gain above, also with the lag of a driveline
 _MAX_ACCELERATION: Final = 1.5  # comfortable for a standing load [m/s2]
-_CROSSOVER: Final = 3.0  # of the lateral loop at most: lags of steering, yaw and tyres leave no phase beyond [rad/s]
 _STEEPEST: Final = 1.2  # direction of travel against the tractor's axis, at most [rad]
 
 
-def gain_at(f: Functions[Num], gain: float, speed: Num) -> Num:
-    """Turn per lateral error [rad/m] at a set speed [m/s]: an error decays at the rate gain times speed."""
-    return f.fmin(gain, _CROSSOVER / speed)
+class Motion(NamedTuple, Generic[Num]):
+    """Motion of the tractor's frame T."""
+
+    v_x: Num  # [m/s]
+    v_y: Num  # [m/s]
+    yaw_rate: Num  # [rad/s]
+
+
+class Slips(NamedTuple, Generic[Num]):
+    """What the driver remembers of the tyres."""
+
+    front: Num  # slip angle of the relaxed tyres ahead [rad]
+    rear: Num  # behind [rad]
+    side: Num  # side force that the model does not know, over the mass [m/s2], + left
+    turn: Num  # its moment about To, over the mass [m2/s2]
+
+
+class OnPath(NamedTuple, Generic[Num]):
+    """Place of the guided point on its path."""
+
+    to_path: Num  # lateral distance from the guided point to the path, + left [m]
+    heading_error: Num  # of the path against the tractor, between -pi and pi [rad]
+    curvature: Num  # there [1/m]
+    headings: Sequence[Num]  # of the path at the ends of the stretches ahead, less that at the guided point [rad]
 
 
 def steer_after(f: Functions[Num], tractor: TractorGeometry, steer: Num, demand: Num, duration: float) -> Num:
@@ -38,66 +64,137 @@ def steer_after(f: Functions[Num], tractor: TractorGeometry, steer: Num, demand:
     return settled(f, steer, demand, duration, lag=tractor.actuator_lag, max_rate=tractor.max_steer_rate)
 
 
-def filtered_front_slip(
+def travel(f: Functions[Num], guided_point: tuple[Num, Num], now: Motion[Num]) -> Num:
+    """Speed of the guided point [m/s], in T [m], over the ground; at creep speed or above."""
+    x_ref, y_ref = guided_point
+    along, across = f.fmax(now.v_x, CREEP) - y_ref * now.yaw_rate, now.v_y + x_ref * now.yaw_rate
+    return f.sqrt(along**2 + across**2)
+
+
+def slips_after(
     f: Functions[Num],
     tractor: TractorGeometry,
-    slip: Num,
+    old: Slips[Num],
+    before: Motion[Num],
+    now: Motion[Num],
     steer: Num,
-    v_x: Num,
-    v_y: Num,
-    yaw_rate: Num,
     elapsed: float,
-) -> Num:
-    """Slip angle of the front axle [rad], low-passed over ``elapsed`` [s], from the motion of T [m/s, rad/s]."""
-    measured = f.atan2(v_y + tractor.wheelbase * yaw_rate, v_x) - steer
-    lag = f.fmax(_SLIP_TIME, _SLIP_LENGTH / f.fmax(v_x, CREEP))
-    share = f.if_else(v_x < CREEP, 0.0, 1.0 - f.exp(-elapsed / lag))
-    return slip + share * (measured - slip)
+) -> Slips[Num]:
+    """Slips ``elapsed`` [s] after the motion ``before``; they stay below creep speed.
 
-
-def horizon(tractor: TractorGeometry) -> float:
-    """Time in which the steering answers a demand [s]."""
-    return tractor.actuator_lag + 0.5 * PERIOD
-
-
-def mean_yaw_rate(f: Functions[Num], tractor: TractorGeometry, steer: Num, demand: Num, v_x: Num, yaw_rate: Num) -> Num:
-    """Yaw rate of the tractor [rad/s] in the middle of the `horizon`."""
-    halfway = steer_after(f, tractor, steer, demand, 0.5 * horizon(tractor))
-    return yaw_rate + v_x * (f.tan(halfway) - f.tan(steer)) / tractor.wheelbase
+    Slip relaxes over the tyres' relaxation length. Newton's law then gives the unknown side force and moment.
+    """
+    model, moves = tractor_model(tractor), f.if_else(now.v_x < CREEP, 0.0, 1.0 if elapsed > 0.0 else 0.0)
+    v = f.fmax(now.v_x, CREEP)
+    drift, bend, slips = now.v_y / v, now.yaw_rate / v, []
+    rolling = _rolling(f, tractor, drift, bend)
+    for slip, group in ((old.front, model.front), (old.rear, model.rear)):
+        kinematic = drift + group.x * bend - group.steer_ratio * (steer - rolling)
+        share = moves * (1.0 - f.exp((-elapsed / group.relaxation_length) * v))
+        slips.append(slip + share * (kinematic - slip))
+    per_time = 1.0 / elapsed if elapsed > 0.0 else 0.0
+    turning = per_time * (now.yaw_rate - before.yaw_rate)
+    lateral = per_time * (now.v_y - before.v_y) + 0.5 * (now.v_x + before.v_x) * 0.5 * (now.yaw_rate + before.yaw_rate)
+    force_f, force_r = -model.front.stiffness * slips[0], -model.rear.stiffness * slips[1]
+    side = lateral + model.mass_x * turning - force_f - force_r
+    moment = model.mass_x * lateral + model.second_moment * turning
+    turn = (
+        moment - model.front.force_x * force_f - model.rear.force_x * force_r + _scrub(model, now.yaw_rate / v, steer)
+    )
+    relaxing = _RELAXATIONS * model.front.relaxation_length / v
+    share = moves * (1.0 - f.exp(-elapsed / f.fmax(relaxing, _SIDE_TIME)))
+    return Slips(slips[0], slips[1], old.side + share * (side - old.side), old.turn + share * (turn - old.turn))
 
 
 def steer_demand(
     f: Functions[Num],
     tractor: TractorGeometry,
-    *,
     guided_point: tuple[Num, Num],
-    heading_error: Num,
-    to_path: Num,
-    v_x: Num,
-    v_y: Num,
-    front_slip: Num,
+    on: OnPath[Num],
+    now: Motion[Num],
+    slips: Slips[Num],
+    steer: Num,
+    gains: Sequence[Num],
     gain: Num,
 ) -> Num:
-    """Steer angle [rad] that turns the guided point towards the path.
+    """Steer angle [rad] that keeps the guided point on the path.
 
     Args:
         f: functions of the kind of number.
         tractor: to be steered.
         guided_point: in T [m].
-        heading_error: of the path against the tractor, between -pi and pi [rad].
-        to_path: lateral distance from the guided point to the path, + left [m].
-        v_x: speed of T [m/s].
-        v_y: lateral speed of T [m/s].
-        front_slip: slip angle of the front axle [rad].
+        on: place of the guided point.
+        now: motion.
+        slips: of the tyres.
+        steer: angle now [rad].
+        gains: of `preview_design` at this speed, (STATES + stretches,).
         gain: turn towards the path per lateral error [rad/m].
     """
-    chi = heading_error + f.atan(gain * to_path)
-    # The guided point travels along chi if v_y + r x_ref = (v_x - r y_ref) tan(chi); solved for r / v_x:
-    tan_chi = f.tan(limited(f, chi, _STEEPEST))
-    drift = f.if_else(v_x > CREEP, v_y / f.fmax(v_x, CREEP), 0.0)
-    x_ref, y_ref = guided_point
-    curvature = (tan_chi - drift) / (x_ref + y_ref * tan_chi)
-    return limited(f, f.atan(drift + tractor.wheelbase * curvature) - front_slip, tractor.max_steer)
+    (x_ref, y_ref), model = guided_point, tractor_model(tractor)
+    L, v = tractor.wheelbase, f.fmax(now.v_x, CREEP)
+    moves = f.if_else(now.v_x > CREEP, 1.0, 0.0)
+    drift = moves * now.v_y / v
+    turn = (
+        travel(f, guided_point, now) / v * on.curvature
+    )  # of the tractor in a steady turn on this curvature, per metre of its own [rad/m]
+    steady = _steady_turn(f, tractor, turn, v, _scrub(model, now.yaw_rate / v, steer), slips)
+    straight = 1.0 - L / x_ref
+    # Steer angles of a rolling tractor: whose guided point travels along the path, and with the present yaw rate.
+    tan_chi = f.tan(limited(f, on.heading_error, _STEEPEST))
+    along_path = f.atan(drift + L * (tan_chi - drift) / (x_ref + y_ref * tan_chi)) - straight * drift
+    turning = f.atan(L * now.yaw_rate / v)
+    along_steady = f.atan(steady.drift + L * turn) - straight * steady.drift
+    deviations = (
+        -f.atan(gain * on.to_path) / gain,
+        -(x_ref / L) * (along_path - along_steady),
+        moves * v * (drift - steady.drift),
+        moves * (v / L) * (turning - f.atan(L * turn)),
+        slips.front - steady.front,
+        slips.rear - steady.rear,
+        steer - steady.steer,
+    )
+    demand = steady.steer - sum(gains[k] * deviations[k] for k in range(STATES))
+    for k, weight in enumerate(gains[STATES:]):
+        begins = on.headings[k - 1] if k > 0 else 0.0
+        stretch = (EDGES[k + 1] - EDGES[k]) * v  # of the tractor's own way [m]
+        demand = demand + weight * ((on.headings[k] - begins) / stretch - turn)
+    return limited(f, demand, tractor.max_steer)
+
+
+def _rolling(f: Functions[Num], tractor: TractorGeometry, drift: Num, turn: Num) -> Num:
+    """What a large angle of the foremost axle is less than its tangent [rad]: exact while it rolls."""
+    direction = drift + tractor.wheelbase * turn
+    return f.atan(direction) - direction
+
+
+def _scrub(model: TractorModel, turn: Num, steer: Num) -> Num:
+    """Moment against the turn [rad/m] by axles of a group that can not all roll, over the mass [m2/s2]."""
+    return model.scrub * turn - model.steered_scrub * steer
+
+
+class _SteadyTurn(NamedTuple, Generic[Num]):
+    drift: Num  # v_y of To over the speed [-]
+    front: Num  # slip angles [rad]
+    rear: Num
+    steer: Num  # [rad]
+
+
+def _steady_turn(
+    f: Functions[Num], tractor: TractorGeometry, turn: Num, v: Num, scrub: Num, slips: Slips[Num]
+) -> _SteadyTurn[Num]:
+    """Steady turn of ``turn`` [rad/m] at the speed v [m/s].
+
+    The axles slip as their forces need: those of inertia, of scrubbing (a moment [m2/s2]), and the unknown ones.
+    """
+    model = tractor_model(tractor)
+    ahead, behind, inertial = model.front, model.rear, v**2 * turn
+    side, moment = slips.side - inertial, slips.turn - model.mass_x * inertial - scrub
+    lever = ahead.force_x - behind.force_x
+    front = (moment - behind.force_x * side) / (ahead.stiffness * lever)
+    rear = (ahead.force_x * side - moment) / (behind.stiffness * lever)
+    steer = ((ahead.x - behind.x) * turn - (front - rear)) / (ahead.steer_ratio - behind.steer_ratio)
+    drift = rear - behind.x * turn + behind.steer_ratio * steer
+    return _SteadyTurn(drift, front, rear, steer + _rolling(f, tractor, drift, turn))
 
 
 def speed_control(f: Functions[Num], integral: Num, error: Num, elapsed: float) -> tuple[Num, Num]:

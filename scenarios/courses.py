@@ -218,11 +218,12 @@ def lane_change(
     peak_acceleration: float = 1.4715,
     entry: float = 60.0,
     exit: float = 150.0,
+    preview: float = PREVIEW,
 ) -> Course:
     """The single lane change of ISO 14791: one period of sinusoidal lateral acceleration [Hz, m/s2] at ``speed`` [m/s].
 
     The resulting offset is the acceleration over 2 pi times the frequency squared, 1.464 m by default. The guided
-    point lies `PREVIEW` seconds of travel ahead of the front axle, which is at ``axle_x`` [m].
+    point lies ``preview`` seconds of travel ahead of the front axle, which is at ``axle_x`` [m].
 
     Raises:
         ValueError: if ``direction`` is neither left nor right, a number is not positive, or the change is too sharp.
@@ -237,7 +238,7 @@ def lane_change(
     peak = side * peak_acceleration / speed**2
     wave = [peak * math.sin(math.tau * k / _WAVE_PIECES) for k in range(_WAVE_PIECES + 1)]
     change = (Segment(length / _WAVE_PIECES, *ends) for ends in pairwise(wave))
-    return _course((axle_x + PREVIEW * speed, 0.0), (line(entry), *change, line(exit)))
+    return _course((axle_x + preview * speed, 0.0), (line(entry), *change, line(exit)))
 
 
 def straight(*, front_x: float, length: float) -> Course:

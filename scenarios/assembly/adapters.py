@@ -10,6 +10,7 @@ import numpy as np
 from controllers.tractor import TractorGeometry
 from controllers.trailer import Linkage, TrailerGeometry
 from scenarios.assembly.ground_friction import ground_friction
+from scenarios.assembly.tractor_data import tractor_guided_at
 from scenarios.catalogue import constructed
 from scenarios.courses import Course
 from scenarios.options.rig import RigOptions
@@ -132,22 +133,12 @@ def _steer_signals(unit: Unit, *, is_tractor: bool) -> Iterator[str | None]:
 
 
 def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
-    """The tractor's data sheet for the driver.
+    """The tractor's data sheet for the driver on a course.
 
     Raises:
         ValueError: if the tractor cannot be steered.
     """
-    tractor = vehicle.units[0]
-    if tractor.steering is None:
-        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
-    return TractorGeometry(
-        wheelbase=tractor.steered_axles[0].x,  # frame T has its origin at the rear axle
-        x_ref=course.reference[0],
-        y_ref=course.reference[1],
-        max_steer=tractor.steering.limit,
-        max_steer_rate=tractor.steering.rate_limit,
-        actuator_lag=tractor.steering.lag,
-    )
+    return tractor_guided_at(vehicle, course.reference)
 
 
 def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:

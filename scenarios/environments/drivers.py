@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -13,7 +15,9 @@ from numpy.typing import NDArray
 from controllers import preview_law as law
 from controllers.driver import PERIOD
 from controllers.functions import ARRAYS
+from controllers.preview_design import EDGES, Gains, gains
 from controllers.tractor import TractorGeometry
+from controllers.tractor_model import STATES
 from scenarios.environments.tracks import PathPiece, Tracks, point_at
 from vehicle.engine.kernels import Engine, kernel_for_rows
 from vehicle.frames import FloatArray
@@ -28,7 +32,14 @@ class DriverState(NamedTuple, Generic[V]):
     station: V  # of the guided point [m]
     demand: V  # last steer demand [rad]
     steer: V  # predicted steer angle now [rad]
-    front_slip: V  # [rad]
+    front_slip: V  # slip angles of the relaxed tyres [rad]
+    rear_slip: V
+    side: V  # unknown side force over the mass [m/s2]
+    turn: V  # its moment over the mass [m2/s2]
+    v_x: V  # at the last step [m/s]
+    v_y: V
+    yaw_rate: V  # [rad/s]
+    started: V  # 1 after the first step
     integral: V  # of the speed's error [m/s2]
     offset: V  # lateral distance of the guided point from the path, + left [m]
     acceleration: V  # last demand [m/s2]
@@ -44,10 +55,14 @@ class _Inputs(NamedTuple, Generic[V]):
     v_y: V
     yaw_rate: V
     speed: V  # set [m/s]
-    gain: V  # [rad/m]
     x_ref: V  # guided point in T [m]
     y_ref: V
     near: V  # expected station of the guided point [m]
+
+
+_TIMES = np.array(EDGES[1:])  # of the stretches' ends [s]
+_STRETCHES = len(_TIMES)
+_BESIDES = STATES + 2 * _STRETCHES  # inputs besides those of `_Inputs` and the path piece: gains, headings ahead
 
 
 class Drivers:
@@ -57,10 +72,12 @@ class Drivers:
         """All at the start of the first course until ``begin``."""
         self._tracks, self._kernel = tracks, (tractor, n, engine)
         self._course = np.zeros(n, dtype=np.intp)
-        self._u = np.zeros((n, len(_Inputs._fields) + len(PathPiece._fields)))
+        tables = [gains(replace(tractor, x_ref=x, y_ref=y), law.GAIN).table for x, y in tracks.references.tolist()]
+        self._gains = Gains(np.stack(tables))
+        self._u = np.zeros((n, len(_Inputs._fields) + len(PathPiece._fields) + _BESIDES))
         self._memory = np.zeros((n, len(DriverState._fields)))
         self._bind()
-        for column in (self._inputs.speed, self._inputs.gain, self._inputs.x_ref):
+        for column in (self._inputs.speed, self._inputs.x_ref):
             column[:] = 1.0
 
     def __getstate__(self) -> dict[str, Any]:
@@ -86,7 +103,6 @@ class Drivers:
         """Start these drivers on courses at set speeds [m/s]."""
         inputs = self._inputs
         self._course[lanes], inputs.speed[lanes] = course, speed
-        inputs.gain[lanes] = law.gain_at(ARRAYS, law.GAIN, speed)
         inputs.x_ref[lanes], inputs.y_ref[lanes] = self._tracks.references[course].T
         self._memory[lanes] = 0.0
 
@@ -96,72 +112,71 @@ class Drivers:
         Poses (n, 3) are x, y, psi; velocities (n, 3) are v_x, v_y and yaw rate. Calls are one control period apart.
         """
         self._u[:, :3], self._u[:, 3:6] = poses, velocities
-        # The guided point is expected one period of travel further on.
-        near = self._inputs.near
-        np.multiply(velocities[:, 0], PERIOD, out=near)
-        near += self._memory[:, 0]
-        self._u[:, len(_Inputs._fields) :] = self._tracks.pieces(self._course, near)
+        # The guided point is expected one period of travel further on; a driver who begins is at the start.
+        near, memory = self._inputs.near, DriverState(*self._memory.T)
+        travel = law.travel(ARRAYS, (self._inputs.x_ref, self._inputs.y_ref), law.Motion(*velocities.T))
+        np.multiply(travel, PERIOD * memory.started, out=near)
+        near += memory.station
+        first, second = len(_Inputs._fields), len(_Inputs._fields) + len(PathPiece._fields)
+        self._u[:, first:second] = self._tracks.pieces(self._course, near)
+        self._u[:, second:] = self._ahead(near, travel, velocities[:, 0])
         self._memory = self._step(self._memory, self._u)
         self.state = DriverState(*self._memory.T)
         return self.state.demand, self.state.acceleration
 
+    def _ahead(self, near: FloatArray, travel: FloatArray, v_x: FloatArray) -> FloatArray:
+        """Gains, and headings of the path ahead of the expected station [m], (n, ...)."""
+        headings = self._tracks.headings(self._course, near[:, None] + travel[:, None] * _TIMES)
+        return np.hstack([self._gains.at(v_x, self._course), headings])
+
 
 @lru_cache(maxsize=16)
 def _function(t: TractorGeometry) -> ca.Function:
-    """Function (state, inputs and path piece, nothing) -> state."""
+    """Function (state, inputs, path piece, gains and headings ahead, nothing) -> state."""
     n, m = len(DriverState._fields), len(_Inputs._fields)
-    memory, u = ca.SX.sym("m", n), ca.SX.sym("u", m + len(PathPiece._fields))
+    memory, u = ca.SX.sym("m", n), ca.SX.sym("u", m + len(PathPiece._fields) + _BESIDES)
     values = ca.vertsplit(u)
     old: DriverState[ca.SX] = DriverState(*ca.vertsplit(memory))
-    now = _stepped(t, old, _Inputs(*values[:m]), PathPiece(*values[m:]))
+    piece, besides = values[m : m + len(PathPiece._fields)], values[m + len(PathPiece._fields) :]
+    split = STATES + _STRETCHES
+    now = _stepped(t, old, _Inputs(*values[:m]), PathPiece(*piece), besides[:split], besides[split:])
     return ca.Function("drive", [memory, u, ca.SX(0, 1)], [ca.cse(ca.vertcat(*now))])
 
 
 def _stepped(
-    t: TractorGeometry, old: DriverState[ca.SX], on: _Inputs[ca.SX], piece: PathPiece[ca.SX]
+    t: TractorGeometry,
+    old: DriverState[ca.SX],
+    on: _Inputs[ca.SX],
+    piece: PathPiece[ca.SX],
+    rows: Sequence[ca.SX],
+    headings: Sequence[ca.SX],
 ) -> DriverState[ca.SX]:
-    """State one period later."""
+    """State one period later; the first step of a drive only looks."""
     steer = law.steer_after(ca, t, old.steer, old.demand, PERIOD)
-    front_slip = law.filtered_front_slip(ca, t, old.front_slip, steer, on.v_x, on.v_y, on.yaw_rate, PERIOD)
-    station, demand, offset = _steering(t, old._replace(steer=steer, front_slip=front_slip), on, piece)
+    motion = law.Motion(on.v_x, on.v_y, on.yaw_rate)
+    before = law.Slips(old.front_slip, old.rear_slip, old.side, old.turn)
+    after = law.slips_after(ca, t, before, law.Motion(old.v_x, old.v_y, old.yaw_rate), motion, steer, PERIOD)
+    slips = law.Slips(*(old.started * slip for slip in after))
+    station, place = _place(on, piece, headings)
+    demand = law.steer_demand(ca, t, (on.x_ref, on.y_ref), place, motion, slips, steer, rows, ca.SX(law.GAIN))
     integral, acceleration = law.speed_control(ca, old.integral, on.speed - on.v_x, PERIOD)
-    return DriverState(station, demand, steer, front_slip, integral, offset, acceleration)
+    return DriverState(station, demand, steer, *slips, *motion, ca.SX(1.0), integral, -place.to_path, acceleration)
 
 
-def _steering(
-    t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX], piece: PathPiece[ca.SX]
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Station [m] of the guided point, steer demand [rad] and lateral offset from the path [m]."""
-    x, y, psi = _predicted(t, now, on)
-    c, s = ca.cos(psi), ca.sin(psi)
-    x, y = x + c * on.x_ref - s * on.y_ref, y + s * on.x_ref + c * on.y_ref
+def _place(on: _Inputs[ca.SX], piece: PathPiece[ca.SX], headings: Sequence[ca.SX]) -> tuple[ca.SX, law.OnPath[ca.SX]]:
+    """Station [m] of the guided point, and its place on the path."""
+    c, s = ca.cos(on.psi), ca.sin(on.psi)
+    x, y = on.x + c * on.x_ref - s * on.y_ref, on.y + s * on.x_ref + c * on.y_ref
     guess = point_at(piece, on.near)
     c, s = ca.cos(guess.psi), ca.sin(guess.psi)
     across = c * (y - guess.y) - s * (x - guess.x)
     along = c * (x - guess.x) + s * (y - guess.y)
     station = on.near + along / ca.fmax(1.0 - guess.curvature * across, 0.5)
     path = point_at(piece, station)
-    to_path = ca.cos(path.psi) * (path.y - y) - ca.sin(path.psi) * (path.x - x)
-    turn = path.psi - psi
-    demand = law.steer_demand(
-        ca,
-        t,
-        guided_point=(on.x_ref, on.y_ref),
+    turn = path.psi - on.psi
+    return station, law.OnPath(
+        to_path=ca.cos(path.psi) * (path.y - y) - ca.sin(path.psi) * (path.x - x),
         heading_error=turn - math.tau * ca.floor(turn / math.tau + 0.5),
-        to_path=to_path,
-        v_x=on.v_x,
-        v_y=on.v_y,
-        front_slip=now.front_slip,
-        gain=on.gain,
+        curvature=path.curvature,
+        headings=[heading - path.psi for heading in headings],
     )
-    return station, demand, -to_path
-
-
-def _predicted(t: TractorGeometry, now: DriverState[ca.SX], on: _Inputs[ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Pose of the tractor when the steering has answered this demand."""
-    horizon = law.horizon(t)
-    yaw_rate = law.mean_yaw_rate(ca, t, now.steer, now.demand, on.v_x, on.yaw_rate)
-    middle = on.psi + 0.5 * horizon * yaw_rate
-    c, s = ca.cos(middle), ca.sin(middle)
-    x, y = on.x + horizon * (c * on.v_x - s * on.v_y), on.y + horizon * (s * on.v_x + c * on.v_y)
-    return x, y, on.psi + horizon * yaw_rate

@@ -61,14 +61,27 @@ class Tracks:
         self.references = np.array([course.reference for course in courses])  # of the guided point in T [m]
         centres = [(np.nan, np.nan) if c.surface_centre is None else c.surface_centre for c in courses]
         self.centres = np.array(centres)  # apex of a conical cross-fall [m]
+        self._stations, self._headings = self._table[:, 0].copy(), self._table[:, 3].copy()
+        self._bends = self._table[:, 4] + 0.5 * _SPACING * self._table[:, 5]  # mean curvature of a piece [1/m]
         self.bends = np.array([float(np.abs(table[:, 4]).max()) for table in tables])  # sharpest curvature [1/m]
 
     def pieces(self, course: NDArray[np.intp], station: FloatArray) -> FloatArray:
         """``PathPiece`` of these courses at these stations [m], both (n,), as rows (n, 6)."""
-        # A NaN station, of a diverged state, selects the first row.
-        row = np.fmax(np.fmin((station + _BEYOND) / _SPACING, self._last[course]), 0.0).astype(np.intp)
-        pieces: FloatArray = self._table[self._first[course] + row]
+        pieces: FloatArray = self._table[self._rows(self._first[course], self._last[course], station)]
         return pieces
+
+    def headings(self, course: NDArray[np.intp], stations: FloatArray) -> FloatArray:
+        """Headings [rad] of the courses (n,) at stations (n, m) [m], straight beyond their tables."""
+        rows = self._rows(self._first[course, None], self._last[course, None], stations)
+        u = np.fmin(stations - self._stations[rows], _SPACING)
+        headings: FloatArray = self._headings[rows] + u * self._bends[rows]
+        return headings
+
+    @staticmethod
+    def _rows(first: NDArray[np.intp], last: NDArray[np.intp], station: FloatArray) -> NDArray[np.intp]:
+        # A NaN station, of a diverged state, selects the first row.
+        rows: NDArray[np.intp] = first + np.fmax(np.fmin((station + _BEYOND) / _SPACING, last), 0.0).astype(np.intp)
+        return rows
 
 
 def _table(course: Course) -> FloatArray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from controllers.driver import PERIOD, PreviewDriver
 from controllers.path import Path
-from controllers.tractor import TractorGeometry
+from scenarios.assembly.tractor_data import tractor_guided_at
 from sensors.instruments.navigation import DriverPerception
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
@@ -56,21 +56,7 @@ def along_path(
 
     The plant has friction ``GRIP`` by default.
     """
-    tractor = vehicle.units[0]
-    if tractor.steering is None:
-        raise ValueError(f"vehicle {vehicle.name}: the tractor has no steering")
-    driver = PreviewDriver(
-        TractorGeometry(
-            wheelbase=tractor.steered_axles[0].x,
-            x_ref=reference[0],
-            y_ref=reference[1],
-            max_steer=tractor.steering.limit,
-            max_steer_rate=tractor.steering.rate_limit,
-            actuator_lag=tractor.steering.lag,
-        ),
-        path,
-        speed,
-    )
+    driver = PreviewDriver(tractor_guided_at(vehicle, reference), path, speed)
     perception, memory, plant = DriverPerception(), driver.init(), plant or Plant(vehicle, GRIP)
     start = path.start @ Pose2(*reference, 0.0).inverse()
     state, idle = plant.initial_state(start, speed), (0.0,) * _steered_behind(vehicle)

@@ -7,6 +7,7 @@ from typing import Final
 from scenarios.validation.amplification import rearward_amplification
 from scenarios.validation.check import Task
 from scenarios.validation.design_vehicles import design_vehicles
+from scenarios.validation.driver_checks import driver
 from scenarios.validation.integration import integration
 from scenarios.validation.linear_theory import linear_theory
 from scenarios.validation.mechanics import mechanics
@@ -29,6 +30,7 @@ TASKS: Final = (
     Task(title="Multibody model", work=multibody_check),
     Task(title="Tyre lag", work=tyre_lag),
     Task(title="Parking", work=parking),
+    Task(title="Driver", work=driver),
     Task(title="Mechanics", work=mechanics),
     Task(title="Integrator", work=integration),
 )

@@ -140,7 +140,7 @@ def test_driver_and_memory_can_be_pickled() -> None:
     ("change", "message"),
     [({"wheelbase": 0.0}, "wheelbase = 0.0"), ({"max_steer": 1.6}, "max_steer = 1.6"), ({"actuator_lag": -0.1}, "lag")],
 )
-def test_an_impossible_tractor_is_refused(change: dict[str, float], message: str) -> None:
+def test_an_impossible_tractor_is_refused(change: dict[str, Any], message: str) -> None:
     """By name and value."""
     with pytest.raises(ValueError, match=message):
         replace(TRACTOR, **change)
