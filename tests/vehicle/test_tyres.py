@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from vehicle.combination.description import Vehicle
-from vehicle.tyres import Contact, Grip, Planar, Tyre, carcass_damping, contact, deflection_rate, laws, rolling_speed
+from vehicle.tyres import Contact, Grip, Planar, Tyre, carcass, contact, laws, rolling_speed
 from vehicle.tyres.bristle import slip_speed
 from vehicle.tyres.brush import BrushTyre
 from vehicle.tyres.linear import LinearTyre
@@ -29,7 +29,7 @@ CARCASS = {
     "rolling_resistance": 0.006,
     "pneumatic_trail": 0.05,
 }
-DAMPED = Planar(0.04, 0.04)  # of a carcass at rest [s]
+DAMPED = 0.04  # of a carcass [s]
 STIFFNESS = {"cornering_stiffness": 5.948, "longitudinal_stiffness": 17.7, "load_sensitivity": 0.074}
 # Project Chrono, TMeasy GuessTruck80Par, at nominal load and at twice of it.
 TRUCK_TMEASY = TmeasyTyre(
@@ -74,7 +74,7 @@ def standing(tyre: Tyre, F_z: float, friction: float, slip: float) -> Contact:
     """The contact of a tyre long under a lateral slip."""
     rate_in, grip = sliding(tyre, F_z, friction, 0.0, -slip, 1.0)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
-    return contact(n, Planar(0.0, 0.0), F_z, grip, DAMPED)
+    return contact(n, F_z, grip)
 
 
 def test_every_law_of_the_catalogue_is_tested_here() -> None:
@@ -92,13 +92,13 @@ def test_a_deflection_at_rest_gives_the_steady_force(
     rate_in, grip = sliding(tyre, F_z, friction, gain, drift, v_x)
     n = Planar(rate_in.x / grip.decay, rate_in.y / grip.decay)
     scale = 1e-12 * (1.0 + abs(float(rate_in.x)) + abs(float(rate_in.y)))  # rounding of a difference of two rates
-    assert deflection_rate(n, rate_in, grip.decay, DAMPED) == pytest.approx((0.0, 0.0), abs=scale)
+    assert carcass(n, rate_in, grip.decay, DAMPED, v_x).rate == pytest.approx((0.0, 0.0), abs=scale)
     pull = grip.factor_by_limit * math.hypot(rate_in.x, grip.skew * rate_in.y)
     assume(abs(v_x) > 0.05 or pull > 0.01)  # of a tyre that neither rolls nor slides no slip is defined
     over = slip_speed(abs(v_x), pull, tyre.relaxation_length)
     slip = Planar(gain / over, -drift / over)
     expected = tyre.steady_force(slip, F_z, friction)
-    got = contact(n, Planar(0.0, 0.0), F_z, grip, DAMPED).force
+    got = contact(n, F_z, grip).force
     assert got == pytest.approx(expected, rel=1e-5, abs=1e-6 * F_z)  # the floor of 1e-6 1/s under the push
 
 
@@ -110,8 +110,7 @@ def test_the_friction_circle_is_never_exceeded_in_random_states(tyre: Tyre) -> N
     for _ in range(20_000):
         F_z, friction, v_x = rng.uniform(2e3, 9e4), rng.uniform(0.05, 1.2), rng.uniform(-25, 25)
         _, grip = sliding(tyre, F_z, friction, rng.uniform(-25, 25), rng.uniform(-25, 25), v_x)
-        n, rate = Planar(*rng.uniform(-5, 5, 2)), Planar(*rng.uniform(-1e3, 1e3, 2))
-        on = contact(n, rate, F_z, grip, DAMPED)
+        on = contact(Planar(*rng.uniform(-50, 50, 2)), F_z, grip)
         assert math.hypot(*on.force) <= grip.limit * F_z * (1.0 + 1e-12)
         assert 0.0 <= on.use_along <= 1.0 + 1e-12
         assert grip.limit <= most * friction * (1.0 + 1e-12)
@@ -130,11 +129,11 @@ def test_a_deflection_beyond_the_friction_shrinks(
     for angle in np.linspace(0.0, math.tau, 7):
         u = Planar(1.02 * grip.limit * math.cos(angle), 1.02 * grip.limit * math.sin(angle))  # force over load
         n = Planar(u.x / x_factor, u.y / y_factor)
-        rate = deflection_rate(n, rate_in, grip.decay, Planar(0.0, 0.0))
+        rate = carcass(n, rate_in, grip.decay, 0.0, v_x).rate
         assert u.x * x_factor * rate.x + u.y * y_factor * rate.y < 0.0
     for sign in (-1.0, 1.0):
         u = Planar(sign * 1.02 * grip.limit / x_factor, sign * 1.02 * grip.limit / y_factor)
-        rate = deflection_rate(u, rate_in, grip.decay, DAMPED)
+        rate = carcass(u, rate_in, grip.decay, DAMPED, v_x).rate
         assert sign * rate.x < 0.0
         assert sign * rate.y < 0.0
 
@@ -191,10 +190,16 @@ def test_the_linear_tyres_moment_is_linear_up_to_the_circle() -> None:
 
 def test_damping_across_the_wheel_is_that_of_creeping() -> None:
     """All of it at rest, nothing of it from 5 km/h on, in both directions of travel; along the wheel it stays."""
-    assert carcass_damping(0.04, 0.0) == (0.04, 0.04)
-    assert 0.02 < carcass_damping(0.04, -0.6).y < 0.04
+
+    def damping(v_x: float) -> Planar:
+        """From the force that a push of 1 1/s in both directions adds to none, as nothing relaxes yet."""
+        felt = carcass(Planar(0.0, 0.0), Planar(1.0, 1.0), 0.0, DAMPED, v_x).felt
+        return Planar(float(felt.x), float(felt.y))
+
+    assert damping(0.0) == (DAMPED, DAMPED)
+    assert 0.02 < damping(-0.6).y < DAMPED
     for v_x in (5.0 / 3.6, -5.0 / 3.6, 30.0):
-        assert carcass_damping(0.04, v_x) == (0.04, 0.0)
+        assert damping(v_x) == (DAMPED, 0.0)
 
 
 def test_a_standing_tyre_keeps_its_force(tyre: Tyre) -> None:

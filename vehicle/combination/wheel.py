@@ -14,10 +14,8 @@ from vehicle.tyres import (
     Contact,
     Num,
     Planar,
-    carcass_damping,
+    carcass,
     contact,
-    deflection_rate,
-    felt_at_once,
     rolling_speed,
 )
 
@@ -131,15 +129,14 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     axle, tyre = wheel.axle, wheel.axle.tyre
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
     grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))  # tyre data are those of both twins
-    damping = carcass_damping(tyre.damping, v.x)
-    rate = deflection_rate(deflection, sliding, grip.decay, damping)
+    moving = carcass(deflection, sliding, grip.decay, tyre.damping, v.x)
     load = s.load if share == 1.0 else share * s.load
-    on = contact(deflection, rate, load, grip, damping)
+    on = contact(moving.felt, load, grip)
     return _Patch(
-        rate=rate,
+        rate=moving.rate,
         decay=grip.decay,
         force=on.force,
-        spin_relaxation=_spin_relaxation(axle, on, felt_at_once(grip.decay, damping)),
+        spin_relaxation=_spin_relaxation(axle, on, moving.at_once),
         trail=grip.trail,
         used=ca.sqrt(on.force.x**2 + on.force.y**2) / (grip.limit * load),
     )
@@ -160,7 +157,7 @@ def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
 
 
 def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
-    """Rate at which the carcass's damping slows a wheel [1/s]; ``at_once`` is that of ``felt_at_once`` [s].
+    """Rate at which the carcass's damping slows a wheel [1/s]; ``at_once`` is that of ``Carcass`` [s].
 
     The force of a sliding tyre keeps its magnitude and only turns, so the part along the wheel's share of the friction
     circle drops out. Exact for a tyre that sticks and for one that slides completely.

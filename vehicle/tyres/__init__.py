@@ -6,10 +6,8 @@ from vehicle.tyres.bristle import (
     Grip,
     Num,
     Planar,
-    carcass_damping,
+    carcass,
     contact,
-    deflection_rate,
-    felt_at_once,
     rolling_speed,
 )
 from vehicle.tyres.tyre import Tyre
@@ -21,9 +19,7 @@ __all__ = [
     "Num",
     "Planar",
     "Tyre",
-    "carcass_damping",
+    "carcass",
     "contact",
-    "deflection_rate",
-    "felt_at_once",
     "rolling_speed",
 ]

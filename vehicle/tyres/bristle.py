@@ -33,6 +33,7 @@ Num: TypeAlias = "float | ca.SX"
 ROLLING_SPEED_FLOOR: Final = 0.05  # below it slip is not defined well: see `slip_speed` [m/s]
 CREEPING_SPEED: Final = 1.35  # at which damping across the wheel has gone: below 5 km/h [m/s]
 _PEAK_DEMAND: Final = 3.0  # linear force over the limit at the largest force: of a brush; truck tyres 2 to 5
+_UNDAMPED: Final = 1e-9  # damping that counts as none: avoids 0 / 0 [s]
 _TINY: Final = 1e-12  # square of a rate [1/s2]: avoids 0 / 0
 
 
@@ -52,6 +53,14 @@ class Grip(NamedTuple):
     skew: Num  # the same across, over that along [-]
     factor_by_limit: Num  # factor / limit [-]
     trail: Num  # distance behind the wheel's centre at which the side force acts when rolling forward [m]
+
+
+class Carcass(NamedTuple):
+    """Motion of the damped carcass, and the deflection that gives its force."""
+
+    rate: Planar  # of the deflection [1/s]
+    felt: Planar  # n + d n', to which the force is in proportion [-]
+    at_once: Num  # rise of ``felt`` along the wheel at once with the sliding rate [s]
 
 
 class Contact(NamedTuple):
@@ -81,30 +90,21 @@ def magnitude(rate: Planar) -> Num:
     return ca.sqrt(rate.x**2 + (rate.y**2 + _TINY))
 
 
-def carcass_damping(damping: Num, v_x: Num) -> Planar:
-    """Damping over stiffness [s] along and across a wheel that rolls at v_x [m/s]; ``damping`` is that at rest."""
-    return Planar(damping, ca.fmax(damping - (damping / CREEPING_SPEED) * ca.fabs(v_x), 0.0))
+def carcass(n: Planar, sliding: Planar, decay: Num, damping: Num, v_x: Num) -> Carcass:
+    """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s]."""
+    d = ca.fmax(damping, _UNDAMPED)
+    per_damping = 2.0 / (2.0 * d)  # 1 / d, written so that CasADi divides once and not by d at every use
+    at_once = d / (1.0 + d * decay)
+    damped = at_once * (sliding.x - decay * n.x)
+    rate_y = sliding.y - decay * n.y
+    across = ca.fmax(d - (d / CREEPING_SPEED) * ca.fabs(v_x), 0.0)
+    return Carcass(Planar(per_damping * damped, rate_y), Planar(n.x + damped, n.y + across * rate_y), at_once)
 
 
-def felt_at_once(decay: Num, damping: Planar) -> Num:
-    """Rise of the force along the wheel at once with the sliding rate, as deflection [s]."""
-    return damping.x * _in_series(decay, damping)
-
-
-def _in_series(decay: Num, damping: Planar) -> Num:
-    """Share of the motion along the wheel that deflects the damped carcass [-]; the rest slides."""
-    return 1.0 / (1.0 + damping.x * decay)
-
-
-def deflection_rate(n: Planar, sliding: Planar, decay: Num, damping: Planar) -> Planar:
-    """Rate of the deflection [1/s]; ``sliding`` is the part that sliding builds up, from ``Tyre.sliding_rate``."""
-    return Planar(_in_series(decay, damping) * (sliding.x - decay * n.x), sliding.y - decay * n.y)
-
-
-def contact(n: Planar, n_rate: Planar, F_z: Num, grip: Grip, damping: Planar) -> Contact:
-    """Force of a deflected and deflecting tyre, bounded by its limit."""
-    x = n.x + damping.x * n_rate.x
-    y = grip.skew * (n.y + damping.y * n_rate.y)
+def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
+    """Force of a tyre whose carcass presses with the deflection ``felt``, bounded by its limit."""
+    x = felt.x
+    y = grip.skew * felt.y
     squares = grip.factor_by_limit**2
     demand = ca.fmax((x**2 + y**2) * squares, 1.0)  # squared, over the limit; at least 1
     scale = (F_z * grip.factor) / ca.sqrt(demand)

@@ -23,7 +23,7 @@ import casadi as ca
 from controllers.trailer import Combination, TrailerGeometry
 from vehicle.combination.description import Unit
 from vehicle.combination.loads import static_axle_loads
-from vehicle.tyres import Planar, Tyre, carcass_damping, contact, deflection_rate, rolling_speed
+from vehicle.tyres import Planar, Tyre, carcass, contact, rolling_speed
 
 V = TypeVar("V")
 
@@ -169,11 +169,10 @@ def axle_forces(model: TrailerModel, travel: Travel, deflection: ca.SX, steer: c
         sliding = axle.tyre.sliding_rate(0.0, v.y)
         grip = axle.tyre.grip(load, friction, sliding, speed)
         n = Planar(0.0, deflection[k])
-        damping = carcass_damping(axle.tyre.damping, v.x)
-        n_rate = deflection_rate(n, sliding, grip.decay, damping)
-        force = 2.0 * contact(n, n_rate, load, grip, damping).force.y
+        moving = carcass(n, sliding, grip.decay, axle.tyre.damping, v.x)
+        force = 2.0 * contact(moving.felt, load, grip).force.y
         moment += (axle.x + grip.trail) * force * ca.cos(delta)
-        rates.append(n_rate.y)
+        rates.append(moving.rate.y)
         fadings.append(grip.decay)
     return AxleForces(ca.vertcat(*rates), ca.vertcat(*fadings), moment / model.load_moment)
 
