@@ -18,6 +18,7 @@ from vehicle.actuators import demand_rate, steer_rate
 from vehicle.combination.brakes import BrakeRates, brake_rates, valve_commands
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
+from vehicle.combination.load_sharing import sharing
 from vehicle.combination.loads import axle_loads, roll_moments, wheel_loads
 from vehicle.combination.multibody import (
     Speeds,
@@ -85,6 +86,7 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Brake
         heave_spring=_column(rate.heave for rate in springs),
         pitch_spring=_column(rate.pitch for rate in springs),
         roll_spring=_column(rate.roll for rate in springs),
+        load_shift=_column(sharing(vehicle, now.layout, s, u).rates),
         hitch_x=(_column(F.x for F in hitches) - s.hitch_x) * follow,
         hitch_y=(_column(F.y for F in hitches) - s.hitch_y) * follow,
         omega=_column(wheel.omega for wheel in rolling),
@@ -199,7 +201,8 @@ def _wheel_loads(
     normal = [ca.sqrt(GRAVITY**2 - u.gravity_x[i] ** 2 - u.gravity_y[i] ** 2) for i in range(n)]
     gravity = [g + body.felt.heave for g, body in zip(normal, bodies, strict=True)]
     hitches = [Vector(0.0, 0.0), *(Vector(s.hitch_x[i], s.hitch_y[i]) for i in range(n - 1))]
-    on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e)
+    additional = sharing(vehicle, layout, s, u).additional
+    on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e, additional)
     moments = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
     loads: list[Num] = []
     for wheel in layout[::2]:  # the left ones; the right ones follow them

@@ -110,6 +110,17 @@ class Steering(Frozen):
         return _DEGREE * self.rate_limit_deg
 
 
+class LoadSharing(Frozen):
+    """How the axles of a unit's groups equalise their loads on uneven road."""
+
+    stiffness: Annotated[
+        float, quantity("N/m", ge=1e3, le=1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail")
+    ]  # vertical, of one axle's springs and tyres in series
+    lag: Annotated[
+        float, quantity("s", ge=0.05, le=1e6, why="below 0.05 s leave the table out: loads are then equal at once")
+    ]  # in which the loads become equal again
+
+
 class Drive(Frozen):
     """Limits and lag of driveline and brakes under a demanded acceleration."""
 
@@ -162,6 +173,7 @@ class Unit(Frozen):
     steering: Steering | None = None
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
+    load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
 
     @field_validator("name")

@@ -31,6 +31,7 @@ class State(NamedTuple, Generic[V]):
     heave_spring: V  # (N,) heave velocity less the dampers' share of the road's motion [m/s]
     pitch_spring: V  # (N,) the same of pitch [rad/s]
     roll_spring: V  # (N,) the same of roll [rad/s]
+    load_shift: V  # (n,) load that axles have given back to their group, of units with ``load_sharing`` [N]
     hitch_x: V  # (N - 1,) lagged force at each hitch on the unit behind it, along that unit's axes [N]
     hitch_y: V  # (N - 1,)
     omega: V  # (n_wheels,) wheel spin [rad/s]
@@ -162,6 +163,7 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
         heave_spring=N,
         pitch_spring=N,
         roll_spring=N,
+        load_shift=sum(len(unit.axles) for unit in vehicle.units if unit.load_sharing is not None),
         hitch_x=N - 1,
         hitch_y=N - 1,
         omega=n_wheels,

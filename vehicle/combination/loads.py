@@ -1,7 +1,8 @@
 """Vertical tyre loads: equilibrium of the chain in pitch and in roll, for numbers or ``casadi.SX``.
 
 Axles or bogies of the tractor are springs under a beam. Those of a towed unit are one compensated group or, if bogies
-are named, springs under a beam that turns about the hitch. Within a group, loads are shared by ``load_share``. Lateral
+are named, springs under a beam that turns about the hitch. Within a group, loads are shared by ``load_share``; what
+uneven road adds is in ``load_sharing``. Lateral
 load transfer is shared among a unit's axles in proportion to their static loads. Accelerations are specific forces
 (without gravity's component along the ground), so that slopes load the wheels correctly.
 """
@@ -27,7 +28,7 @@ class AxleShare(NamedTuple):
     of_moment: Num  # [1/m]
 
 
-class _Group(NamedTuple):
+class AxleGroup(NamedTuple):
     """Axles that share one load."""
 
     axles: list[int]
@@ -50,12 +51,14 @@ def axle_loads(
     a_x: Sequence[Num],
     hitch_forces: Sequence[Vector],
     e: Sequence[Vector],
+    additional: Sequence[Sequence[Num]] = (),
 ) -> list[list[Num]]:
     """Load [N] of each axle of each unit.
 
     ``gravity`` is its component normal to the ground plus the upward acceleration of each unit and ``a_x`` each unit's
     specific force along its x axis [m/s2]; ``hitch_forces[i]`` acts on unit i at its front hitch, along unit i's axes
-    [N] (unit 0: none); ``e`` are the directions of the units' x axes.
+    [N] (unit 0: none); ``e`` are the directions of the units' x axes. ``additional`` are loads of each axle of each
+    unit [N], or none, that add up to zero and whose moment the unit's group and hitch must balance.
     """
     loads: list[list[Num]] = [[] for _ in vehicle.units]
     below: Num = 0.0  # load on the hitch of the unit at hand [N]
@@ -70,15 +73,19 @@ def axle_loads(
         if i > 0:
             moment = moment + vehicle.units[i - 1].rear_hitch[1] * hitch_forces[i].x
         weight = weight + below
+        own = additional[i] if additional else ()
+        moment = moment - sum(load * axle.x for load, axle in zip(own, unit.axles, strict=False))
         shares = axle_shares(unit, towed=i > 0)
         loads[i] = [share.of_weight * weight + share.of_moment * moment for share in shares]
         below = weight - sum(share.of_moment for share in shares) * moment
+        if own:
+            loads[i] = [load + more for load, more in zip(loads[i], own, strict=True)]
     return loads
 
 
 def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
     """Load shares of the axles: springs under a beam, whose front rests on the hitch if towed."""
-    groups = _groups(unit, towed)
+    groups = axle_groups(unit, towed=towed)
     n = sum(group.stiffness for group in groups)
     s_1 = sum(group.stiffness * group.x for group in groups)
     s_2 = sum(group.stiffness * group.x**2 for group in groups)
@@ -94,7 +101,7 @@ def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:
     return [by_axle[axle] for axle in range(len(unit.axles))]
 
 
-def _groups(unit: Unit, towed: bool) -> list[_Group]:
+def axle_groups(unit: Unit, *, towed: bool) -> list[AxleGroup]:
     """Axles grouped by bogie; those of a towed unit without any bogie are one group."""
     whole = towed and all(axle.bogie is None for axle in unit.axles)
     members: dict[str | int, list[int]] = {}
@@ -106,7 +113,7 @@ def _groups(unit: Unit, towed: bool) -> list[_Group]:
         total = sum(unit.axles[k].load_share for k in axles)
         shares: list[Num] = [unit.axles[k].load_share / total for k in axles]
         x = sum(share * unit.axles[k].x for share, k in zip(shares, axles, strict=True))
-        groups.append(_Group(axles, shares, x, total))
+        groups.append(AxleGroup(axles, shares, x, total))
     return groups
 
 

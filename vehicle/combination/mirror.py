@@ -29,6 +29,7 @@ SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also 
     heave_spring=1,
     pitch_spring=1,
     roll_spring=-1,
+    load_shift=1,
     hitch_x=1,
     hitch_y=-1,
     omega=1,
