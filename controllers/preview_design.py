@@ -24,6 +24,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_are
 
 from controllers.tractor import TractorGeometry
 from controllers.tractor_model import STATES, path_matrices, rolling_matrices, tractor_model
@@ -41,9 +42,6 @@ _SMOOTHING: Final = 0.02  # T: short against the lags, which bound the loop; it 
 _ROLLING_UP_TO: Final = 0.05
 _DYNAMIC_FROM: Final = 0.1
 _ROLLING: Final = [0, 1, 6]  # its states
-_TERMS: Final = 16
-_DOUBLINGS: Final = 40
-_CONVERGED: Final = 1e-13
 _SPEEDS: Final = 24  # of the designs, each 1.24 times the one before
 
 
@@ -98,23 +96,10 @@ def _optimal(matrices: tuple[FloatArray, FloatArray, FloatArray], direction: Flo
     rate, rate_by_demand = _SMOOTHING * A[-1], _SMOOTHING * B[-1]
     Q = np.outer(offset, offset) + np.outer(direction, direction) + np.outer(rate, rate)
     cross, R = rate * rate_by_demand, rate_by_demand**2
-    P = _riccati(A_d - np.outer(B_d, cross / R), np.outer(B_d, B_d) / R, Q - np.outer(cross, cross) / R)
+    P = solve_discrete_are(A_d, B_d[:, None], Q, np.array([[R]]), s=cross[:, None])
     scale = 1.0 / (R + B_d @ P @ B_d)
     K = scale * (B_d @ P @ A_d + cross)
     return np.concatenate([K, _weights(A_d - np.outer(B_d, K), scale * B_d, P @ E_d)])
-
-
-def _riccati(A: FloatArray, G: FloatArray, Q: FloatArray) -> FloatArray:
-    """Stabilising solution of P = A'P (1 + G P)^-1 A + Q by doubling (Anderson 1978): quadratic, some 10 steps."""
-    one = np.eye(len(A))
-    for _ in range(_DOUBLINGS):
-        W = np.linalg.solve(one + G @ Q, np.hstack([A, G]))
-        A_W, G_W = W[:, : len(A)], W[:, len(A) :]
-        change = A.T @ Q @ A_W
-        A, G, Q = A @ A_W, G + A @ G_W @ A.T, Q + change
-        if np.abs(change).max() <= _CONVERGED * np.abs(Q).max():
-            break
-    return 0.5 * (Q + Q.T)
 
 
 def _sampled(A: FloatArray, B: FloatArray, E: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -122,21 +107,8 @@ def _sampled(A: FloatArray, B: FloatArray, E: FloatArray) -> tuple[FloatArray, F
     n = len(B)
     held = np.zeros((n + 2, n + 2))
     held[:n] = np.column_stack([A, B, E])
-    exact = _exponential(PERIOD * held)
+    exact = expm(PERIOD * held)
     return exact[:n, :n], exact[:n, n], exact[:n, n + 1]
-
-
-def _exponential(A: FloatArray) -> FloatArray:
-    """Matrix exponential, by Taylor's series of a half, quarter, ... of it, squared again: exact to rounding."""
-    halvings = max(0, math.ceil(math.log2(2.0 * float(np.abs(A).sum(axis=1).max()))))
-    A = A / 2.0**halvings
-    term = total = np.eye(len(A))
-    for k in range(1, _TERMS):
-        term = term @ A / k
-        total = total + term
-    for _ in range(halvings):
-        total = total @ total
-    return total
 
 
 def _weights(closed: FloatArray, row: FloatArray, costate: FloatArray) -> FloatArray:

@@ -36,7 +36,7 @@ def parking(quick: bool) -> Section:
                     "mm",
                     target=0.0,
                     tolerance=1.0,
-                    source="a parked vehicle stays; 1 mm is what issue 18 allows",
+                    source="a parked vehicle stays",
                 )
                 for name in names
                 for where, (grade, cross_fall) in _STANDS.items()
