@@ -12,8 +12,10 @@ from scenarios.standards.random_steer import PEAK, amplification_response, rando
 from scenarios.standards.random_steer import SPEED as RANDOM_SPEED
 from scenarios.standards.sine_with_dwell import DWELL, END, FREQUENCY, START, sine_with_dwell, steer_for, wave
 from scenarios.standards.steady_circle import set_speed, steady_circle
+from scenarios.standards.straight import straight
 from vehicle.combination.description import GRAVITY, load_vehicle, vehicle_names
 from vehicle.combination.handling import rearward_amplification, understeer_gradient
+from vehicle.combination.plant_changes import changed_vehicle
 
 
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
@@ -106,3 +108,13 @@ def test_without_lags_theory_amplifies_otherwise() -> None:
     without = rearward_amplification(vehicle, RANDOM_SPEED, response.frequency)
     strong = response.measured > 0.5 * response.measured.max()
     assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
+
+
+def test_roll_steer_makes_a_truck_weave_on_a_rough_road() -> None:
+    """The road rolls axles under the body: an axle that this steers yaws the truck, by half as much again."""
+    plain = load_vehicle("rigid_truck")
+    steering = changed_vehicle(plain, {"units.0.axles.1.roll_steer": 0.3})
+    calm, weaving = (straight(vehicle, "none") for vehicle in (plain, steering))
+    assert weaving.outcome == calm.outcome == "completed"
+    yaw_rates = [float(np.std(done.log["yaw_rate_truck"][done.log["time"] > 8.0])) for done in (calm, weaving)]
+    assert yaw_rates[1] > 1.3 * yaw_rates[0]

@@ -241,7 +241,7 @@ def _wheel_motions(
             deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
             twin=None if wheel.twin is None else Planar(s.twin_x[wheel.twin], s.twin_y[wheel.twin]),
             brake_windup=s.brake_windup[k],
-            plane=_plane(wheel, s),
+            plane=_plane(vehicle, wheel, k, s, u),
             hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
             yaw_rate=r,
             load=loads[k],
@@ -254,10 +254,18 @@ def _wheel_motions(
     return motions
 
 
-def _plane(wheel: Wheel, s: State[ca.SX]) -> Vector:
-    if wheel.steer is None:
-        return Vector(1.0, 0.0)
-    return wheel_plane(wheel.axle, wheel.y, wheel.steer_ratio * s.steer[wheel.steer])
+def _plane(vehicle: Vehicle, wheel: Wheel, k: int, s: State[ca.SX], u: Input[ca.SX]) -> Vector:
+    """Direction of the plane of wheel number ``k``: turned by its actuator, and by its suspension as the body moves."""
+    axle = wheel.axle
+    angles: list[Num] = [] if wheel.steer is None else [wheel.steer_ratio * s.steer[wheel.steer]]
+    if axle.roll_steer is not None:
+        left, right = (k, k + 1) if wheel.side > 0 else (k - 1, k)
+        angles.append(axle.roll_steer * (s.roll[wheel.unit] - (1.0 / axle.track) * (u.road[left] - u.road[right])))
+    if axle.bump_steer is not None:
+        lever = axle.x - vehicle.units[wheel.unit].cg_x
+        body = s.heave[wheel.unit] - lever * s.pitch[wheel.unit] + wheel.y * s.roll[wheel.unit]
+        angles.append((wheel.side * axle.bump_steer) * (body - u.road[k]))
+    return wheel_plane(axle, wheel.y, sum(angles[1:], angles[0])) if angles else Vector(1.0, 0.0)
 
 
 def _ground(

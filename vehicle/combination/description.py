@@ -48,6 +48,14 @@ _ENDINGS: Final = ("command", "std")  # of signals that have another one of the 
 _VEHICLES: Final = ParameterLibrary("vehicle", "parameters")
 
 
+RollSteer = Annotated[
+    float, quantity("rad/rad", ge=-0.5, le=0.5, why="leaf springs and links have 0.05 to 0.2; 0.5 is a steering system")
+]
+BumpSteer = Annotated[
+    float, quantity("rad/m", ge=-1.0, le=1.0, why="suspensions have up to 0.2 rad/m, 1 deg a decimetre")
+]
+
+
 class Axle(Frozen):
     """An axle with two equal wheels."""
 
@@ -67,6 +75,8 @@ class Axle(Frozen):
     steer_ratio: Annotated[
         float, quantity("-", ge=-2.0, le=2.0, why="the actuator's own axle has 1; no linkage doubles its angle")
     ] = 1.0  # angle of the axle over its actuator's
+    roll_steer: RollSteer | None = None  # angle of the axle per roll of the body against it; None: it does not steer so
+    bump_steer: BumpSteer | None = None  # outward angle of each wheel as the body rises from it; None: likewise
     lifted: Flag = False  # off the ground, carries no load
     bogie: str | None = None  # axles of a unit with the same name are a compensated group
     load_share: Annotated[
