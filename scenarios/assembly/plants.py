@@ -79,13 +79,19 @@ def plant_vehicle(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
 
 
 def _with_systems(scenario: Scenario, vehicle: Vehicle) -> Vehicle:
-    """The vehicle with the systems of ``brakes.…`` on or off; one without data of brakes has none of them."""
-    changes = scenario.brakes.changes()
-    if vehicle.brakes is not None:
-        return vehicle.model_copy(update={"brakes": vehicle.brakes.model_copy(update=changes)})
-    if on := [name for name, value in changes.items() if value]:
-        raise ValueError(f"brakes.{on[0]} = true: the file of vehicle {vehicle.name} has no table [brakes]")
-    return vehicle
+    """The vehicle with the systems of ``brakes.…`` on or off; one without their data has none of them."""
+    options = scenario.brakes
+    vehicle = _switched(vehicle, "brakes", "abs", options.abs)
+    return _switched(vehicle, "powertrain", "traction_control", options.traction_control)
+
+
+def _switched(vehicle: Vehicle, table: str, system: str, on: bool | None) -> Vehicle:
+    data = getattr(vehicle, table)
+    if on and data is None:
+        raise ValueError(f"brakes.{system} = true: the file of vehicle {vehicle.name} has no table [{table}]")
+    if on is None or data is None:
+        return vehicle
+    return vehicle.model_copy(update={table: data.model_copy(update={system: on})})
 
 
 def plant_kind(scenario: Scenario) -> str:

@@ -6,10 +6,9 @@ from scenarios.options.base import Options, option
 
 
 class BrakeOptions(Options):
-    """Electronic systems of the brakes; those not given are as in the vehicle file."""
+    """Electronic systems of brakes and drive; those not given are as in the vehicle file."""
 
     abs: bool | None = option("Anti-lock braking; not given: as in the vehicle file.", None)
-
-    def changes(self) -> dict[str, bool]:
-        """Changes of the vehicle's table ``brakes``."""
-        return {name: value for name, value in self if value is not None}
+    traction_control: bool | None = option(
+        "Traction control of the driven wheels; not given: as in the vehicle file.", None
+    )

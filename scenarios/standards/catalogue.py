@@ -115,6 +115,13 @@ KINDS: Final = {
             frictions=None,
             handed=False,
         ),
+        Kind(
+            key="longitudinal",
+            line="startability, gradeability, acceleration and holding downhill, straight ahead",
+            seconds=100.0,
+            speeds=None,
+            handed=False,
+        ),
     )
 }
 STANDARD_SET: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # driven by default

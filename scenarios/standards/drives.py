@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 from scenarios.standards.conditions import Conditions
 from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
 from scenarios.standards.lane_change import lane_change
+from scenarios.standards.longitudinal import longitudinal
 from scenarios.standards.low_speed import roundabout, turn
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.pulse import pulse
@@ -32,4 +33,5 @@ DRIVES: Final[dict[str, Drive]] = {
     "sine_with_dwell": sine_with_dwell,
     "random_steer": random_steer,
     "tilt": tilt,
+    "longitudinal": longitudinal,
 }

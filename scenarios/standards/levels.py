@@ -77,6 +77,16 @@ def _single(bound: float) -> tuple[tuple[str, float], ...]:
 
 
 CRITERIA: Final = (
+    Criterion("startability", _PBS, _levels(0.15, 0.12, 0.10, 0.05), at_most=False, source=_pbs("C1")),
+    Criterion("gradeability", _PBS, _levels(0.20, 0.15, 0.12, 0.08), at_most=False, source=_pbs("C2", ", a")),
+    Criterion(
+        "gradeability_speed_m_s",
+        _PBS,
+        _levels(80.0 / 3.6, 70.0 / 3.6, 70.0 / 3.6, 60.0 / 3.6),
+        at_most=False,
+        source=_pbs("C2", ", b"),
+    ),
+    Criterion("acceleration_100_m_s", _PBS, _levels(20.0, 23.0, 26.0, 29.0), source=_pbs("C3")),
     Criterion("swept_path_m", _PBS, _levels(7.4, 8.7, 10.6, 13.7), source=_pbs("C7")),
     Criterion("swept_path_m", _SWEDISH, _single(8.5), source=_OPENPBS),
     Criterion("frontal_swing_m", _PBS, _single(0.7), source=_pbs("C8")),

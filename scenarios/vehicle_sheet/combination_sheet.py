@@ -26,6 +26,7 @@ from scenarios.vehicle_sheet.sheet import VehicleSheet, sources_note
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, Handling, UnitSheet, data_sheet, handling_at
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_sources
 from vehicle.combination.load_cases import FULL, load_cases, with_load
+from vehicle.combination.longitudinal import Capability, longitudinal_capability
 
 _LARGEST_SCALE: Final = 0.85  # [in/m]; a short truck does not fill the sheet
 _KEY: Final = "lengths in m   steered: blue, in the plan at the lock of a left turn   driven: dark hub   lifted: grey"
@@ -43,7 +44,8 @@ def combination_sheet(name_or_path: str) -> VehicleSheet:
     loads, without_load = _loads(vehicle, data)
     warnings = (*data.warnings, *missing, *without_load)
     note, sources = sources_note(vehicle_sources(name_or_path))
-    tables = _tables(data, handling)
+    capability = longitudinal_capability(vehicle) if data.stands else None
+    tables = _tables(data, handling, capability)
     return VehicleSheet(
         name=data.name,
         summary=data.summary,
@@ -51,7 +53,9 @@ def combination_sheet(name_or_path: str) -> VehicleSheet:
         tables=(*tables, *([_load_table(loads)] if len(loads) > 1 else [])),
         warnings=warnings,
         note=note,
-        numbers=_numbers(data, loads, handling) | {"warnings": list(warnings), "sources": sources},
+        numbers=_numbers(data, loads, handling)
+        | {"longitudinal": None if capability is None else capability._asdict()}
+        | {"warnings": list(warnings), "sources": sources},
         draw=lambda: draw_combination(vehicle, data, tables, note=note),
     )
 
@@ -96,8 +100,13 @@ def draw_combination(vehicle: Vehicle, data: DataSheet, tables: tuple[SheetTable
     return figure
 
 
-def _tables(data: DataSheet, handling: Handling | None) -> tuple[SheetTable, ...]:
-    answers = [("steering and handling", ""), *_steering_rows(data), *_handling_rows(handling)]
+def _tables(data: DataSheet, handling: Handling | None, capability: Capability | None) -> tuple[SheetTable, ...]:
+    answers = [
+        ("steering, handling and drive", ""),
+        *_steering_rows(data),
+        *_handling_rows(handling),
+        *_longitudinal_rows(capability),
+    ]
     return (
         SheetTable(
             rows=_axle_rows(data),
@@ -167,6 +176,19 @@ def _handling_rows(handling: Handling | None) -> Rows:
         (f"yaw damping ratio {at}", f"{handling.yaw_damping:.2f}"),
         *([] if amplification is None else [(f"rearward amplification {at}", f"{amplification:.2f}")]),
         ("static rollover threshold", f"{handling.rollover_threshold / GRAVITY:.2f} g"),
+    ]
+
+
+def _longitudinal_rows(capability: Capability | None) -> Rows:
+    if capability is None:
+        return []
+    holding = capability.holding_grade
+    return [
+        ("startability", f"{100.0 * capability.startability:.1f} %"),
+        ("gradeability at 10 km/h", f"{100.0 * capability.gradeability:.1f} %"),
+        ("speed on a grade of 1 %", f"{capability.speed_on_1_percent_kmh:.0f} km/h"),
+        ("100 m from rest", f"{capability.acceleration_100_m_s:.1f} s"),
+        *([] if holding is None else [("endurance brake holds 30 km/h on", f"-{100.0 * holding:.1f} %")]),
     ]
 
 

@@ -22,3 +22,10 @@ def test_a_vehicle_without_brake_data_has_no_abs() -> None:
     assert plant_vehicle(load_scenario("roundabout", ["brakes.abs=false"]), bare) == bare
     with pytest.raises(ValueError, match=r"brakes.abs = true: the file of vehicle eu_tractor_semitrailer has no table"):
         plant_vehicle(load_scenario("roundabout", ["brakes.abs=true"]), bare)
+
+
+def test_traction_control_is_switched_off_in_the_simulated_vehicle() -> None:
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    changed = plant_vehicle(load_scenario("roundabout", ["brakes.traction_control=false"]), vehicle)
+    assert changed.powertrain is not None
+    assert not changed.powertrain.traction_control

@@ -18,6 +18,11 @@ def without_abs(vehicle: Vehicle) -> Vehicle:
     return vehicle.model_copy(update={"brakes": vehicle.brakes.model_copy(update={"abs": False})})
 
 
+def without_governor(vehicle: Vehicle) -> Vehicle:
+    """Whose wheels spin as fast as the engine's power turns them."""
+    return vehicle.model_copy(update={"powertrain": None})
+
+
 class Stop(NamedTuple):
     """A drive under one brake demand, a row every 10 ms."""
 

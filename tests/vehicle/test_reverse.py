@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from scenarios.validation.vehicles import gripping, tractor_and_trailer
+from tests.vehicle.braking import without_governor
 from vehicle.combination.batch import BatchGround, PlantBatch
 from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.layout import State, parts, state_sizes, wheels
@@ -113,7 +114,7 @@ def test_it_stops_from_reverse_holds_on_a_hill_and_goes_on(tractor_semitrailer: 
 
 def test_driven_wheels_spin_backward_on_ice_and_stay_bounded(tractor_semitrailer: Vehicle) -> None:
     """Two of ten wheels push with 0.092 of their load at most; what is left of 350 kW turns them, not without end."""
-    plant = Plant(tractor_semitrailer, Surface(friction=0.1))
+    plant = Plant(without_governor(tractor_semitrailer), Surface(friction=0.1))
     state = drive(plant, plant.initial_state(ORIGIN, 0.0), 4.0, VehicleCommand(0.0, 1.5, (), -1.0))[-1]
     seen, at = plant.observe(state, 0), named(tractor_semitrailer, state)
     traction = 0.1 * seen.wheel_loads[2:4].sum() / tractor_semitrailer.mass

@@ -22,14 +22,16 @@ from vehicle.combination.brake_data import Brakes
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import State, Wheel
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.powertrain import retarder_capacity, retarding, retards_first
 from vehicle.tyres import Num
 
 
-class BrakeRates(NamedTuple):
-    """Rates of the states of brakes."""
+class Braking(NamedTuple):
+    """Rates of the states of brakes, and the endurance brake."""
 
-    pressure: list[Num]  # of every channel [1/s]
-    valve: list[Num]  # of every modulator [1/s]
+    pressure: list[Num]  # rate of every channel's [1/s]
+    valve: list[Num]  # rate of every modulator's [1/s]
+    retarding: list[Num]  # force of the endurance brake at every wheel's tread [N]
 
 
 def brake_torque(axle: Axle, pressure: Num) -> Num:
@@ -37,12 +39,38 @@ def brake_torque(axle: Axle, pressure: Num) -> Num:
     return 0.5 * axle.brake.torque * pressure if axle.brake else 0.0
 
 
-def brake_rates(vehicle: Vehicle, s: State[ca.SX], commands: Sequence[Num]) -> BrakeRates:
+def service_demand(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> Num:
+    """Acceleration demanded of the service brakes [m/s2], not above 0: what the endurance brake does not do.
+
+    The more modulators of driven wheels release, the less it does, too.
+    """
+    if not retards_first(vehicle):
+        return ca.fmin(s.acceleration, 0.0)
+    driven = [wheel for wheel in layout if wheel.axle.driven]
+    engaged = sum(kept_pressure(vehicle, wheel, s) for wheel in driven) / len(driven)
+    return ca.fmin(s.acceleration + engaged * retarder_capacity(vehicle, s.v_x) / vehicle.mass, 0.0)
+
+
+def kept_pressure(vehicle: Vehicle, wheel: Wheel, s: State[ca.SX]) -> Num:
+    """Share of the brake torque that the ABS modulator of a wheel lets act: 1, or down to 0 as it releases."""
+    valve = None if wheel.brake is None else brake_channels(vehicle)[wheel.brake].valve
+    return 1.0 if valve is None else 1.0 - s.brake_valve[valve]
+
+
+def retarding_forces(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> list[Num]:
+    """Force [N] of the endurance brake at every wheel's tread; ABS modulators of driven wheels reduce it."""
+    force = retarding(vehicle, s.acceleration, s.v_x)
+    return [wheel.drive_share * kept_pressure(vehicle, wheel, s) * force for wheel in layout]
+
+
+def braking_of(
+    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num], forces: list[Num]
+) -> Braking:
     """Rates of pressures and valves under the modulators' ``valve_commands``."""
     system = vehicle.brakes
     if system is None:
-        return BrakeRates([], [])
-    demand = -ca.fmin(s.acceleration, 0.0)
+        return Braking([], [], forces)
+    demand = -service_demand(vehicle, layout, s)
     shares = _pressure_shares(vehicle)
     pressures: list[Num] = []
     for number, channel in enumerate(brake_channels(vehicle)):
@@ -56,7 +84,7 @@ def brake_rates(vehicle: Vehicle, s: State[ca.SX], commands: Sequence[Num]) -> B
     valves: list[Num] = [
         (1.0 / system.abs_valve_lag) * (command - s.brake_valve[k]) for k, command in enumerate(commands)
     ]
-    return BrakeRates(pressures, valves)
+    return Braking(pressures, valves, forces)
 
 
 def valve_commands(

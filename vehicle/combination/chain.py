@@ -2,7 +2,7 @@
 
 Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; each unit's sprung body in
 heave, pitch and roll, whose springs and dampers load the wheels; slope as gravity along the ground under each unit;
-steering and drive actuators included, so that one step integrates everything. Not modelled: aerodynamic drag, friction
+steering and drive actuators included, so that one step integrates everything. Not modelled: friction
 and play of the hitch, effects of roll and pitch on the yaw plane other than through the loads, contact between the
 units' bodies, and rolling over after a side has lifted off.
 """
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
-from vehicle.combination.brakes import BrakeRates, brake_rates, valve_commands
+from vehicle.combination.brakes import Braking, braking_of, retarding_forces, service_demand, valve_commands
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
@@ -31,6 +31,7 @@ from vehicle.combination.multibody import (
     speed_rates,
     velocity,
 )
+from vehicle.combination.powertrain import air_drag
 from vehicle.combination.sprung import Ride, rides, spring_rates
 from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
 from vehicle.tyres import Num, Planar
@@ -52,19 +53,22 @@ class _Moment(NamedTuple):
     speeds: Speeds
     bodies: list[Ride]
     loads: list[Num]  # of every wheel [N]
+    retarding: list[Num]  # force of the endurance brake at every wheel [N]
     rolling: list[WheelMotion]
     ground: list[_GroundForce]
 
 
-def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: BrakeRates | None = None) -> State[ca.SX]:
-    """Time derivative of the state; ``brakes`` are the rates of ``braking`` if they are held over a step."""
-    now = _moment(vehicle, s, u)
-    brakes = _brake_rates(vehicle, now, s) if brakes is None else brakes
+def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking | None = None) -> State[ca.SX]:
+    """Time derivative of the state; ``brakes`` is what ``braking`` gives, if it is held over a step."""
+    now = _moment(vehicle, s, u, brakes)
+    brakes = _braking(vehicle, now, s) if brakes is None else brakes
     e, rolling, bodies = now.e, now.rolling, now.bodies
     forces = [
         Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
         for unit, on in zip(vehicle.units, now.ground, strict=True)
     ]
+    if vehicle.air is not None:
+        forces[0] = Vector(forces[0].x - air_drag(vehicle.air, s.v_x), forces[0].y)
     rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, [on.moment for on in now.ground])
     specific = _specific_forces(vehicle, e, now.speeds, rates, now.ground)
     felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
@@ -102,14 +106,15 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Brake
     )
 
 
-def braking(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> BrakeRates:
-    """Rates of brake pressures and ABS valves in a state: brakes are controlled once a tick."""
-    return _brake_rates(vehicle, _moment(vehicle, s, u), s)
+def braking(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Braking:
+    """Rates of brake pressures and ABS valves in a state, and the endurance brake: they are controlled once a tick."""
+    return _braking(vehicle, _moment(vehicle, s, u), s)
 
 
-def _brake_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> BrakeRates:
+def _braking(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> Braking:
     travel, spin_rates = [wheel.travel for wheel in now.rolling], [wheel.omega for wheel in now.rolling]
-    return brake_rates(vehicle, s, valve_commands(vehicle, now.layout, s, travel, spin_rates))
+    commands = valve_commands(vehicle, now.layout, s, travel, spin_rates)
+    return braking_of(vehicle, now.layout, s, commands, now.retarding)
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -147,16 +152,17 @@ def _twin_rates(rolling: Iterable[WheelMotion]) -> list[Planar]:
     return [wheel.twin for wheel in rolling if wheel.twin is not None]
 
 
-def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
+def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking | None = None) -> _Moment:
     """Quantities that follow from the state algebraically."""
     layout = wheels(vehicle)
     psi = ca.vertsplit(s.psi)
     e, speeds = axes(psi), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
     bodies = rides(vehicle, layout, s, u)
     loads = _wheel_loads(vehicle, layout, e, bodies, s, u)
-    rolling = _wheel_motions(vehicle, layout, e, speeds, loads, s, u)
+    retarding = retarding_forces(vehicle, layout, s) if brakes is None else brakes.retarding
+    rolling = _wheel_motions(vehicle, layout, e, speeds, loads, retarding, s, u)
     ground = _ground(vehicle, layout, e, rolling, s, u)
-    return _Moment(layout, e, speeds, bodies, loads, rolling, ground)
+    return _Moment(layout, e, speeds, bodies, loads, retarding, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
@@ -228,11 +234,13 @@ def _wheel_motions(
     e: list[Vector],
     speeds: Speeds,
     loads: list[Num],
+    retarding: list[Num],
     s: State[ca.SX],
     u: Input[ca.SX],
 ) -> list[WheelMotion]:
     """The motion of every wheel, front to rear, left before right."""
     origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(vehicle.units))]
+    braking = service_demand(vehicle, layout, s)
     motions = []
     for k, wheel in enumerate(layout):
         r = speeds.yaw_rate[wheel.unit]
@@ -247,6 +255,8 @@ def _wheel_motions(
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,
+            braking=braking,
+            retarding=retarding[k],
             brake_pressure=0.0 if wheel.brake is None else s.brake_pressure[wheel.brake],
             gear=u.gear,
         )

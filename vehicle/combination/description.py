@@ -17,6 +17,7 @@ from pydantic import Field, SerializeAsAny, field_validator, model_validator
 from vehicle.combination.brake_channels import check_brakes
 from vehicle.combination.brake_data import AxleBrake, Brakes, with_brakes
 from vehicle.combination.payload import Payload
+from vehicle.combination.powertrain_data import AirDrag, Powertrain
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
@@ -255,6 +256,8 @@ class Vehicle(Frozen):
     name: str
     summary: str = ""
     drive: Drive
+    powertrain: Powertrain | None = None  # None: mass times demand up to ``Drive.max_power``, no governor
+    air: AirDrag | None = None  # None: no drag of the air
     brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
 

@@ -14,7 +14,7 @@ import casadi as ca
 
 from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
-from vehicle.combination.brakes import BrakeRates
+from vehicle.combination.brakes import Braking
 from vehicle.combination.chain import braking, derivative, output, relaxation
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
@@ -143,7 +143,7 @@ def compiled_output(vehicle: Vehicle) -> Any:
     return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
 
 
-def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX], brakes: BrakeRates | None = None) -> ca.SX:
+def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX], brakes: Braking | None = None) -> ca.SX:
     return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u, brakes))
 
 

@@ -74,7 +74,7 @@ def lateral_model(
     actuators: bool = False,
     path: bool = False,
 ) -> LateralModel:
-    """Lateral motion at a constant ``speed`` [m/s] on level ground, without limit of engine power.
+    """Lateral motion at a constant ``speed`` [m/s] on level ground, without limit of engine power or drag of the air.
 
     States are v_y [m/s] of To, yaw rates [rad/s] and articulations [rad]. ``path`` adds y [m] of To and psi [rad]
     relative to a straight path. ``actuators`` adds the actuators' angles [rad], whose demands then are the inputs.
@@ -85,7 +85,7 @@ def lateral_model(
         ValueError: if the speed cannot be held, or an output is unknown or needs ``path``.
     """
     check_outputs(outputs, path=path)
-    vehicle = _without_power_limit(vehicle)
+    vehicle = _without_drive_limits(vehicle)
     slow = (_PATH if path else ()) + _YAW_PLANE + (_ACTUATOR if actuators else ())
     states = [c for kind in slow for c in flipped(vehicle) if c.kind == kind]
     lags = [c for c in flipped(vehicle) if c.kind not in _PATH + _YAW_PLANE + _ACTUATOR + _IDLE]
@@ -103,9 +103,10 @@ def lateral_model(
     )
 
 
-def _without_power_limit(vehicle: Vehicle) -> Vehicle:
+def _without_drive_limits(vehicle: Vehicle) -> Vehicle:
+    """The vehicle at ample power, without governor and drag of the air: its drive force is the rolling resistance."""
     drive = vehicle.drive.model_copy(update={"max_power": _AMPLE_POWER})
-    return vehicle.model_copy(update={"drive": drive})
+    return vehicle.model_copy(update={"drive": drive, "powertrain": None, "air": None})
 
 
 class _Matrices(NamedTuple):

@@ -10,6 +10,7 @@ from vehicle.combination.brakes import brake_torque
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
+from vehicle.combination.powertrain import drive_torque, retards_first
 from vehicle.tyres import (
     Contact,
     Num,
@@ -20,7 +21,6 @@ from vehicle.tyres import (
 )
 
 _BRAKE_WINDUP: Final = 0.02  # angle over which a brake's holding torque builds up [rad]: 1 cm at the tread
-_CLUTCH_OMEGA: Final = 1.0  # below it the clutch slips, and the engine's power does not limit the torque [rad/s]
 
 
 class WheelState(NamedTuple):
@@ -35,8 +35,10 @@ class WheelState(NamedTuple):
     yaw_rate: Num  # of the unit [rad/s]
     load: Num  # [N]
     friction: Num  # [-]
-    acceleration: Num  # demanded of drive torques, and of brakes that the vehicle does not describe [m/s2]
+    acceleration: Num  # demanded of drive torques [m/s2]
+    braking: Num  # the same, not above 0, of service brakes that the vehicle does not describe [m/s2]
     brake_pressure: Num  # over the full one [-]
+    retarding: Num  # force of the endurance brake at this wheel's tread, if it is driven [N]
     gear: Num  # +1 drives forward, -1 backward
 
 
@@ -104,9 +106,14 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         scrub = reach * (outer.force.x - inner.force.x)
         used, spin = ca.fmax(outer.used, inner.used), outer.spin_relaxation + inner.spin_relaxation
         trail = 0.5 * (outer.trail + inner.trail)
+    spin_rate = _braked_spin_rate(vehicle, wheel, s, force.x)
+    if wheel.axle.driven:
+        drive = drive_torque(vehicle, wheel, s.acceleration, s.gear, s.omega, v.x)
+        spin_rate = spin_rate + (1.0 / wheel.axle.wheel_inertia) * drive.torque
+        spin = spin + (1.0 / wheel.axle.wheel_inertia) * drive.per_spin
     return WheelMotion(
         travel=ca.fabs(v.x),
-        omega=_spin_rate(vehicle, wheel, s, force.x),
+        omega=spin_rate,
         deflection=outer.rate,
         brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
         twin=None if inner is None else inner.rate,
@@ -142,18 +149,19 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     )
 
 
-def _spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
-    """Rate of the spin [rad/s2] under brake, rolling drag, drive, and the ground's pull [N]."""
+def _braked_spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
+    """Rate of the spin [rad/s2] under brakes, rolling drag, and the ground's pull [N]."""
     radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
     per_torque = radius * per_inertia
     braking: Num
     if vehicle.brakes is None:
-        braking = (vehicle.mass * wheel.brake_share * per_torque) * ca.fmin(s.acceleration, 0.0)
+        braking = (vehicle.mass * wheel.brake_share * per_torque) * s.braking
     else:
         braking = -per_inertia * brake_torque(wheel.axle, s.brake_pressure)
     resisting = braking - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
-    rate = resisting * s.brake_windup - per_torque * pull
-    return rate + per_inertia * _drive_torque(vehicle, wheel, s) if wheel.axle.driven else rate
+    if wheel.axle.driven and retards_first(vehicle):
+        resisting = resisting - per_torque * s.retarding
+    return resisting * s.brake_windup - per_torque * pull
 
 
 def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
@@ -165,13 +173,3 @@ def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
     tyre = axle.tyre
     per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * at_once
     return per_spin / (axle.wheel_inertia * tyre.relaxation_length) * (on.per_deflection * (1.0 - on.use_along))
-
-
-def _drive_torque(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> Num:
-    """Torque [N m] of the driveline in the gear's direction, within the engine's power.
-
-    A wheel that still turns the other way is slowed by the slipping clutch, at the demanded torque.
-    """
-    demanded = (vehicle.mass * wheel.axle.wheel_radius) * ca.fmax(s.acceleration, 0.0)
-    with_gear = ca.fmax(s.gear * s.omega, _CLUTCH_OMEGA)
-    return (s.gear * wheel.drive_share) * ca.fmin(demanded, vehicle.drive.max_power / with_gear)

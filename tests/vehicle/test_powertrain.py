@@ -1,0 +1,157 @@
+"""Driveline: limits of force, power and rim speed, traction control, endurance brake, and drag of the air."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from scenarios.standards.longitudinal import Incline, longitudinal, longitudinal_theory
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
+from vehicle.combination.layout import State, parts, state_sizes, wheels
+from vehicle.combination.longitudinal import startability
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.powertrain import retarder_capacity
+from vehicle.frames import FloatArray, Pose2
+from vehicle.surface import Surface
+
+FULL = 4.0  # demand of full throttle [m/s2]
+ROLLING = 0.006  # resistance over load [-]
+
+
+class Run(NamedTuple):
+    """A drive straight on, a row every 10 ms."""
+
+    speed: FloatArray  # (n,) [m/s]
+    rims: FloatArray  # (n,) of the fastest driven wheel [m/s]
+    pressure: FloatArray  # (n, n_channels) [-]
+
+
+def driven(vehicle: Vehicle, surface: Surface, speed: float, demand: float, seconds: float, gear: float = 1.0) -> Run:
+    plant, layout = Plant(vehicle, surface), wheels(vehicle)
+    radii = np.array([wheel.axle.wheel_radius for wheel in layout if wheel.axle.driven])
+    turning = [k for k, wheel in enumerate(layout) if wheel.axle.driven]
+    state, rows = plant.initial_state(Pose2(0.0, 0.0, 0.0), speed), []
+    for _ in range(round(100 * seconds)):
+        s = State(*parts(state, state_sizes(vehicle)))
+        rows.append((s.v_x[0], np.abs(s.omega[turning] * radii).max(), s.brake_pressure))
+        state = plant.step(state, VehicleCommand(0.0, demand, (), gear), 10)
+    return Run(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def changed(vehicle: Vehicle, **numbers: object) -> Vehicle:
+    assert vehicle.powertrain is not None
+    return vehicle.model_copy(update={"powertrain": vehicle.powertrain.model_copy(update=numbers)})
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_every_shipped_vehicle_has_a_powertrain_and_drag(name: str) -> None:
+    vehicle = load_vehicle(name)
+    assert vehicle.powertrain is not None
+    assert vehicle.powertrain.retarder is not None
+    assert vehicle.air is not None
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.3])
+@pytest.mark.parametrize("gear", [1.0, -1.0])
+def test_traction_control_keeps_the_rims_at_its_slip(
+    tractor_semitrailer: Vehicle, friction: float, gear: float
+) -> None:
+    """The torque ends at 1.15 times the road speed and 0.5 m/s; the tyres' lag lets the rims go little beyond."""
+    run = driven(tractor_semitrailer, Surface(friction=friction), 0.0, FULL, 6.0, gear)
+    assert np.max(run.rims - 1.15 * np.abs(run.speed)) < 0.6
+
+
+def test_the_governor_alone_keeps_the_rims_in_gear(tractor_semitrailer: Vehicle) -> None:
+    """On an icy hill at full throttle they spun up to 113 km/h; in the lowest gear they have 2.6 m/s."""
+    run = driven(
+        changed(tractor_semitrailer, traction_control=False), Surface(friction=0.05, grade=0.03), 0.0, FULL, 5.0
+    )
+    assert 2.0 < run.rims.max() < 2.8
+
+
+def test_the_top_speed_is_governed(tractor_semitrailer: Vehicle) -> None:
+    """At governed engine speed, or by a limiter, the force falls to that of the drags within 0.4 m/s."""
+    run = driven(changed(tractor_semitrailer, top_speed=20.0), Surface(friction=0.8), 18.0, FULL, 30.0)
+    assert 19.5 < run.speed[-1] < 20.0
+    assert run.rims.max() < 20.0
+
+
+def test_force_in_the_lowest_gear_is_limited(tractor_semitrailer: Vehicle) -> None:
+    """40 kN move 40 t and its wheels by 1 m/s2 less rolling resistance."""
+    run = driven(changed(tractor_semitrailer, launch_force=40e3), Surface(friction=0.8), 0.0, FULL, 3.0)
+    gained = (run.speed[250] - run.speed[150]) / 1.0
+    # Driven wheels turn with the engine's force, so all 1.3 % of turning masses count.
+    assert gained == pytest.approx((1.0 - ROLLING * GRAVITY) / 1.013, rel=0.01)
+
+
+def test_it_climbs_what_friction_allows(tractor_semitrailer: Vehicle) -> None:
+    """The drive axle carries 11.4 of 40 t, and a little more uphill: friction 0.3 is worth 8 %, not 9.5 %."""
+    assert driven(tractor_semitrailer, Surface(friction=0.3, grade=0.075), 1.0, FULL, 8.0).speed[-1] > 1.0
+    assert driven(tractor_semitrailer, Surface(friction=0.3, grade=0.095), 1.0, FULL, 8.0).speed[-1] < 1.0
+
+
+@pytest.fixture(scope="module")
+def retarded(tractor_semitrailer: Vehicle) -> Vehicle:
+    """The driver brakes with the endurance brake first."""
+    assert tractor_semitrailer.powertrain is not None
+    assert tractor_semitrailer.powertrain.retarder is not None
+    first = tractor_semitrailer.powertrain.retarder.model_copy(update={"acts_first": True})
+    return changed(tractor_semitrailer, retarder=first)
+
+
+def test_a_light_demand_downhill_leaves_the_service_brakes_alone(retarded: Vehicle) -> None:
+    """0.6 m/s2 of 40 t are 24 kN, which the endurance brake has up to 250 kW / 24 kN = 10.4 m/s."""
+    run = driven(retarded, Surface(friction=0.8, grade=-0.05), 8.0, -0.6, 4.0)
+    assert run.pressure.max() < 1e-3
+    slowing = (run.speed[200] - run.speed[390]) / 1.9
+    grade = GRAVITY * math.sin(math.atan(0.05))
+    assert slowing == pytest.approx((0.6 + ROLLING * GRAVITY - grade) / 1.013, abs=0.01)
+
+
+def test_service_brakes_do_what_the_endurance_brake_leaves(tractor_semitrailer: Vehicle, retarded: Vehicle) -> None:
+    """The sum is the demand, whether the endurance brake acts first or not."""
+    for vehicle in (tractor_semitrailer, retarded):
+        run = driven(vehicle, Surface(friction=0.8), 15.0, -2.0, 3.0)
+        slowing = (run.speed[150] - run.speed[290]) / 1.4
+        assert slowing == pytest.approx((2.0 + ROLLING * GRAVITY) / 1.013, rel=0.01)
+
+
+@pytest.mark.parametrize(("speed", "force"), [(1.0, 15e3), (5.0, 30e3), (-20.0, 12.5e3)])
+def test_the_endurance_brake_has_a_largest_force_and_power(
+    tractor_semitrailer: Vehicle, speed: float, force: float
+) -> None:
+    assert float(retarder_capacity(tractor_semitrailer, speed)) == pytest.approx(force)
+
+
+def test_air_slows_a_fast_vehicle(tractor_semitrailer: Vehicle) -> None:
+    """Half density times drag area times speed squared, at 25 m/s 2.25 kN."""
+    shipped = load_vehicle("eu_tractor_semitrailer")
+    run = driven(shipped, Surface(friction=0.8), 25.0, 0.0, 1.2)
+    still = driven(tractor_semitrailer, Surface(friction=0.8), 25.0, 0.0, 1.2)
+    difference = (still.speed[110] - run.speed[110]) - (still.speed[10] - run.speed[10])
+    assert difference == pytest.approx(2250.0 / 40e3 / 1.013, rel=0.02)
+
+
+def test_it_moves_off_from_rest_a_little_below_its_startability(tractor_semitrailer: Vehicle) -> None:
+    """Dry road, 95 % of the grade: the tyres slide a little until the rims have the vehicle's speed."""
+    grade = 0.95 * startability(tractor_semitrailer)
+    up, down = (_speed_on(tractor_semitrailer, factor * grade) for factor in (0.9, 1.15))
+    assert up > 0.3
+    assert down < 0.0
+
+
+def _speed_on(vehicle: Vehicle, grade: float) -> float:
+    return float(driven(vehicle, Incline(friction=0.8, grade=grade), 0.0, FULL, 5.0).speed[-1])
+
+
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "a_double", "rigid_truck"])
+def test_simulated_capability_is_that_of_the_data(name: str) -> None:
+    """Quasi-static forces leave out slip and driveline lag: 2 %."""
+    vehicle = load_vehicle(name)
+    simulated, computed = longitudinal(vehicle).figures, longitudinal_theory(vehicle)
+    assert simulated.keys() == computed.keys()
+    for quantity, value in computed.items():
+        assert simulated[quantity] == pytest.approx(value, rel=0.025), quantity
