@@ -152,7 +152,7 @@ def _plot(cases: list[tuple[float, StepResponse]]) -> Plot:
     time = response.time[response.time < 0.15]
     series = [
         Series(f"{kmh:g} km/h", response.time[: len(time)], response.force[: len(time)], "model"),
-        Series("closed form", time, closed_form("side", kmh / 3.6, time), "reference points"),
+        Series("closed form", time[::5], closed_form("side", kmh / 3.6, time[::5]), "reference points"),
     ]
     return Plot(
         title="Side force after a step of slip angle",

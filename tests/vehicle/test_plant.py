@@ -107,6 +107,27 @@ def test_a_combination_stops_and_holds_on_a_hill(tractor_semitrailer: Vehicle) -
     assert np.abs(creep).max() < 1e-4  # 1 mm in ten minutes
 
 
+def test_a_light_wheel_on_an_undamped_carcass_stays_stable(tractor_semitrailer: Vehicle) -> None:
+    """1 kg m2 swings on its tyre with 90 Hz, 0.6 rad in a step: braked, held on 10 %, and no oscillation is left."""
+    units = tuple(
+        unit.model_copy(
+            update={
+                "axles": tuple(
+                    axle.model_copy(
+                        update={"wheel_inertia": 1.0, "tyre": axle.tyre.model_copy(update={"damping": 0.0})}
+                    )
+                    for axle in unit.axles
+                )
+            }
+        )
+        for unit in tractor_semitrailer.units
+    )
+    vehicle = tractor_semitrailer.model_copy(update={"units": units})
+    plant = Plant(vehicle, Surface(friction=0.8, grade=0.1))
+    state, _ = drive(plant, plant.initial_state(ORIGIN, 8.0), 8.0, VehicleCommand(0.0, -3.0, ()))
+    assert np.abs(State(*parts(state, state_sizes(vehicle))).omega).max() < 0.3  # it rocks on its tyres, undamped
+
+
 def test_brakes_stop_in_the_demanded_time_on_dry_road(tractor_semitrailer: Vehicle) -> None:
     """3 m/s2 from 15 m/s, 0.25 s of lag; rolling resistance helps by 0.06 m/s2, spinning wheels take 1.3 %."""
     plant = Plant(tractor_semitrailer, DRY)

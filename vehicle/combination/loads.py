@@ -2,9 +2,9 @@
 
 Axles or bogies of the tractor are springs under a beam. Those of a towed unit are one compensated group or, if bogies
 are named, springs under a beam that turns about the hitch. Within a group, loads are shared by ``load_share``; what
-uneven road adds is in ``load_sharing``. Lateral
-load transfer is shared among a unit's axles in proportion to their static loads. Accelerations are specific forces
-(without gravity's component along the ground), so that slopes load the wheels correctly.
+uneven road adds is in ``load_sharing``. Lateral load transfer is shared among a unit's axles in proportion to their
+static loads. Accelerations are specific forces (without gravity's component along the ground), so that slopes load the
+wheels correctly.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ Num: TypeAlias = "float | ca.SX"
 ROLLING_SPEED_FLOOR: Final = 0.05  # below it slip is not defined well: see `slip_speed` [m/s]
 CREEPING_SPEED: Final = 1.35  # at which damping across the wheel has gone: below 5 km/h [m/s]
 _PEAK_DEMAND: Final = 3.0  # linear force over the limit at the largest force: of a brush; truck tyres 2 to 5
-_UNDAMPED: Final = 1e-9  # damping that counts as none: avoids 0 / 0 [s]
+_LEAST_DAMPING: Final = 2e-3  # of a carcass: less lets light wheels swing up in steps of 1 ms [s]
 _TINY: Final = 1e-12  # square of a rate [1/s2]: avoids 0 / 0
 
 
@@ -92,7 +92,7 @@ def magnitude(rate: Planar) -> Num:
 
 def carcass(n: Planar, sliding: Planar, decay: Num, damping: Num, v_x: Num) -> Carcass:
     """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s]."""
-    d = ca.fmax(damping, _UNDAMPED)
+    d = ca.fmax(damping, _LEAST_DAMPING)
     per_damping = 2.0 / (2.0 * d)  # 1 / d, written so that CasADi divides once and not by d at every use
     at_once = d / (1.0 + d * decay)
     damped = at_once * (sliding.x - decay * n.x)
