@@ -37,14 +37,14 @@ Inertia = Annotated[
 Position = Annotated[
     float, quantity("m", ge=-40.0, le=40.0, why="no unit is longer than 40 m; positions are in its own frame")
 ]
-Length = Annotated[float, quantity("m", gt=0.0, le=10.0)]
+Length = Annotated[float, quantity("m", gt=0.0, le=10.0, why="a length in m, below that of a unit")]
 Breadth = Annotated[
     float, quantity("m", ge=0.5, le=8.0, why="road vehicles are 0.5 m to 2.6 m wide, abnormal loads up to 8 m")
 ]
 Height = Annotated[
     float, quantity("m", ge=0.1, le=8.0, why="road vehicles are up to 4.6 m high, abnormal loads up to 8 m")
 ]
-Fraction = Annotated[float, quantity("-", ge=0.0, le=1.0)]
+Fraction = Annotated[float, quantity("-", ge=0.0, le=1.0, why="a share is from 0 to 1, not per cent")]
 Flag = Annotated[bool, Field(strict=True)]
 Lag = Annotated[
     float, quantity("s", gt=0.0, le=5.0, why="a lag is above 0 s; with one of more than 5 s nothing is controlled")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.combination.description import Vehicle, load_vehicle, vehicle_from, vehicle_names
 from vehicle.combination.plant_changes import number_paths
+from vehicle.tyres.laws import TYRES
 
 PARAMETERS = Path(__file__).parents[2] / "vehicle" / "parameters"
 TRACTOR, TRAILER = "units.0 (tractor)", "units.1 (semitrailer)"
@@ -64,6 +67,33 @@ def test_a_tyre_loaded_in_kilograms_is_refused(tmp_path: Path) -> None:
     path.write_text(text.replace("value = 34830.0", "value = 3.55"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"tyres\.steer\.nominal_load = 3\.55 must be .* 300 \[N\]: .* not kg"):
         load_vehicle(str(path))
+
+
+def numbers(model: type[BaseModel], place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Every quantity of a model and of those inside it: its place, and what its schema says about it."""
+    for name, field in model.model_fields.items():
+        notes = [field.json_schema_extra]
+        for part in _parts(field.annotation):
+            if isinstance(part, type) and issubclass(part, BaseModel):
+                yield from numbers(part, f"{place}{name}.")
+            notes += [getattr(entry, "json_schema_extra", None) for entry in getattr(part, "__metadata__", ())]
+        of_number = [note for note in notes if isinstance(note, dict) and "unit" in note]
+        if of_number:
+            yield f"{place}{name}", of_number[0]
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    yield annotation
+    for part in getattr(annotation, "__args__", ()):
+        yield from _parts(part)
+
+
+@pytest.mark.parametrize("model", [Vehicle, *TYRES.values()], ids=lambda model: model.__name__)
+def test_every_number_says_why_it_has_limits(model: type[BaseModel]) -> None:
+    """Also those of suspensions, brakes, drives and payloads."""
+    silent = [place for place, note in numbers(model) if not note.get("why")]
+    assert silent == []
+    assert len(list(numbers(model))) > 4
 
 
 WARNED = [

@@ -13,7 +13,7 @@ class Payload(Frozen):
     mass: Mass
     cg_x: Position
     cg_height: Length
-    length: Annotated[float, quantity("m", gt=0.0, le=40.0)]
+    length: Annotated[float, quantity("m", gt=0.0, le=40.0, why="no unit is longer than 40 m")]
     width: Length
     height: Length  # of the box; the load bed lies below its centre by half of it
 

@@ -18,8 +18,10 @@ class MagicFormulaTyre(StiffnessTyre):
     """Sine of an arc tangent, with the peak at friction times load."""
 
     model: Literal["magic_formula"]
-    shape: Annotated[float, quantity("-", ge=1.0, le=2.0)]  # C; at 1 the force never falls off
-    curvature: Annotated[float, quantity("-", ge=-10.0, le=1.0)]  # E
+    shape: Annotated[
+        float, quantity("-", ge=1.0, le=2.0, why="1 never falls off; beyond 2 the force would turn round")
+    ]  # C; at 1 the force never falls off
+    curvature: Annotated[float, quantity("-", ge=-10.0, le=1.0, why="beyond 1 the curve has no single peak")]  # E
 
     def grip(self, F_z: Num, friction: Num, sliding: Planar, speed: Num) -> Grip:
         """Pacejka's formula without offsets, with the peak at friction times load."""

@@ -17,8 +17,8 @@ from vehicle.quantities import Frozen, quantity
 from vehicle.tyres.bristle import Grip, Num, Planar, magnitude, slip_speed
 from vehicle.tyres.tyre import Stiffness, Tyre
 
-OverLoad = Annotated[float, quantity("-", gt=0.0, le=2.0)]
-Slip = Annotated[float, quantity("-", gt=0.0, le=5.0)]
+OverLoad = Annotated[float, quantity("-", gt=0.0, le=2.0, why="tyres hold 0.4 to 1.5 times their load")]
+Slip = Annotated[float, quantity("-", gt=0.0, le=5.0, why="forces peak at a slip of 0.05 to 0.5 and slide at 1")]
 
 
 class TmeasyCurve(Frozen):
@@ -55,7 +55,9 @@ class TmeasyTyre(Tyre):
     """Curves through initial slope, peak and sliding, stretched with friction."""
 
     model: Literal["tmeasy"]
-    reference_friction: Annotated[float, quantity("-", gt=0.0, le=2.0)]  # of the ground the curves are given for
+    reference_friction: Annotated[
+        float, quantity("-", gt=0.0, le=2.0, why="ice has 0.05, rubber on asphalt 1")
+    ]  # of the ground the curves are given for
     lateral: TmeasyCurve
     longitudinal: TmeasyCurve
 
