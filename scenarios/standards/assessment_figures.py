@@ -122,15 +122,33 @@ def _frequency_response(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Fi
 
 def _load_transfers(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     """Load transfer of every unit over the slope of the tilt table."""
-    log = manoeuvre.log
+    log, tips = manoeuvre.log, manoeuvre.figures["rollover_threshold_g"]
+    end = 1.05 * (tips if vehicle.has_springs else max(threshold(log, unit.name) for unit in vehicle.units))
     with plots.drawn(name) as (drawing, ax):
         for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
             transfer = np.abs(log[f"load_transfer_{unit.name}"])
             ax.plot(log["slope"], transfer, color=colour, label=unit.name)
-            ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
+            if not vehicle.has_springs:
+                ax.plot([log["slope"][-1], threshold(log, unit.name)], [transfer[-1], 1.0], ":", color=colour)
         ax.axhline(1.0, color=plots.GREY, linewidth=0.8, dashes=(6, 3), label="one side carries nothing")
-        ax.set(xlim=(0.0, 1.05 * max(threshold(log, unit.name) for unit in vehicle.units)), ylim=(0.0, 1.08))
+        if vehicle.has_springs:
+            ax.axvline(tips, color=plots.GREY, linewidth=0.8, label="it tips")
+        ax.set(xlim=(0.0, end), ylim=(0.0, 1.08))
         ax.set(xlabel="slope of the table [-] = lateral acceleration in g", ylabel="load transfer [-]")
+    return drawing.content
+
+
+def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Load transfer of every unit over the lateral acceleration of the first one."""
+    log = manoeuvre.log
+    first = vehicle.units[0]
+    a_y = np.abs(log[f"v_x_{first.name}"] * log[f"yaw_rate_{first.name}"]) / GRAVITY
+    with plots.drawn(name) as (drawing, ax):
+        for unit, colour in zip(vehicle.units, plots.SERIES, strict=False):
+            ax.plot(a_y, np.abs(log[f"load_transfer_{unit.name}"]), color=colour, label=unit.name)
+        ax.axvline(manoeuvre.figures["curve_rollover_g"], color=plots.GREY, linewidth=0.8, label="it tips")
+        ax.set(xlim=(0.0, None), ylim=(0.0, 1.08))
+        ax.set(xlabel="lateral acceleration of the tractor [g]", ylabel="load transfer [-]")
     return drawing.content
 
 
@@ -148,4 +166,5 @@ _FIGURES: Final[dict[str, tuple[_Draw, ...]]] = {
     "sine_with_dwell": (_dwell,),
     "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
+    "closing_curve": (_rolls,),
 }

@@ -116,6 +116,11 @@ KINDS: Final = {
             handed=False,
         ),
         Kind(
+            key="closing_curve",
+            line="closing curve as in ISO 11026: slow ramp of steer at 60 km/h until rolling over",
+            seconds=60.0,
+        ),
+        Kind(
             key="longitudinal",
             line="startability, gradeability, acceleration and holding downhill, straight ahead",
             seconds=100.0,
@@ -125,7 +130,13 @@ KINDS: Final = {
     )
 }
 STANDARD_SET: Final = ("turn", "roundabout", "lane_change", "straight", "pulse", "tilt")  # driven by default
-OTHER_NAMES: Final = {"pbs_turn": "turn", "eu_circle": "roundabout", "iso14791": "lane_change", "tilt_table": "tilt"}
+OTHER_NAMES: Final = {
+    "pbs_turn": "turn",
+    "eu_circle": "roundabout",
+    "iso14791": "lane_change",
+    "tilt_table": "tilt",
+    "iso11026": "closing_curve",
+}
 
 
 def chosen(names: Sequence[str]) -> tuple[Kind, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
+from scenarios.standards.closing_curve import closing_curve
 from scenarios.standards.conditions import Conditions
 from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
 from scenarios.standards.lane_change import lane_change
@@ -32,6 +33,7 @@ DRIVES: Final[dict[str, Drive]] = {
     "steady_circle": steady_circle,
     "sine_with_dwell": sine_with_dwell,
     "random_steer": random_steer,
+    "closing_curve": closing_curve,
     "tilt": tilt,
     "longitudinal": longitudinal,
 }

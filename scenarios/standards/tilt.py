@@ -1,8 +1,7 @@
-"""Static rollover threshold: the ground is tilted until one side of a unit carries no load.
+"""Static rollover threshold: the ground is tilted until the combination falls.
 
-Usually the axles lift one after the other: once an axle has lifted, the others take the rest of the roll moment. The
-plant has fixed shares of the roll moment per axle. So the threshold is extrapolated: from the load transfer of a unit
-before the first wheel lifts to a load transfer of 1.
+Of a vehicle without suspensions, whose plant has fixed shares of the roll moment per axle, it is tilted until the first
+wheel lifts, and the threshold is extrapolated: from the load transfer of a unit before that to a load transfer of 1.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from scenarios.results.log import Log, Signal
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.proving_ground import PERIOD, drive_log
+from scenarios.standards.ramp import Ramp, Tipping, driven
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
@@ -43,18 +43,56 @@ class TiltTable(Surface):
 
 def tilt(vehicle: Vehicle, trailer_steering: str = "none", conditions: Conditions = STANDARD) -> Manoeuvre:
     """Tilt the combination on a table, left side up."""
+    if vehicle.has_springs:
+        return _tipped(vehicle)
     slopes, truths, outcome = _tilted(vehicle)
-    slope = Signal("slope", "-", "lateral slope of the table, + left side up")
-    log = drive_log(vehicle, truths).with_columns([(slope, slopes)])
-    return Manoeuvre(
-        key="tilt",
-        title="Static rollover threshold",
-        how="Standing on a plane that tilts by about 1° per second until the first wheel lifts. The slope at which the "
+    log = _log(vehicle, slopes, truths)
+    return _manoeuvre(
+        "Standing on a plane that tilts by about 1° per second until the first wheel lifts. The slope at which the "
         "extrapolated load transfer of a unit is 1 equals the lateral acceleration in g that tips it.",
-        outcome=outcome,
-        figures=measured(NAMES, outcome, lambda: _figures(vehicle, log)),
-        log=log,
+        outcome,
+        measured(NAMES, outcome, lambda: _figures(vehicle, log, min(threshold(log, u.name) for u in vehicle.units))),
+        log,
     )
+
+
+def _tipped(vehicle: Vehicle) -> Manoeuvre:
+    """Tilt until the combination falls; the threshold is the steepest slope on which it stands."""
+    table = Ramp(
+        surface=lambda slope: TiltTable(friction=_FRICTION, cross_fall=slope),
+        steer=lambda _: 0.0,
+        slope=lambda slope: slope,
+        speed=0.0,
+        rate=_RATE,
+        highest=_STEEPEST,
+    )
+    tipping = driven(vehicle, table)
+    log = _log(vehicle, tipping.levels, tipping.truths)
+    return _manoeuvre(
+        "Standing on a plane that tilts by about 1° per second until the combination falls. The threshold is the "
+        "steepest slope on which it stands; it equals the lateral acceleration in g that tips it.",
+        tipping.outcome,
+        measured(
+            NAMES, tipping.outcome, lambda: _figures(vehicle, log, float(tipping.levels[tipping.held]), _first(tipping))
+        ),
+        log,
+    )
+
+
+def _manoeuvre(how: str, outcome: str, figures: Figures, log: Log) -> Manoeuvre:
+    title = "Static rollover threshold"
+    return Manoeuvre(key="tilt", title=title, how=how, outcome=outcome, figures=figures, log=log)
+
+
+def _log(vehicle: Vehicle, slopes: FloatArray, truths: list[Truth]) -> Log:
+    slope = Signal("slope", "-", "lateral slope of the table, + left side up")
+    return drive_log(vehicle, truths).with_columns([(slope, slopes)])
+
+
+def _first(tipping: Tipping) -> int:
+    """Row in which the first wheel lifts."""
+    loads = np.array([truth.wheel_loads for truth in tipping.truths])
+    return int(np.argmax(loads.min(axis=1) <= _LIFTED * loads.mean(axis=1)))
 
 
 def _tilted(vehicle: Vehicle) -> tuple[FloatArray, list[Truth], str]:
@@ -85,10 +123,10 @@ def threshold(log: Log, unit: str) -> float:
     return float((1.0 - offset) / gain)
 
 
-def _figures(vehicle: Vehicle, log: Log) -> Figures:
-    tipping = min(threshold(log, unit.name) for unit in vehicle.units)
-    slope = float(log["slope"][-1])
-    rolls = [abs(float(log[f"roll_{unit.name}"][-1]) - math.atan(slope)) for unit in vehicle.units]
+def _figures(vehicle: Vehicle, log: Log, tipping: float, lifts: int = -1) -> Figures:
+    """Figures with the threshold [-] and the row in which the first wheel lifts."""
+    slope = float(log["slope"][lifts])
+    rolls = [abs(float(log[f"roll_{unit.name}"][lifts]) - math.atan(slope)) for unit in vehicle.units]
     return {
         "rollover_threshold_g": tipping,
         "rollover_acceleration_m_s2": GRAVITY * tipping,

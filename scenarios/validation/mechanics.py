@@ -29,6 +29,7 @@ _RANGES: Final = State(  # half ranges of random states, wider than in any drive
     pitch_spring=0.5,
     roll_spring=0.5,
     load_shift=1e4,
+    side_force=5e4,
     hitch_x=5e4,
     hitch_y=5e4,
     omega=60.0,

@@ -14,6 +14,7 @@ from scenarios.validation.mechanics import mechanics
 from scenarios.validation.multibody_check import multibody_check
 from scenarios.validation.no_slip_limit import no_slip_limit
 from scenarios.validation.parking import parking
+from scenarios.validation.rollover import rollover
 from scenarios.validation.roundabout import roundabout
 from scenarios.validation.steady_turns import steady_turns
 from scenarios.validation.tractrix import tractrix
@@ -28,6 +29,7 @@ TASKS: Final = (
     Task(title="Linear theory", work=linear_theory),
     Task(title="Rearward amplification", work=rearward_amplification),
     Task(title="Multibody model", work=multibody_check),
+    Task(title="Rollover", work=rollover),
     Task(title="Tyre lag", work=tyre_lag),
     Task(title="Parking", work=parking),
     Task(title="Driver", work=driver),

@@ -103,7 +103,19 @@ MISTAKES = [
     ("steered = true", "steered = true\nsteer_ratio = 0.0", ["units.0", "steer_ratio = 0", "between -2 and 2"]),
     ("steered = true", "steered = true\nload_share = 0.0", ["units.0.axles.0.load_share = 0.0", "greater than 0"]),
     ("driven = true", "driven = true\nlifted = true", ["units.0", "driven axle"]),
-    ("roll_frequency = { value = 1.4,", "roll_frequency = { value = 0.0,", ["units.0.roll_frequency", "[Hz]"]),
+    ("pitch_frequency = { value = 1.8,", "pitch_frequency = { value = 0.0,", ["units.0.pitch_frequency", "[Hz]"]),
+    ("[units.roll]", "[units.rol]", ["unknown key 'units.0.rol'", "did you mean 'roll'"]),
+    ("[units.coupling]", "hitch_roll_share = 0.3\n[units.coupling]", ["units.1", "roll.hitch_roll_share"]),
+    (
+        "suspension_damping =",
+        "roll_gradient = 0.007\nsuspension_damping =",
+        ["units.0: roll_gradient follows from the"],
+    ),
+    (
+        "roll_stiffness = { value = 330000.0,",
+        "roll_stiffness = { value = 330.0,",
+        ["roll_stiffness = 330.0", "[N m/rad]"],
+    ),
 ]
 
 

@@ -28,9 +28,9 @@ def random_states(vehicle: Vehicle) -> FloatArray:
     rng = np.random.default_rng(8)
     scales = State(
         x=50.0, y=50.0, psi=3.0, v_x=20.0, v_y=2.0, yaw_rate=0.5, heave=0.05, pitch=0.05, roll=0.1, heave_spring=0.5,
-        pitch_spring=0.3, roll_spring=0.5, load_shift=1e4, hitch_x=5e4, hitch_y=5e4, omega=40.0, deflection_x=0.1,
-        deflection_y=0.1,
-        brake_windup=1.0, twin_x=0.1, twin_y=0.1, steer=0.5, acceleration=3.0, brake_pressure=1.0, brake_valve=1.0,
+        pitch_spring=0.3, roll_spring=0.5, load_shift=1e4, side_force=3e4, hitch_x=5e4, hitch_y=5e4, omega=40.0,
+        deflection_x=0.1, deflection_y=0.1, brake_windup=1.0, twin_x=0.1, twin_y=0.1, steer=0.5, acceleration=3.0,
+        brake_pressure=1.0, brake_valve=1.0,
     )  # fmt: skip
     sizes = state_sizes(vehicle)
     return np.hstack([scale * rng.uniform(-1.0, 1.0, (N, size)) for scale, size in zip(scales, sizes, strict=True)])

@@ -135,18 +135,18 @@ def test_amplification_is_one_for_slow_steering(tractor_semitrailer: Vehicle) ->
     assert by_yaw_rate.gain != pytest.approx(peak.gain, rel=1e-2)  # another quantity, another figure
 
 
-def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(tractor_semitrailer: Vehicle) -> None:
+def test_rollover_threshold_is_where_the_moment_takes_all_of_one_side(short_form: Vehicle) -> None:
     """Of each unit: half its axle loads times track against inertia at the centre of gravity and the leaning weight."""
-    tractor, trailer = tractor_semitrailer.units
+    tractor, trailer = short_form.units
     per_a_y = [
-        unit.mass * (unit.cg_height + (unit.cg_height - unit.roll_axis_height) * GRAVITY * unit.roll_gradient)
+        unit.mass * (unit.cg_height + (unit.cg_height - unit.roll_axis_height) * GRAVITY * unit.roll_swing[0])
         for unit in (tractor, trailer)
     ]  # roll moment over lateral acceleration [kg m]
     carried = [per_a_y[0] + trailer.hitch_roll_share * per_a_y[1], (1.0 - trailer.hitch_roll_share) * per_a_y[1]]
-    loads = static_axle_loads(tractor_semitrailer)
+    loads = static_axle_loads(short_form)
     by_hand = [
         0.5 * sum(load) * unit.axles[0].track / moment
         for load, unit, moment in zip(loads, (tractor, trailer), carried, strict=True)
     ]
     # Drag and its hitch force in straight running move 0.1 % of the load from axle to axle.
-    assert static_rollover_threshold(tractor_semitrailer) == pytest.approx(min(by_hand), rel=2e-3)
+    assert static_rollover_threshold(short_form) == pytest.approx(min(by_hand), rel=2e-3)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from vehicle.combination.description import GRAVITY, Unit, load_vehicle, vehicle_names
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.functions import step_function
 from vehicle.combination.load_cases import LOADS, load_cases, payload_mass, with_load
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant_changes import changed_vehicle
+from vehicle.combination.rollover import roll_gradients
 from vehicle.parameter_library import ParameterLibrary
 
 
@@ -98,13 +99,20 @@ def test_a_payload_that_leaves_no_body_is_refused(tmp_path: Path, old: str, new:
     assert says in str(error.value)
 
 
-def test_springs_carry_the_lighter_body() -> None:
+def test_springs_carry_the_lighter_body(short_form: Vehicle) -> None:
     """Less mass on a shorter lever leans less and swings faster; heave stays, as with air springs."""
-
-    def body(case: str) -> Unit:
-        return with_load(load_vehicle("rigid_truck"), case).units[0]
-
-    laden, empty = body("full"), body("unladen")
-    assert empty.roll_gradient < 0.5 * laden.roll_gradient
-    assert empty.roll_frequency > laden.roll_frequency
+    laden, empty = short_form.units[1], with_load(short_form, "unladen").units[1]
+    assert empty.roll_swing[0] < 0.5 * laden.roll_swing[0]
+    assert empty.roll_swing[1] > laden.roll_swing[1]
     assert empty.heave_frequency == laden.heave_frequency
+
+
+def test_the_empty_body_swings_on_the_same_suspensions() -> None:
+    """What is left of the roll inertia is that of an empty body, and it leans less on the same springs."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    empty = with_load(vehicle, "unladen")
+    trailer = empty.units[1]
+    assert trailer.axles == vehicle.units[1].axles
+    assert trailer.roll is not None
+    assert trailer.roll.inertia == pytest.approx(trailer.mass * 0.95**2, rel=1e-2)  # rounded in the file
+    assert roll_gradients(empty)[1] < 0.2 * roll_gradients(vehicle)[1]

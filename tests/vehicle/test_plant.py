@@ -13,6 +13,7 @@ from tests.vehicle.braking import without_abs, without_governor
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import State, parts, state_sizes
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
+from vehicle.combination.rollover import roll_gradients
 from vehicle.combination.truth import Truth
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine
@@ -251,7 +252,7 @@ def test_the_no_slip_law_keeps_the_steered_trailer_on_the_path(longer_semitraile
     assert slip[6:].max() < 4.0
     loads = seen[-1].wheel_loads / GRAVITY / 1000.0
     assert loads.sum() == pytest.approx(40.0, rel=1e-6)
-    assert loads.min() > 3.0  # [t]: 0.06 g of lateral acceleration
+    assert loads.min() > 2.0  # [t]: 0.06 g, and a fixed axle's scrub of 15 kN at its roll centre moves 1.1 t
 
 
 def test_bodies_roll_outwards_and_dive_under_braking(tractor_semitrailer: Vehicle) -> None:
@@ -263,7 +264,8 @@ def test_bodies_roll_outwards_and_dive_under_braking(tractor_semitrailer: Vehicl
     a_y = r * v_x  # of the centre of gravity too, in a steady turn
     X_WB, psi = now.bodies[1], now.poses[1, 2]
     roll = math.atan2(X_WB[2, 1], X_WB[2, 2])
-    assert roll == pytest.approx(trailer.roll_gradient * a_y, rel=0.05)  # gamma is small, and so is the way still to go
+    gradient = roll_gradients(tractor_semitrailer)[1]
+    assert roll == pytest.approx(gradient * a_y, rel=0.05)  # gamma is small, and so is the way still to go
     axis = X_WB @ np.array([0.0, 0.0, trailer.roll_axis_height, 1.0])
     # what is left of acceleration pitches it by some 1e-5 rad about a centre of gravity 5 m away
     np.testing.assert_allclose(axis[:3], [*now.poses[1, :2], trailer.roll_axis_height], atol=2e-4)
@@ -283,13 +285,14 @@ def test_bodies_stand_on_the_slope(tractor_semitrailer: Vehicle) -> None:
     now = plant.observe(plant.initial_state(Pose2(10.0, 5.0, 0.4), 0.0), 0)
     tractor, trailer = tractor_semitrailer.units
     risen = 0.0  # of the front hitch with the body ahead [m]
-    for unit, X_WB, pose in zip((tractor, trailer), now.bodies, now.poses, strict=True):
+    rolls = roll_gradients(tractor_semitrailer)
+    for unit, roll, X_WB, pose in zip((tractor, trailer), rolls, now.bodies, now.poses, strict=True):
         ground = Surface(friction=0.8, grade=0.05, cross_fall=0.03).pose_on(pose[0], pose[1], pose[2], (0.0, -1.0))
         lean = ground[:3, :3].T @ X_WB[:3, :3]
         g = ground[:3, :3].T @ np.array([0.0, 0.0, GRAVITY])
         pitch = -unit.pitch_gradient * g[0] - risen / 7.70
         # axes of a unit on a plane and of its body agree to second order in the slope
-        np.testing.assert_allclose(lean, rotation_zyx(0.0, pitch, unit.roll_gradient * g[1]), atol=2e-5)
+        np.testing.assert_allclose(lean, rotation_zyx(0.0, pitch, roll * g[1]), atol=2e-5)
         risen = (tractor.cg_x - tractor.rear_hitch[0]) * pitch
 
 

@@ -109,8 +109,7 @@ WARNED = [
     ({"units.1.follow_x": -14.0}, f"{TRAILER}: its follow point at x = -14 m lies behind it"),
     ({"units.1.yaw_inertia": 3e6}, f"{TRAILER}: yaw_inertia = 3e+06 kg m2 is a radius of gyration of 9.68 m"),
     ({"units.1.yaw_inertia": 450.0}, f"{TRAILER}: yaw_inertia = 450 kg m2 is a radius of gyration of 0.12 m"),
-    ({"units.1.roll_frequency": 4.0}, f"{TRAILER}: roll_gradient = 0.0089 rad/(m/s2) and roll_frequency = 4 Hz contra"),
-    ({"units.1.roll_gradient": 0.0005}, f"{TRAILER}: roll_gradient = 0.0005 rad/(m/s2) and roll_frequency = 1.2 Hz"),
+    ({"units.1.roll.inertia": 4e5}, f"{TRAILER}: roll.inertia = 400000 kg m2 is a radius of gyration of 3.54 m"),
     ({"units.1.pitch_gradient": 0.03}, f"{TRAILER}: pitch_gradient = 0.03 rad/(m/s2) and pitch_frequency = 1.5 Hz"),
     ({"units.0.axles.0.ackermann_x": 3.2}, "units.0.axles.0 (tractor): ackermann_x = 3.2 m is so near to the axle"),
     (
@@ -158,6 +157,20 @@ def test_a_declared_share_of_a_tag_axle_is_no_contradiction() -> None:
     assert not data_sheet(both).warnings
 
 
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"units.1.roll_frequency": 4.0}, "roll_gradient = 0.0089 rad/(m/s2) and roll_frequency = 4 Hz contradict"),
+        ({"units.1.roll_gradient": 0.0005}, "roll_gradient = 0.0005 rad/(m/s2) and roll_frequency = 1.2 Hz"),
+    ],
+)
+def test_a_gradient_and_a_frequency_that_contradict_are_warned_of(
+    short_form: Vehicle, changes: dict[str, Any], says: str
+) -> None:
+    """Both follow from the same springs and the same body."""
+    assert f"{TRAILER}: {says}" in " ".join(data_sheet(changed(short_form, changes)).warnings)
+
+
 @pytest.mark.parametrize("name", vehicle_names())
 def test_no_shipped_vehicle_is_doubtful(name: str) -> None:
     """They are derived from data of real vehicles."""
@@ -170,7 +183,15 @@ def test_a_wrong_unit_of_any_number_is_refused_or_warned_of(tractor_semitrailer:
     harmless = {
         *("lag", "rate_limit_deg", "limit_deg", "damping", "suspension_damping", "hitch_roll_share", "load_share"),
         *("load_sensitivity", "rolling_resistance", "pneumatic_trail", "curvature", "relaxation_length", "rear_x"),
-        *("steer_ratio", "hitch_x", "ackermann_x", "max_acceleration", "max_deceleration", "roll_axis_height"),
+        *(
+            "steer_ratio",
+            "hitch_x",
+            "ackermann_x",
+            "lash_deg",
+            "max_acceleration",
+            "max_deceleration",
+            "roll_axis_height",
+        ),
         "follow_x",
     }
     silent = []

@@ -53,6 +53,7 @@ def between_equal_axles() -> Vehicle:
             "front_x": middle + half,
             "rear_x": middle - half,
             "axles": (front, front.model_copy(update={"x": 0.0, "steered": False})),
+            "roll": unit.roll.model_copy(update={"frame_stiffness": None}) if unit.roll else None,
         }
     )
     return truck.model_copy(update={"units": (body,)})

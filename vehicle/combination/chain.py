@@ -2,15 +2,15 @@
 
 Yaw plane with N + 2 speeds; per wheel its spin, the deflection of its tyre and of its brake; each unit's sprung body in
 heave, pitch and roll, whose springs and dampers load the wheels; slope as gravity along the ground under each unit;
-steering and drive actuators included, so that one step integrates everything. Not modelled: friction
-and play of the hitch, effects of roll and pitch on the yaw plane other than through the loads, contact between the
-units' bodies, and rolling over after a side has lifted off.
+steering and drive actuators included, so that one step integrates everything. Not modelled: friction of the hitch,
+effects of roll and pitch on the yaw plane other than through the loads, contact between the units' bodies, and rolling
+over after a side has lifted off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import casadi as ca
 
@@ -19,7 +19,7 @@ from vehicle.combination.brakes import Braking, braking_of, retarding_forces, se
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
-from vehicle.combination.loads import axle_loads, roll_moments, wheel_loads
+from vehicle.combination.loads import ChainLoads, chain_loads, roll_moments, wheel_loads
 from vehicle.combination.multibody import (
     Speeds,
     Vector,
@@ -32,9 +32,12 @@ from vehicle.combination.multibody import (
     velocity,
 )
 from vehicle.combination.powertrain import air_drag
+from vehicle.combination.roll import LYING, Hitch, UnitSprings, body_moments, springs_of
 from vehicle.combination.sprung import Ride, rides, spring_rates
 from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
 from vehicle.tyres import Num, Planar
+
+_AXLE_LAG: Final = 0.016  # [s] of the load transfer by an axle's side force: it rolls on its tyres at about 10 Hz
 
 
 class _GroundForce(NamedTuple):
@@ -42,7 +45,16 @@ class _GroundForce(NamedTuple):
 
     force: Vector  # of its tyres, along the tractor's axes [N]
     moment: Num  # of its tyres, about its centre of gravity [N m]
+    sides: list[Num]  # of each axle's tyres, along the unit's y axis [N]
     gravity: Vector  # along the ground, along the tractor's axes [m/s2]
+
+
+class _Carried(NamedTuple):
+    """Vertical loads, and the moments of axles on bodies in roll if suspensions are given."""
+
+    wheels: list[Num]  # [N]
+    chain: ChainLoads
+    axle_moments: list[list[Num]]  # of each axle on its unit's body [N m]
 
 
 class _Moment(NamedTuple):
@@ -51,8 +63,9 @@ class _Moment(NamedTuple):
     layout: tuple[Wheel, ...]
     e: list[Vector]  # directions of the units' x axes
     speeds: Speeds
+    springs: list[UnitSprings] | None  # in roll
     bodies: list[Ride]
-    loads: list[Num]  # of every wheel [N]
+    carried: _Carried
     retarding: list[Num]  # force of the endurance brake at every wheel [N]
     rolling: list[WheelMotion]
     ground: list[_GroundForce]
@@ -89,8 +102,9 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braki
         roll=_column(body.rate.roll for body in bodies),
         heave_spring=_column(rate.heave for rate in springs),
         pitch_spring=_column(rate.pitch for rate in springs),
-        roll_spring=_column(rate.roll for rate in springs),
+        roll_spring=_column(_roll_rates(vehicle, now, s, hitches) or (rate.roll for rate in springs)),
         load_shift=_column(sharing(vehicle, now.layout, s, u).rates),
+        side_force=_side_force_rates(vehicle, now, s),
         hitch_x=(_column(F.x for F in hitches) - s.hitch_x) * follow,
         hitch_y=(_column(F.y for F in hitches) - s.hitch_y) * follow,
         omega=_column(wheel.omega for wheel in rolling),
@@ -137,7 +151,7 @@ def output(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Output[ca.SX]:
     """Outputs of the wheels, and the forces of the ground on the units."""
     now = _moment(vehicle, s, u)
     return Output(
-        load=_column(now.loads),
+        load=_column(now.carried.wheels),
         slip_angle=_column(wheel.slip_angle for wheel in now.rolling),
         friction_used=_column(wheel.friction_used for wheel in now.rolling),
         force_x=_column(on.force.x for on in now.ground),
@@ -157,12 +171,13 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking 
     layout = wheels(vehicle)
     psi = ca.vertsplit(s.psi)
     e, speeds = axes(psi), Speeds(s.v_x, s.v_y, ca.vertsplit(s.yaw_rate))
-    bodies = rides(vehicle, layout, s, u)
-    loads = _wheel_loads(vehicle, layout, e, bodies, s, u)
+    springs = springs_of(vehicle) if vehicle.has_springs else None
+    bodies = rides(vehicle, layout, s, u, springs)
+    carried = _carried(vehicle, layout, e, springs, bodies, s, u)
     retarding = retarding_forces(vehicle, layout, s) if brakes is None else brakes.retarding
-    rolling = _wheel_motions(vehicle, layout, e, speeds, loads, retarding, s, u)
+    rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, retarding, s, u)
     ground = _ground(vehicle, layout, e, rolling, s, u)
-    return _Moment(layout, e, speeds, bodies, loads, retarding, rolling, ground)
+    return _Moment(layout, e, speeds, springs, bodies, carried, retarding, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
@@ -194,26 +209,67 @@ def _demand_rate(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
     return _column([rate])
 
 
-def _wheel_loads(
+def _carried(
     vehicle: Vehicle,
     layout: tuple[Wheel, ...],
     e: list[Vector],
+    springs: list[UnitSprings] | None,
     bodies: list[Ride],
     s: State[ca.SX],
     u: Input[ca.SX],
-) -> list[Num]:
-    """Vertical load [N] of every wheel."""
+) -> _Carried:
+    """Vertical load [N] of every wheel, axle and hitch."""
     n = len(vehicle.units)
     normal = [ca.sqrt(GRAVITY**2 - u.gravity_x[i] ** 2 - u.gravity_y[i] ** 2) for i in range(n)]
     gravity = [g + body.felt.heave for g, body in zip(normal, bodies, strict=True)]
     hitches = [Vector(0.0, 0.0), *(Vector(s.hitch_x[i], s.hitch_y[i]) for i in range(n - 1))]
     additional = sharing(vehicle, layout, s, u).additional
-    on_axles = axle_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e, additional)
-    moments = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
+    chain = chain_loads(vehicle, gravity, [body.felt.pitch for body in bodies], hitches, e, additional)
+    axles = list(enumerate(layout[::2]))  # the left wheels; the right ones follow them
     loads: list[Num] = []
-    for wheel in layout[::2]:  # the left ones; the right ones follow them
-        loads += wheel_loads(on_axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * moments[wheel.unit])
-    return loads
+    moments: list[list[Num]] = [[] for _ in vehicle.units]
+    if springs is None:
+        on_units = roll_moments(vehicle, [body.felt.roll for body in bodies], ca.vertsplit(s.roll), gravity)
+        for _, wheel in axles:
+            loads += wheel_loads(chain.axles[wheel.unit][wheel.axle_in_unit], wheel.roll_share * on_units[wheel.unit])
+        return _Carried(loads, chain, moments)
+    for k, wheel in axles:
+        axle_load = chain.axles[wheel.unit][wheel.axle_in_unit]
+        spring = springs[wheel.unit].axles[wheel.axle_in_unit]
+        lean = bodies[wheel.unit].leans[wheel.axle_in_unit]
+        left, right = wheel_loads(axle_load, spring.transfer(lean, s.side_force[k]))
+        moments[wheel.unit].append(spring.body_moment(lean, s.side_force[k], right - left))
+        loads += [left, right]
+    return _Carried(loads, chain, moments)
+
+
+def _roll_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX], hitch_forces: list[Vector]) -> list[Num]:
+    """Rates of the bodies' companions in roll [rad/s2]; none if their springs are not given."""
+    if now.springs is None:
+        return []
+    hitches = [
+        Hitch(
+            force=force,
+            ahead=along(now.e[i], from_unit(now.e[i + 1], force)),
+            load=load,
+            cosine=along(now.e[i], now.e[i + 1]).x,
+        )
+        for i, (force, load) in enumerate(zip(hitch_forces, now.carried.chain.hitches, strict=True))
+    ]
+    roll = [ca.fmin(ca.fmax(angle, -LYING), LYING) for angle in ca.vertsplit(s.roll)]
+    carried = now.carried
+    moments = body_moments(vehicle, now.springs, roll, carried.chain.axles, carried.axle_moments, hitches)
+    # The dampers are in the springs' moments, as they act only while the wheels stand; the companion has them again.
+    return [
+        1.0 / springs.inertia * moment + springs.damping * body.rate.roll
+        for springs, moment, body in zip(now.springs, moments, now.bodies, strict=True)
+    ]
+
+
+def _side_force_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> ca.SX:
+    if now.springs is None:
+        return ca.SX(0, 1)
+    return (_column(side for on in now.ground for side in on.sides) - s.side_force) * (1.0 / _AXLE_LAG)
 
 
 def _load_transfers(vehicle: Vehicle, now: _Moment) -> list[Num]:
@@ -221,7 +277,7 @@ def _load_transfers(vehicle: Vehicle, now: _Moment) -> list[Num]:
     transfers = []
     for i in range(len(vehicle.units)):
         left, right = (
-            sum(load for w, load in zip(now.layout, now.loads, strict=True) if (w.unit, w.side) == (i, side))
+            sum(load for w, load in zip(now.layout, now.carried.wheels, strict=True) if (w.unit, w.side) == (i, side))
             for side in (+1, -1)
         )
         transfers.append((right - left) / (right + left))
@@ -293,13 +349,15 @@ def _ground(
     for i, unit in enumerate(vehicle.units):
         force = Vector(0.0, 0.0)
         moment: Num = 0.0
+        sides: list[Num] = []
         for axle, left, right in (one for one in axles if one[0].unit == i):
             across = left.force.y + right.force.y
             turning = (axle.axle.x - unit.cg_x) * across + axle.y * (right.force.x - left.force.x)
             moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
             force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
+            sides.append(across)
         gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
-        forces.append(_GroundForce(from_unit(e[i], force), moment, gravity))
+        forces.append(_GroundForce(from_unit(e[i], force), moment, sides, gravity))
     return forces
 
 

@@ -18,6 +18,7 @@ from vehicle.combination.brake_channels import check_brakes
 from vehicle.combination.brake_data import AxleBrake, Brakes, with_brakes
 from vehicle.combination.payload import Payload
 from vehicle.combination.powertrain_data import AirDrag, Powertrain
+from vehicle.combination.roll_data import Coupling, RollBody, Suspension
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
@@ -89,6 +90,7 @@ class Axle(Frozen):
     ) = None  # between the contact patches of twin tyres, which then scrub; None: one patch in their middle
     tyre: SerializeAsAny[Tyre]
     brake: AxleBrake | None = None  # None: none, or as ``Vehicle.brakes`` says
+    suspension: Suspension | None = None  # in roll; given for all axles of a vehicle or for none
 
     @field_validator("tyre", mode="before")
     @classmethod
@@ -170,14 +172,14 @@ class Unit(Frozen):
     ) = None
     hitch_roll_share: Fraction = 0.0  # share of the roll moment that the unit in front takes through the hitch
     follow_x: Position | None = None  # point of a towed unit that should retrace the hitch's path
-    roll_gradient: Gradient  # body roll per lateral acceleration
+    roll_gradient: Gradient | None = None  # body roll per lateral acceleration; None: follows from the suspensions
     pitch_gradient: Gradient  # body pitch per braking
     roll_axis_height: Annotated[
         float, quantity("m", ge=0.0, le=3.0, why="roll axes lie between the ground and the top of the wheels")
     ]
     heave_frequency: Frequency  # of the body on its springs, undamped
     pitch_frequency: Frequency
-    roll_frequency: Frequency
+    roll_frequency: Frequency | None = None  # None: follows from the suspensions
     suspension_damping: Annotated[  # damping ratio of heave, pitch and roll
         float, quantity("-", gt=0.0, le=2.0, why="0.1 to 0.5 on the road; above 1 a body no longer oscillates")
     ]
@@ -185,6 +187,8 @@ class Unit(Frozen):
     axles: Annotated[tuple[Axle, ...], Field(min_length=1)]  # on the ground; a file lists lifted axles here, too
     lifted_axles: tuple[Axle, ...] = ()
     load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
+    roll: RollBody | None = None  # given with the suspensions of all axles
+    coupling: Coupling | None = None  # of the front hitch, given with ``roll``; None: it transmits no roll moment
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
 
     @field_validator("name")
@@ -208,6 +212,13 @@ class Unit(Frozen):
     def hitch_lag(self) -> float:
         """Lag [s] of the load transfer that the front hitch's force causes: that of the pitching body."""
         return 1.0 / (math.tau * self.pitch_frequency)
+
+    @property
+    def roll_swing(self) -> tuple[float, float]:
+        """Roll gradient [rad/(m/s2)] and frequency [Hz] of a unit whose suspensions are not given."""
+        assert self.roll_gradient is not None
+        assert self.roll_frequency is not None
+        return self.roll_gradient, self.roll_frequency
 
     @property
     def steered_axles(self) -> tuple[Axle, ...]:
@@ -284,9 +295,41 @@ class Vehicle(Frozen):
         return 0.0, sum(axle.x for axle in axles) / len(axles)
 
     @property
+    def has_springs(self) -> bool:
+        """True if suspensions in roll are given, False if gradients and frequencies are given instead."""
+        return self.units[0].roll is not None
+
+    @property
     def n_wheels(self) -> int:
         """Number of wheels."""
         return 2 * sum(len(unit.axles) for unit in self.units)
+
+    @model_validator(mode="after")
+    def _rolls_on_springs_or_gradients(self) -> Vehicle:
+        if self.has_springs or any(axle.suspension for unit in self.units for axle in unit.axles):
+            self._check_springs()
+            return self
+        for k, unit in enumerate(self.units):
+            for name in ("roll_gradient", "roll_frequency"):
+                if getattr(unit, name) is None:
+                    raise ValueError(f"units.{k}: {name} is missing, or tables 'roll' and 'suspension' of every axle")
+            if unit.roll is not None or unit.coupling is not None:
+                raise ValueError(f"units.{k}: tables 'roll' and 'coupling' need the table 'suspension' of every axle")
+        return self
+
+    def _check_springs(self) -> None:
+        for k, unit in enumerate(self.units):
+            axles = sorted((*unit.axles, *unit.lifted_axles), key=lambda axle: -axle.x)
+            missing = [f"units.{k}.axles.{n}.suspension" for n, axle in enumerate(axles) if axle.suspension is None]
+            if unit.roll is None:
+                missing.append(f"units.{k}.roll")
+            if missing:
+                raise ValueError(f"table '{missing[0]}' is missing: suspensions are given for all axles or for none")
+            for name, short in (("roll_gradient", None), ("roll_frequency", None), ("hitch_roll_share", 0.0)):
+                if getattr(unit, name) != short:
+                    raise ValueError(f"units.{k}: {name} follows from the suspensions: leave out one of the two")
+            if k == 0 and unit.coupling is not None:
+                raise ValueError("units.0: table 'coupling' belongs to the towed unit whose front hitch it is")
 
     @model_validator(mode="after")
     def _is_a_chain(self) -> Vehicle:

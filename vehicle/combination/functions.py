@@ -16,8 +16,9 @@ from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
 from vehicle.combination.brakes import Braking
 from vehicle.combination.chain import braking, derivative, output, relaxation
-from vehicle.combination.description import Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
+from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.multibody import Vector, along
 from vehicle.combination.plant_inputs import (
     CommandInputs,
@@ -66,8 +67,19 @@ def _rolling_freely(vehicle: Vehicle, start: _Start[ca.SX], ground: GroundInputs
         heave_spring=ca.vertcat(*(spring.heave for _, spring in bodies)),
         pitch_spring=ca.vertcat(*(spring.pitch for _, spring in bodies)),
         roll_spring=ca.vertcat(*(spring.roll for _, spring in bodies)),
+        side_force=_side_forces(vehicle, pulls),
         omega=ca.vertcat(*(start.speed / wheel.axle.wheel_radius for wheel in wheels(vehicle))),
         brake_windup=ca.repmat(ca.sign(start.speed), sizes.brake_windup, 1),
+    )
+
+
+def _side_forces(vehicle: Vehicle, pulls: Sequence[Vector]) -> ca.SX:
+    """Side force [N] with which each axle holds its share of the vehicle on a slope; none without suspensions."""
+    if not vehicle.has_springs:
+        return ca.SX(0, 1)
+    loads = static_axle_loads(vehicle)
+    return ca.vertcat(
+        *(-load / GRAVITY * pull.y for of_unit, pull in zip(loads, pulls, strict=True) for load in of_unit)
     )
 
 

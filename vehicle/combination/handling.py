@@ -15,6 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from vehicle.combination.description import Vehicle
 from vehicle.combination.linear import LateralModel, lateral_model
+from vehicle.combination.rollover import static_rollover
 from vehicle.frames import FloatArray
 
 Amplified: TypeAlias = Literal["lateral_acceleration", "yaw_rate"]
@@ -90,10 +91,16 @@ def peak_rearward_amplification(
 
 
 def static_rollover_threshold(vehicle: Vehicle) -> float:
-    """Lateral acceleration [m/s2] in a steady turn at which a unit first stands on the wheels of one side only.
+    """Lateral acceleration [m/s2] in a steady turn beyond which the combination tips.
 
-    Load transfer, body roll included, is proportional to lateral acceleration until a wheel lifts.
+    If the suspensions are not given, the one at which a unit first stands on the wheels of one side only: then load
+    transfer, body roll included, is proportional to lateral acceleration.
+
+    Raises:
+        ValueError: if the suspensions do not carry the bodies.
     """
+    if vehicle.has_springs:
+        return static_rollover(vehicle).threshold
     model = lateral_model(vehicle, _TURNING_SPEED, outputs=("lateral_acceleration", "load_transfer"))
     gains = [model.steady_gain(name) for name in model.outputs]
     a_y, transfer = np.split(np.array(gains), 2)

@@ -32,6 +32,7 @@ class State(NamedTuple, Generic[V]):
     pitch_spring: V  # (N,) the same of pitch [rad/s]
     roll_spring: V  # (N,) the same of roll [rad/s]
     load_shift: V  # (n,) load that axles have given back to their group, of units with ``load_sharing`` [N]
+    side_force: V  # (n_axles,) lagged force of the tyres of each axle across its unit [N]; () without suspensions
     hitch_x: V  # (N - 1,) lagged force at each hitch on the unit behind it, along that unit's axes [N]
     hitch_y: V  # (N - 1,)
     omega: V  # (n_wheels,) wheel spin [rad/s]
@@ -164,6 +165,7 @@ def state_sizes(vehicle: Vehicle) -> State[int]:
         pitch_spring=N,
         roll_spring=N,
         load_shift=sum(len(unit.axles) for unit in vehicle.units if unit.load_sharing is not None),
+        side_force=n_wheels // 2 if vehicle.has_springs else 0,
         hitch_x=N - 1,
         hitch_y=N - 1,
         omega=n_wheels,

@@ -5,7 +5,8 @@ laden is the same box at half its density: the load's centre of gravity stays as
 load that is stacked half as high.
 
 Springs carry the lighter body as air springs with levelling valves do, whose stiffness follows the load: heave and
-pitch frequencies stay, and pitch per braking follows the height of the centre of gravity.
+pitch frequencies stay, and pitch per braking follows the height of the centre of gravity. Suspensions in roll stay as
+they are, and so does the roll stiffness behind a gradient that a file gives instead.
 """
 
 from __future__ import annotations
@@ -63,25 +64,30 @@ def _lightened(unit: Unit, removed: float, key: str) -> Unit:
         raise ValueError(
             f"{key}.payload.mass = {unit.payload.mass:g} kg must be less than {key}.mass = {unit.mass:g} kg"
         )
-    laden = Body(unit.mass, unit.cg_x, unit.cg_height, unit.yaw_inertia)
+    inertia = None if unit.roll is None else unit.roll.inertia
+    laden = Body(unit.mass, unit.cg_x, unit.cg_height, unit.yaw_inertia, inertia)
     body = without(laden, unit.payload, removed)
     for name, value, measure, change in (
         ("cg_height", body.cg_height, "m", "lower the payload"),
         ("yaw_inertia", body.yaw_inertia, "kg m2", "make the payload shorter, or move it"),
+        ("roll.inertia", body.roll_inertia, "kg m2", "make the payload lower or narrower, or move it"),
     ):
-        if value <= 0.0:
+        if value is not None and value <= 0.0:
             left = f"leaves {name} = {value:.4g} {measure} of the unit without it, which must be above 0"
             raise ValueError(f"{key}.payload: {left}: {change}")
-    lever, was = (max(height - unit.roll_axis_height, _LEAST_LEVER) for height in (body.cg_height, unit.cg_height))
-    return unit.model_copy(
-        update={
-            "mass": body.mass,
-            "cg_x": body.cg_x,
-            "cg_height": body.cg_height,
-            "yaw_inertia": body.yaw_inertia,
-            "pitch_gradient": unit.pitch_gradient * body.cg_height / unit.cg_height,
-            "roll_gradient": unit.roll_gradient * (body.mass * lever) / (unit.mass * was),
-            "roll_frequency": min(unit.roll_frequency * math.sqrt(unit.mass / body.mass), _HIGHEST),
-            "payload": None,
-        }
-    )
+    changes: dict[str, object] = {
+        "mass": body.mass,
+        "cg_x": body.cg_x,
+        "cg_height": body.cg_height,
+        "yaw_inertia": body.yaw_inertia,
+        "pitch_gradient": unit.pitch_gradient * body.cg_height / unit.cg_height,
+        "payload": None,
+    }
+    if unit.roll is not None:
+        changes["roll"] = unit.roll.model_copy(update={"inertia": body.roll_inertia})
+    else:
+        gradient, frequency = unit.roll_swing
+        lever, was = (max(height - unit.roll_axis_height, _LEAST_LEVER) for height in (body.cg_height, unit.cg_height))
+        changes["roll_gradient"] = gradient * (body.mass * lever) / (unit.mass * was)
+        changes["roll_frequency"] = min(frequency * math.sqrt(unit.mass / body.mass), _HIGHEST)
+    return unit.model_copy(update=changes)

@@ -28,6 +28,13 @@ class AxleShare(NamedTuple):
     of_moment: Num  # [1/m]
 
 
+class ChainLoads(NamedTuple):
+    """Vertical loads of a chain of units [N]."""
+
+    axles: list[list[Num]]  # of each unit
+    hitches: list[Num]  # on the unit ahead, of each towed unit
+
+
 class AxleGroup(NamedTuple):
     """Axles that share one load."""
 
@@ -53,7 +60,19 @@ def axle_loads(
     e: Sequence[Vector],
     additional: Sequence[Sequence[Num]] = (),
 ) -> list[list[Num]]:
-    """Load [N] of each axle of each unit.
+    """Load [N] of each axle of each unit, as ``chain_loads``."""
+    return chain_loads(vehicle, gravity, a_x, hitch_forces, e, additional).axles
+
+
+def chain_loads(
+    vehicle: Vehicle,
+    gravity: Sequence[Num],
+    a_x: Sequence[Num],
+    hitch_forces: Sequence[Vector],
+    e: Sequence[Vector],
+    additional: Sequence[Sequence[Num]] = (),
+) -> ChainLoads:
+    """Load [N] of each axle of each unit and of each hitch.
 
     ``gravity`` is its component normal to the ground plus the upward acceleration of each unit and ``a_x`` each unit's
     specific force along its x axis [m/s2]; ``hitch_forces[i]`` acts on unit i at its front hitch, along unit i's axes
@@ -61,6 +80,7 @@ def axle_loads(
     unit [N], or none, that add up to zero and whose moment the unit's group and hitch must balance.
     """
     loads: list[list[Num]] = [[] for _ in vehicle.units]
+    hitches: list[Num] = []
     below: Num = 0.0  # load on the hitch of the unit at hand [N]
     for i in reversed(range(len(vehicle.units))):
         unit = vehicle.units[i]
@@ -77,10 +97,12 @@ def axle_loads(
         moment = moment - sum(load * axle.x for load, axle in zip(own, unit.axles, strict=False))
         shares = axle_shares(unit, towed=i > 0)
         loads[i] = [share.of_weight * weight + share.of_moment * moment for share in shares]
-        below = weight - sum(share.of_moment for share in shares) * moment
         if own:
             loads[i] = [load + more for load, more in zip(loads[i], own, strict=True)]
-    return loads
+        if i > 0:
+            below = weight - sum(share.of_moment for share in shares) * moment
+            hitches.insert(0, below)
+    return ChainLoads(loads, hitches)
 
 
 def axle_shares(unit: Unit, *, towed: bool) -> list[AxleShare]:

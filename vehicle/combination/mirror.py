@@ -30,6 +30,7 @@ SIGNS: Final = State(  # of each part in the mirror; the wheels of an axle also 
     pitch_spring=1,
     roll_spring=-1,
     load_shift=1,
+    side_force=-1,
     hitch_x=1,
     hitch_y=-1,
     omega=1,

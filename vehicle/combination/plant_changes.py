@@ -32,8 +32,8 @@ class NamedChanges(Frozen):
             "-",
             ge=0.2,
             le=3.0,
-            meaning="Factor on the mass and yaw inertia of every unit; "
-            "wheel inertias, suspension frequencies and roll and pitch gradients stay.",
+            meaning="Factor on the mass, yaw and roll inertia of every unit; "
+            "wheel inertias, springs in roll, suspension frequencies and gradients stay.",
         ),
     ] = 1.0
     inertia_scale: Annotated[
@@ -106,6 +106,8 @@ def _scaled(vehicle: Vehicle, named: NamedChanges) -> Vehicle:
         table["mass"] = named.mass_scale * unit.mass
         table["yaw_inertia"] = named.mass_scale * named.inertia_scale * unit.yaw_inertia
         table["cg_height"] = named.cg_height_scale * unit.cg_height
+        if unit.roll is not None:
+            table["roll"]["inertia"] = named.mass_scale * unit.roll.inertia
         if unit.payload is not None:
             table["payload"]["mass"] = named.mass_scale * unit.payload.mass
             table["payload"]["cg_height"] = named.cg_height_scale * unit.payload.cg_height

@@ -141,10 +141,16 @@ def _of_inertias(unit: Unit, extent: _Extent) -> Iterator[str]:
         "roll": (_ROLL_GYRATION * unit.width, 0.5 * math.hypot(unit.width, unit.height)),
         "pitch": (_PITCH_GYRATION[0] * length, _PITCH_GYRATION[1] * length),
     }
-    tilts = {
-        "roll": (unit.roll_gradient, unit.roll_frequency),
-        "pitch": (unit.pitch_gradient, unit.pitch_frequency),
-    }
+    tilts = {"pitch": (unit.pitch_gradient, unit.pitch_frequency)}
+    if unit.roll is None:
+        tilts = {"roll": unit.roll_swing} | tilts
+    else:
+        radius, (low, high) = math.sqrt(unit.roll.inertia / unit.mass), limits["roll"]
+        if not low <= radius <= high:
+            yield (
+                f"roll.inertia = {unit.roll.inertia:g} kg m2 is a radius of gyration of {radius:.2f} m: with its width "
+                f"and height it has {low:.2f} m to {high:.2f} m"
+            )
     for name, (gradient, frequency) in tilts.items():
         squared = lever / (gradient * (math.tau * frequency) ** 2) - lever**2
         radius, (low, high) = math.sqrt(max(squared, 0.0)), limits[name]

@@ -5,6 +5,7 @@ specific force give:
 x'' = w0^2 (road + forced - x) + 2 zeta w0 (road' - x'). With a companion w, x' = w + 2 zeta w0 (road - x) and
 w' = w0^2 (road + forced - x), so that no rate of the road is needed. Heave is that of the centre of gravity, and pitch
 is about it. A towed unit stands in front on the hitch of the unit ahead, which moves with that unit's body.
+If the suspensions are given, the roll of all bodies follows from them and from the hitches (``roll``).
 
 The forces of springs and dampers load the wheels. The dampers' force due to the road's own rate is left out: the tyres,
 whose vertical deflection is not modelled, would absorb it. Also not modelled: wheel hop, and coupling between the three
@@ -20,6 +21,7 @@ from typing import Any, NamedTuple
 from vehicle.combination.description import Unit, Vehicle
 from vehicle.combination.layout import Input, State, Wheel
 from vehicle.combination.loads import axle_shares
+from vehicle.combination.roll import UnitSprings, settled_rolls, springs_of
 from vehicle.tyres import Num
 
 
@@ -36,65 +38,117 @@ class Ride(NamedTuple):
 
     offset: Attitude  # rest attitude on this road, less the attitude [m, rad]
     rate: Attitude  # of the attitude [m/s, rad/s]
-    felt: Attitude  # acceleration upward, and the specific forces forward and left that go with pitch and roll [m/s2]
+    felt: Attitude  # acceleration upward, specific forces forward and left that go with pitch and roll [m/s2]
+    leans: tuple[Num, ...]  # of the body over each axle that its springs and dampers feel [rad]; () without suspensions
 
 
 def settled(vehicle: Vehicle, specific_x: Sequence[Num], specific_y: Sequence[Num]) -> list[tuple[Attitude, Attitude]]:
     """Steady attitude and companions of every body under specific forces [m/s2] along its axes, on smooth road."""
     bodies: list[tuple[Attitude, Attitude]] = []
+    springs = springs_of(vehicle) if vehicle.has_springs else None
+    rolls = _gradient_rolls(vehicle, specific_y) if springs is None else settled_rolls(vehicle, springs, specific_y)
     for i, unit in enumerate(vehicle.units):
         origin = _hitch_rise(vehicle, i, bodies[-1][0]) if i > 0 else 0.0
         heights = [0.0 for _ in unit.axles]
         road = _rest_attitude(unit, origin, heights, 0.0, towed=i > 0)
-        forced = Attitude(0.0, -unit.pitch_gradient * specific_x[i], unit.roll_gradient * specific_y[i])
-        companions = (2.0 * unit.suspension_damping * w0 * x for w0, x in zip(_natural(unit), forced, strict=True))
+        forced = Attitude(0.0, -unit.pitch_gradient * specific_x[i], rolls[i])
+        companions = (d * x for d, x in zip(_damping(unit, springs[i] if springs else None), forced, strict=True))
         bodies.append((Attitude(*(r + x for r, x in zip(road, forced, strict=True))), Attitude(*companions)))
     return bodies
 
 
-def rides(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> list[Ride]:
-    """Motion of every body in a state."""
+def rides(
+    vehicle: Vehicle,
+    layout: Sequence[Wheel],
+    s: State[Any],
+    u: Input[Any],
+    springs: Sequence[UnitSprings] | None = None,
+) -> list[Ride]:
+    """Motion of every body in a state; ``springs`` in roll are by default those of the vehicle."""
     motions = []
-    for i, (unit, road) in enumerate(zip(vehicle.units, _rest_attitudes(vehicle, layout, s, u), strict=True)):
-        natural = _natural(unit)
+    if springs is None and vehicle.has_springs:
+        springs = springs_of(vehicle)
+    roads = _road_rolls(layout, u)
+    for i, (unit, road) in enumerate(zip(vehicle.units, _rest_attitudes(vehicle, layout, s, u, springs), strict=True)):
+        of_roll = springs[i] if springs else None
         attitude = (s.heave[i], s.pitch[i], s.roll[i])
         companions = (s.heave_spring[i], s.pitch_spring[i], s.roll_spring[i])
-        damping = 2.0 * unit.suspension_damping
+        damping = _damping(unit, of_roll)
         offset = Attitude(*(r - x for r, x in zip(road, attitude, strict=True)))
-        rate = Attitude(*(w + damping * w0 * d for w, w0, d in zip(companions, natural, offset, strict=True)))
-        pull = Attitude(*(d - damping / w0 * v for d, w0, v in zip(offset, natural, rate, strict=True)))
-        felt = Attitude(
-            heave=natural.heave**2 * pull.heave,
-            pitch=1.0 / unit.pitch_gradient * pull.pitch,
-            roll=-1.0 / unit.roll_gradient * pull.roll,
-        )
-        motions.append(Ride(offset, rate, felt))
+        rate = Attitude(*(w + c * d for w, c, d in zip(companions, damping, offset, strict=True)))
+        w_heave, w_pitch = _natural(unit)
+        ratio = 2.0 * unit.suspension_damping
+        heave = w_heave**2 * (offset.heave - ratio / w_heave * rate.heave)
+        pitch = 1.0 / unit.pitch_gradient * (offset.pitch - ratio / w_pitch * rate.pitch)
+        if of_roll is None:
+            gradient, frequency = unit.roll_swing
+            roll = -1.0 / gradient * (offset.roll - ratio / (math.tau * frequency) * rate.roll)
+            motions.append(Ride(offset, rate, Attitude(heave, pitch, roll), ()))
+        else:
+            lean = s.roll[i] + of_roll.time * rate.roll
+            motions.append(Ride(offset, rate, Attitude(heave, pitch, 0.0), tuple(lean - road for road in roads[i])))
     return motions
 
 
 def spring_rates(unit: Unit, ride: Ride, specific_x: Num, specific_y: Num) -> Attitude:
-    """Rate of a body's companions [m/s2, rad/s2] under specific forces [m/s2] along its axes."""
-    w, offset = _natural(unit), ride.offset
+    """Rate of a body's companions [m/s2, rad/s2] under specific forces [m/s2] along its axes.
+
+    That of roll is 0 if the suspensions are given: then it follows from ``roll.body_moments``.
+    """
+    (w_heave, w_pitch), offset = _natural(unit), ride.offset
+    roll: Num = 0.0
+    if unit.roll is None:
+        gradient, frequency = unit.roll_swing
+        roll = (math.tau * frequency) ** 2 * (offset.roll + gradient * specific_y)
     return Attitude(
-        heave=w.heave**2 * offset.heave,
-        pitch=w.pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x),
-        roll=w.roll**2 * (offset.roll + unit.roll_gradient * specific_y),
+        heave=w_heave**2 * offset.heave,
+        pitch=w_pitch**2 * (offset.pitch - unit.pitch_gradient * specific_x),
+        roll=roll,
     )
 
 
-def _natural(unit: Unit) -> Attitude:
-    """Undamped angular frequencies [rad/s]."""
-    return Attitude(*(math.tau * f for f in (unit.heave_frequency, unit.pitch_frequency, unit.roll_frequency)))
+def _gradient_rolls(vehicle: Vehicle, specific_y: Sequence[Num]) -> list[Num]:
+    return [unit.roll_swing[0] * a_y for unit, a_y in zip(vehicle.units, specific_y, strict=True)]
 
 
-def _rest_attitudes(vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any]) -> list[Attitude]:
+def _natural(unit: Unit) -> tuple[Num, Num]:
+    """Undamped angular frequencies of heave and pitch [rad/s]."""
+    return math.tau * unit.heave_frequency, math.tau * unit.pitch_frequency
+
+
+def _damping(unit: Unit, springs: UnitSprings | None) -> Attitude:
+    """Rates of the dampers, 2 zeta w0 [1/s]."""
+    ratio = 2.0 * unit.suspension_damping
+    roll = ratio * (math.tau * unit.roll_swing[1]) if springs is None else springs.damping
+    heave, pitch = _natural(unit)
+    return Attitude(ratio * heave, ratio * pitch, roll)
+
+
+def _road_rolls(layout: Sequence[Wheel], u: Input[Any]) -> dict[int, list[Num]]:
+    """Angle of the rough road across each axle [rad], by unit."""
+    rolls: dict[int, list[Num]] = {}
+    for k, wheel in enumerate(layout[::2]):
+        rolls.setdefault(wheel.unit, []).append((1.0 / wheel.axle.track) * (u.road[2 * k] - u.road[2 * k + 1]))
+    return rolls
+
+
+def _rest_attitudes(
+    vehicle: Vehicle, layout: Sequence[Wheel], s: State[Any], u: Input[Any], springs: Sequence[UnitSprings] | None
+) -> list[Attitude]:
     """Rest attitude of each body, from the rough road under it and the hitch in front of it."""
     attitudes: list[Attitude] = []
     for i, unit in enumerate(vehicle.units):
         wheels = [(wheel, u.road[k]) for k, wheel in enumerate(layout) if wheel.unit == i]
         axles = list(zip(wheels[::2], wheels[1::2], strict=True))
         heights = [0.5 * (left + right) for (_, left), (_, right) in axles]
-        roll = sum(wheel.roll_share * (left - right) for (wheel, left), (_, right) in axles)
+        roll = (
+            sum(wheel.roll_share * (left - right) for (wheel, left), (_, right) in axles)
+            if springs is None
+            else sum(
+                (spring.stiffness / springs[i].stiffness / wheel.axle.track) * (left - right)
+                for spring, ((wheel, left), (_, right)) in zip(springs[i].axles, axles, strict=True)
+            )
+        )
         origin = _hitch_rise(vehicle, i, Attitude(s.heave[i - 1], s.pitch[i - 1], 0.0)) if i > 0 else 0.0
         attitudes.append(_rest_attitude(unit, origin, heights, roll, towed=i > 0))
     return attitudes

@@ -26,6 +26,7 @@ from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY
+from vehicle.combination.rollover import roll_gradients
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
 
@@ -81,9 +82,8 @@ class Mpc(SteeringLaw[MpcMemory]):
         self._given = {"tolerance": tolerance, "effort": effort, "tail_swing": tail_swing, "cut_in": cut_in}
         check_options(self.options, self._given)
         unit = combination.vehicle.units[combination.unit]
-        self._roll_factor = (
-            1.0 + GRAVITY * unit.roll_gradient
-        )  # factor of the accelerometer reading, by roll of the body
+        rolls = roll_gradients(combination.vehicle)
+        self._roll_factor = 1.0 + GRAVITY * rolls[combination.unit]  # of the accelerometer reading, by roll of the body
         self._max_steer = trailer.max_steer / max(1.0, *map(abs, trailer.steer_ratios))
         self._model = TrailerModel.of(trailer, combination)
         self._observer = Observer(combination)

@@ -1,0 +1,218 @@
+"""Roll on suspensions and tyres, coupled through the hitches: equilibrium, lift-off, fifth wheel, static rollover."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names
+from vehicle.combination.functions import compiled_output, step_function
+from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
+from vehicle.combination.load_cases import with_load
+from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.plant_changes import changed_vehicle
+from vehicle.combination.roll import settled_rolls, springs_of
+from vehicle.combination.rollover import roll_gradients, static_rollover
+from vehicle.frames import Pose2
+from vehicle.surface import Surface
+
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+def named(vehicle: Vehicle, state: np.ndarray) -> State[np.ndarray]:
+    return State(*parts(state, state_sizes(vehicle)))
+
+
+@given(body=st.floats(-0.2, 0.2), side=st.floats(-6e4, 6e4))
+def test_the_axle_is_in_equilibrium(tractor_semitrailer: Vehicle, body: float, side: float) -> None:
+    """Moments about the ground: the springs' one, the side force at the roll centre, the load beside it.
+
+    On both wheels the tyres' deflection carries them, on one wheel half the track times the load.
+    """
+    spring = springs_of(tractor_semitrailer)[1].axles[1]
+    W, T, h = float(spring.weight), float(spring.track), float(spring.height)
+    transfer = float(spring.transfer(body, side))
+    right_less_left = float(np.clip(2.0 * transfer, -W, W))
+    springs = float(spring.lever) * side - float(spring.body_moment(body, side, right_less_left))
+    angle = body - springs / float(spring.suspension)
+    ground = 0.5 * T * right_less_left
+    assert ground == pytest.approx(springs + h * side + W * h * angle, abs=1e-6)
+    if abs(transfer) < 0.5 * W * (1.0 - 1e-12):
+        assert ground == pytest.approx(float(spring.tyres) * angle, abs=1e-6)  # [N m] of 1e5: rounding
+    else:
+        assert abs(float(spring.tyres) * angle) > 0.5 * T * W  # the lifted wheel is clear of the ground
+
+
+def test_fifth_wheel_separates_at_its_edge_and_catches_after_the_lash(tractor_semitrailer: Vehicle) -> None:
+    """K twist up to load times half the width, then that over the lash of 2 deg, then K again; both ways alike."""
+    springs = springs_of(tractor_semitrailer)[1]
+    assert springs.hitch is not None
+    K, load, lash = float(springs.hitch), 100e3, math.radians(2.0)
+    edge = 0.45 * load
+    for twist, expected in (
+        (0.5 * edge / K, 0.5 * edge),
+        (edge / K + 0.5 * lash, edge),
+        (edge / K + lash + 0.01, edge + K * 0.01),
+    ):
+        assert float(springs.hitch_moment(twist, load)) == pytest.approx(expected)
+        assert float(springs.hitch_moment(-twist, load)) == pytest.approx(-expected)
+    assert float(springs.hitch_moment(0.01, -5e3)) == 0.0  # a hitch that pulls up rests on no plate
+
+
+def test_frames_are_in_series_with_what_they_carry(tractor_semitrailer: Vehicle) -> None:
+    """1 / K = 1 / K_springs + 1 / K_frame, of the front axle of the tractor and of the trailer's fifth wheel."""
+    tractor, trailer = springs_of(tractor_semitrailer)
+    assert float(tractor.axles[0].suspension) == pytest.approx(1.0 / (1.0 / 330e3 + 1.0 / 600e3))
+    assert float(tractor.axles[1].suspension) == pytest.approx(750e3)
+    assert trailer.hitch is not None
+    assert float(trailer.hitch) == pytest.approx(1.0 / (1.0 / 3.55e6 + 1.0 / 3.0e6))
+
+
+def test_twin_tyres_carry_in_roll_by_their_own_places(tractor_semitrailer: Vehicle) -> None:
+    """Sum of k y^2 over four tyres of half the wheel's stiffness."""
+    axle = tractor_semitrailer.units[0].axles[1]
+    assert axle.suspension is not None
+    places = [0.5 * axle.track + 0.5 * s * 0.34 for s in (-1.0, 1.0)]
+    by_tyre = 2.0 * sum(0.5 * axle.suspension.tyre_stiffness * y**2 for y in places)
+    assert axle.suspension.tyre_roll_stiffness(axle.track, 0.34) == pytest.approx(by_tyre)
+
+
+def test_it_settles_on_a_bank_as_it_starts(tractor_semitrailer: Vehicle) -> None:
+    """Rolls by the linear equations, and ten seconds later on the plant; the moments of all wheels balance the weight.
+
+    About the line under the middle of the track: m g sin h of every body, and m g cos times its lateral offset.
+    """
+    bank = 0.1
+    plant = Plant(tractor_semitrailer, Surface(friction=1.0, cross_fall=bank))
+    state = plant.initial_state(ORIGIN, 0.0)
+    start = named(tractor_semitrailer, state)
+    expected = settled_rolls(
+        tractor_semitrailer, springs_of(tractor_semitrailer), [GRAVITY * math.sin(math.atan(bank))] * 2
+    )
+    assert np.abs(start.roll) == pytest.approx([float(roll) for roll in expected], rel=1e-12)
+    end = plant.step(state, VehicleCommand(0.0, 0.0, ()), 10_000)
+    now = named(tractor_semitrailer, end)
+    np.testing.assert_allclose(now.roll, start.roll, rtol=5e-3)  # weight of cos(bank), and how the tyres share forces
+
+
+def test_wheels_carry_the_whole_moment(tractor_semitrailer: Vehicle) -> None:
+    """In the settled state, sum of (right - left) T / 2 is that of inertia and of the bodies' offset, axle roll too.
+
+    The offset of each axle's load from its roll centre, and of the centre of gravity from there, by the rolls.
+    """
+    a_y = 1.5
+    springs = springs_of(tractor_semitrailer)
+    rolls = [float(roll) for roll in settled_rolls(tractor_semitrailer, springs, [a_y, a_y])]
+    loads = static_axle_loads(tractor_semitrailer)
+    s = State(*(np.zeros(n) for n in state_sizes(tractor_semitrailer)))
+    u = Input(*(np.zeros(n) for n in input_sizes(tractor_semitrailer)))._replace(friction=np.full(10, 0.8))
+    sides = np.concatenate(loads) * a_y / GRAVITY
+    damping = [float(springs[i].damping) * rolls[i] for i in range(2)]
+    s = s._replace(roll=np.array(rolls), roll_spring=np.array(damping), side_force=sides)
+    x, v = np.concatenate(s), np.concatenate(u)
+    out = np.array(compiled_output(tractor_semitrailer)(x, v)).ravel()
+    load = Output(*parts(out, output_sizes(tractor_semitrailer))).load
+    tracks = np.array([axle.track for unit in tractor_semitrailer.units for axle in unit.axles])
+    carried = float(np.sum(0.5 * tracks * (load[1::2] - load[::2])))
+    tractor, trailer = tractor_semitrailer.units
+    by_axles = sum(
+        W * (spring.height * angle + (unit.cg_height - spring.height) * roll)
+        for unit, of_unit, of_loads, roll in zip((tractor, trailer), springs, loads, rolls, strict=True)
+        for spring, W in zip(of_unit.axles, of_loads, strict=True)
+        for angle in [float(spring.track / spring.tyres * spring.transfer(roll, W * a_y / GRAVITY))]
+    )
+    kingpin, height = trailer.mass * GRAVITY - sum(loads[1]), tractor.rear_hitch[1]
+    by_hitch = kingpin * ((trailer.cg_height - height) * rolls[1] - (tractor.cg_height - height) * rolls[0])
+    inertia = a_y * (tractor.mass * tractor.cg_height + trailer.mass * trailer.cg_height)
+    assert carried == pytest.approx(inertia + by_axles + by_hitch, rel=1e-9)  # rounding
+
+
+def test_rigid_bodies_tip_at_half_the_track_over_the_height() -> None:
+    """With springs and tyres that do not give, T / (2 h) of a truck whose axles have one track."""
+    truck = load_vehicle("rigid_truck")
+    stiff = {"suspension.roll_stiffness": 1e7, "suspension.tyre_stiffness": 1e7, "track": 1.9}
+    changes = {f"units.0.axles.{k}.{name}": value for k in range(2) for name, value in stiff.items()}
+    rigid = changed_vehicle(truck, changes | {"units.0.roll.frame_stiffness": 1e8})
+    assert static_rollover(rigid).threshold / GRAVITY == pytest.approx(
+        1.9 / (2.0 * 1.6), rel=0.06
+    )  # 1e7 gives a little
+    assert static_rollover(rigid).threshold / GRAVITY < 1.9 / (2.0 * 1.6)
+
+
+def test_a_drawbar_transmits_no_moment() -> None:
+    """The rear pair of an A-double tips alone: stiffer springs in front change nothing."""
+    vehicle = load_vehicle("a_double")
+    tractor = {f"units.0.axles.{k}.suspension.roll_stiffness": 5e6 for k in range(3)}
+    before, after = static_rollover(vehicle), static_rollover(changed_vehicle(vehicle, tractor))
+    assert after.roll[3] == pytest.approx(before.roll[3], rel=1e-3) or after.threshold > before.threshold
+    rear = {f"units.2.axles.{k}.suspension.roll_stiffness": 5e6 for k in range(2)}
+    stiffer = roll_gradients(changed_vehicle(vehicle, rear))
+    assert stiffer[:2] == pytest.approx(roll_gradients(vehicle)[:2], rel=1e-12)
+    assert stiffer[3] < roll_gradients(vehicle)[3]
+
+
+@pytest.mark.parametrize("name", vehicle_names())
+def test_every_shipped_vehicle_tips_within_the_measured_range(name: str) -> None:
+    """Laden combinations 0.35 to 0.5 g, light ones to 0.55 g; more with half the load, and twice that without.
+
+    A compliant vehicle tips below half the track over the height of its whole centre of gravity.
+    """
+    vehicle = load_vehicle(name)
+    full, half, empty = (static_rollover(with_load(vehicle, case)) for case in ("full", "half", "unladen"))
+    assert 0.35 < full.threshold / GRAVITY < 0.55
+    assert full.threshold < half.threshold < empty.threshold
+    assert 0.65 < empty.threshold / GRAVITY < 0.95
+    height = sum(u.mass * u.cg_height for u in vehicle.units) / vehicle.mass
+    track = max(axle.track for unit in vehicle.units for axle in unit.axles)
+    assert full.threshold / GRAVITY < 0.5 * track / height
+
+
+def test_the_audited_semitrailer_tips_near_its_independent_calculation(tractor_semitrailer: Vehicle) -> None:
+    """0.366 g by the audit of its data, which takes 0.70 of T / (2 h); all trailer axles lift before the drive axle."""
+    rollover = static_rollover(tractor_semitrailer)
+    assert rollover.threshold / GRAVITY == pytest.approx(0.366, abs=0.04)
+    assert rollover.lifted == ((False, False), (True, True, True))
+
+
+def test_stiffness_that_is_left_counts() -> None:
+    """A stiffer drive axle, a wider fifth wheel and a lower load raise the threshold."""
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    before = static_rollover(vehicle).threshold
+    for change in (
+        {"units.0.axles.1.suspension.roll_stiffness": 1.1e6},
+        {"units.1.coupling.plate_width": 1.2},
+        {"units.1.cg_height": 1.85},
+    ):
+        assert static_rollover(changed_vehicle(vehicle, change)).threshold > before
+
+
+def test_bodies_that_the_springs_do_not_carry_are_refused() -> None:
+    """Without stiffness a vehicle falls over where it stands: one line says so."""
+    truck = load_vehicle("rigid_truck")
+    soft = changed_vehicle(truck, {f"units.0.axles.{k}.suspension.roll_stiffness": 7e4 for k in range(2)})
+    with pytest.raises(ValueError, match=r"^rigid_truck falls over where it stands"):
+        static_rollover(soft)
+
+
+def test_without_suspensions_nothing_is_computed_for_them(short_form: Vehicle, tractor_semitrailer: Vehicle) -> None:
+    """No states and no operations; with them, those of five axles and a hitch."""
+    assert sum(state_sizes(short_form)) == sum(state_sizes(tractor_semitrailer)) - 5
+    count = {v.has_springs: step_function(v).n_instructions() for v in (short_form, tractor_semitrailer)}
+    assert count[True] < 1.12 * count[False]  # lift-off, tyres and hitch of five axles
+
+
+def test_a_lifted_unit_falls_and_stays_finite(tractor_semitrailer: Vehicle) -> None:
+    """Beyond the threshold the roll grows; a body that lies on its side is not thrown further and further."""
+    plant = Plant(tractor_semitrailer, Surface(friction=1.5, cross_fall=0.2))
+    state = plant.initial_state(ORIGIN, 0.0)
+    at = named(tractor_semitrailer, state)
+    at.roll[:] = np.sign(at.roll) * 0.9
+    at.roll_spring[:] = at.roll * [float(springs.damping) for springs in springs_of(tractor_semitrailer)]  # no motion
+    end = named(tractor_semitrailer, plant.step(state, VehicleCommand(0.0, 0.0, ()), 3000))
+    assert np.abs(end.roll).min() > 0.9
+    assert np.isfinite(np.concatenate(end)).all()
