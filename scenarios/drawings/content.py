@@ -16,10 +16,16 @@ from scenarios.drawings.shapes import Drawing, Shape, unit_layer
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length, rows_every
+from vehicle.user_file import shown
 
 EVERY: Final = 5.0  # distance between the drawn places of the vehicle, by default [m]
-_STEP: Final = 0.1  # travel between the bodies that make up the swept area [m]: exact to 0.1 mm on a 12.5 m arc
+_STEP: Final = 0.1  # of travel between points of paths [m]
+_TURN: Final = math.radians(0.5)  # of a body between the places that make up the swept area: 0.1 mm on a 12.5 m arc
+_STRAIGHT: Final = 2.0  # of travel between them without turning [m]: less than the shortest body
+_LONGEST: Final = 200e3  # distance driven [m]; beyond it a file is no run of this program
+_PLACES: Final = 5000  # of the vehicle: more make a file that CAD programs hardly open
 _SMOOTH: Final = 1e-3  # points of the swept area's edge closer than this to a straight line are left out [m]
+_LINE: Final = 300  # characters of a note
 _HINT: Final = "drawings need {}; install it with: pip install 'offtrack[cad]'"
 
 
@@ -45,13 +51,19 @@ def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:
     Raises:
         ValueError: one line, if the vehicle did not move, or an optional package is missing.
     """
-    if len(driven.time) < 2 or arc_length(driven.poses[0][:, :2])[-1] < _STEP:
-        raise ValueError("there is nothing to draw: the vehicle did not move")
+    if not all(np.isfinite(poses).all() for poses in driven.poses):
+        raise ValueError("there is nothing to draw: a position is not a number")
+    travelled = float(arc_length(driven.poses[0][:, :2])[-1]) if len(driven.time) > 1 else 0.0
+    if not _STEP <= travelled <= _LONGEST:
+        limits = f"must be {_STEP:g} m to {1e-3 * _LONGEST:g} km"
+        raise ValueError(f"there is nothing to draw: the vehicle drove {travelled:.3g} m, {limits}")
+    if travelled / every > _PLACES:
+        raise ValueError(f"the vehicle every {every:g} m would be {travelled / every:.0f} times, at most {_PLACES}")
     version = importlib.metadata.version("offtrack")
     frame = "metres; x along the first heading, y to the left, origin at the tractor's rear axle at the start"
     return Drawing(
-        title=driven.title,
-        notes=(*driven.notes, f"Frame of the course: {frame}", f"offtrack {version}"),
+        title=shown(driven.title, _LINE),
+        notes=tuple(shown(line, _LINE) for line in (*driven.notes, f"Frame: {frame}", f"offtrack {version}")),
         shapes=tuple(_shapes(driven, every)),
     )
 
@@ -105,10 +117,11 @@ def _swept_area(driven: DrivenPath) -> Any:
 
 def _moved(poses: FloatArray) -> FloatArray:
     """Rows between which a body moves or turns by about a step; first and last included."""
-    turned = np.abs(np.diff(np.unwrap(poses[:, 2]), prepend=poses[0, 2]))
+    yaw = np.unwrap(poses[:, 2])
+    turned = np.abs(np.diff(yaw, prepend=yaw[0]))
     moved = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
-    along = np.cumsum(moved + _STEP / math.radians(1.0) * turned)  # the far end of a body moves as it turns
-    rows: FloatArray = np.unique(np.append(np.searchsorted(along, np.arange(0.0, along[-1], _STEP)), len(poses) - 1))
+    steps = np.cumsum(moved / _STRAIGHT + turned / _TURN)
+    rows: FloatArray = np.unique(np.append(np.searchsorted(steps, np.arange(0.0, steps[-1])), len(poses) - 1))
     return rows
 
 

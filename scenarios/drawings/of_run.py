@@ -32,7 +32,8 @@ def driven_run(directory: Path) -> DrivenPath:
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
     log, units = read_log(directory / "signals.parquet"), outlines(vehicle)
-    missing = [name for unit in units for name in pose_signals(unit) if name not in log]
+    needed = ("time", *(name for unit in units for name in pose_signals(unit)))
+    missing = [name for name in needed if name not in log]
     if missing:
         raise ValueError(f"{directory / 'signals.parquet'}: has no signal {shown(missing[0])}")
     outcome, seed = (_told(directory / "summary.json", key) for key in ("outcome", "seed"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,21 @@ def test_a_circle_sweeps_a_ring_with_an_island() -> None:
     assert (right - left, top - bottom) == pytest.approx((2.0 * outer, 2.0 * outer), abs=5e-3)
 
 
+def test_what_can_not_be_drawn_is_refused() -> None:
+    """A file of signals from elsewhere may hold anything."""
+    unknown, huge = straight(), straight()
+    unknown[7, 2] = math.nan
+    huge[-1, 0] = 1e9
+    for path, every, says in (
+        (unknown, 5.0, "not a number"),
+        (huge, 5.0, "must be 0.1 m to 200 km"),
+        (straight()[:1], 5.0, "drove 0 m"),
+        (straight(), 1e-3, "every 0.001 m would be 20000 times, at most 5000"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            drawing(driven(path), every=every)
+
+
 def test_a_road_is_an_area_with_its_edges() -> None:
     """20 m of road, 4 m to either side."""
     road = np.column_stack([np.linspace(0.0, 20.0, 41), np.zeros(41)])
@@ -124,6 +140,16 @@ def test_dxf_opens_without_errors_in_metres_on_named_layers(tmp_path: Path) -> N
     corner = np.array(by_layer[body][0].get_points("xy"))
     np.testing.assert_allclose(sorted(corner[:, 0]), [-1.0, -1.0, 3.0, 3.0], atol=1e-12)
     assert [text.dxf.text for text in by_layer[shapes.NOTES]][:2] == ["test", "a note"]
+
+
+def test_names_from_files_do_not_break_the_drawing(tmp_path: Path) -> None:
+    """A line break in a name would end a value of a DXF file."""
+    path = tmp_path / "a.dxf"
+    write_drawing(drawing(replace(driven(straight()), title="a\n  0\nEOF\n" + 1000 * "x")), path, "dxf")
+    document = ezdxf.readfile(path)
+    assert not document.audit().errors
+    title = next(entity for entity in document.modelspace() if entity.dxf.layer == shapes.NOTES)
+    assert len(title.dxf.text) < 400
 
 
 def test_the_same_drive_gives_the_same_file(tmp_path: Path) -> None:
