@@ -36,6 +36,7 @@ def rover(*pairs: str) -> tuple[str, ...]:
     return run("rover-slope", *SHORT_ROVER, *pairs)
 
 
+_DRAW: Final = ("draw", "run", "--to", "both", "--out", "out")
 _AS_OUT: Final = ("--quiet", "--out", "out")
 _ESTIMATE: Final = ("--no-video", *_AS_OUT)
 _RAW: Final = ("estimate", "off-tracking", "raw", "--calibration", "raw/rig.toml", *_ESTIMATE)
@@ -170,8 +171,17 @@ FILES: Final[Sequence[Read]] = (
     Read("sand readings", FileKind.TABLE, "rover", ("sand/readings.csv", "sand/slip.csv"), "text", (_SLIP,)),
     Read("sand rig", FileKind.CALIBRATION, "rover", ("sand/rig.toml",), "toml", (_SLIP,)),
     Read("photograph", FileKind.IMAGE, "photographs", ("photos/00.png", "photos/07.png"), "image", (_CALIBRATE,)),
-    Read("results", FileKind.SIGNALS, "results", ("run/signals.parquet",), "parquet", (("fit-surrogate", "run"),)),
-    Read("result scenario", FileKind.SCENARIO, "results", ("run/scenario.toml",), "toml", (("fit-surrogate", "run"),)),
+    Read(
+        "results", FileKind.SIGNALS, "results", ("run/signals.parquet",), "parquet", (("fit-surrogate", "run"), _DRAW)
+    ),
+    Read(
+        "result scenario",
+        FileKind.SCENARIO,
+        "results",
+        ("run/scenario.toml",),
+        "toml",
+        (("fit-surrogate", "run"), _DRAW),
+    ),
     Read("study result", FileKind.RECORD, "study", ("grid/cells/*.json",), "json", (STUDY,)),
     Read("study signals", FileKind.SIGNALS, "study", ("grid/cells/*.parquet",), "parquet", (STUDY,)),
     Read("study record", FileKind.RECORD, "study", ("grid/study.toml",), "toml", (STUDY,)),
