@@ -121,6 +121,30 @@ KINDS: Final = {
             seconds=60.0,
         ),
         Kind(
+            key="braking",
+            line="full braking to a stop on dry road, 60 km/h",
+            seconds=10.0,
+            handed=False,
+        ),
+        Kind(
+            key="braking_slippery",
+            line="full braking to a stop at friction 0.3, 60 km/h",
+            seconds=12.0,
+            handed=False,
+        ),
+        Kind(
+            key="braking_split",
+            line="full braking to a stop at friction 0.8 on one side and 0.2 on the other, 60 km/h",
+            seconds=12.0,
+            frictions=None,
+        ),
+        Kind(
+            key="braking_in_turn",
+            line="full braking on a curve of 500 ft (152 m) at friction 0.5, 30 mph (48 km/h)",
+            seconds=12.0,
+            radii=(50.0, 1000.0),
+        ),
+        Kind(
             key="longitudinal",
             line="startability, gradeability, acceleration and holding downhill, straight ahead",
             seconds=100.0,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, TypeAlias
 
+from scenarios.standards.braking import braking, braking_in_turn, braking_slippery, braking_split
 from scenarios.standards.closing_curve import closing_curve
 from scenarios.standards.conditions import Conditions
 from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
@@ -35,5 +36,9 @@ DRIVES: Final[dict[str, Drive]] = {
     "random_steer": random_steer,
     "closing_curve": closing_curve,
     "tilt": tilt,
+    "braking": braking,
+    "braking_slippery": braking_slippery,
+    "braking_split": braking_split,
+    "braking_in_turn": braking_in_turn,
     "longitudinal": longitudinal,
 }

@@ -77,6 +77,25 @@ def _single(bound: float) -> tuple[tuple[str, float], ...]:
 
 
 CRITERIA: Final = (
+    Criterion(
+        "braking_mean_deceleration_m_s2",
+        "UN R13",
+        _single(5.0),
+        at_most=False,
+        source="from memory: UN R13, annex 4, 1.4, type-0 test of N2 and N3",
+    ),
+    Criterion(
+        "braking_distance_m",
+        "UN R13",
+        _single(0.15 * 60.0 + 60.0**2 / 130.0),
+        source="from memory: UN R13, annex 4, 1.4, type-0 test of N2 and N3, 0.15 v + v^2 / 130 in km/h",
+    ),
+    Criterion(
+        "braking_lane_m",
+        "FMVSS 121",
+        _single(12.0 * 0.3048),
+        source="from memory: FMVSS 121, S5.3.6, a lane of 12 ft; of truck tractors there",
+    ),
     Criterion("startability", _PBS, _levels(0.15, 0.12, 0.10, 0.05), at_most=False, source=_pbs("C1")),
     Criterion("gradeability", _PBS, _levels(0.20, 0.15, 0.12, 0.08), at_most=False, source=_pbs("C2", ", a")),
     Criterion(

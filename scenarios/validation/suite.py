@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from scenarios.validation.amplification import rearward_amplification
+from scenarios.validation.braking import braking
 from scenarios.validation.check import Task
 from scenarios.validation.design_vehicles import design_vehicles
 from scenarios.validation.driver_checks import driver
@@ -33,6 +34,7 @@ TASKS: Final = (
     Task(title="Tyre lag", work=tyre_lag),
     Task(title="Parking", work=parking),
     Task(title="Driver", work=driver),
+    Task(title="Brakes and drive", work=braking),
     Task(title="Mechanics", work=mechanics),
     Task(title="Integrator", work=integration),
 )

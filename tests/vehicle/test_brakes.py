@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vehicle.braking import braked, without_abs
+from scenarios.validation.stops import braked, without_abs
 from vehicle.combination.brake_channels import brake_channels
 from vehicle.combination.brake_data import Distribution
 from vehicle.combination.data_sheet import data_sheet

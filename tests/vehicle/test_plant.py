@@ -9,7 +9,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.vehicle.braking import without_abs, without_governor
+from scenarios.validation.stops import without_abs
+from tests.vehicle.braking import without_governor
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import State, parts, state_sizes
 from vehicle.combination.plant import DivergedError, Plant, VehicleCommand
