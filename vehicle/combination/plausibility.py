@@ -66,7 +66,8 @@ def _of_unit(
     places = {axle.x: f"{path}.axles.{k} ({unit.name})" for k, axle in enumerate(axles)}
     if coupling is not None and coupling < 0.0:
         yield place, f"its front hitch pulls up with {-coupling / 1e3:.1f} kN"
-    for line in (*_of_body(unit, extent), *_of_cg(unit, extent, towed=towed), *_of_inertias(unit, extent)):
+    of_body = (*_of_body(unit, extent), *_of_cg(unit, extent, towed=towed), *_of_inertias(unit, extent))
+    for line in (*of_body, *_of_payload(unit)):
         yield place, line
     for axle in axles:
         yield from ((places[axle.x], line) for line in _of_axle(unit, axle, extent))
@@ -159,6 +160,19 @@ def _of_inertias(unit: Unit, extent: _Extent) -> Iterator[str]:
                 f"{name}_gradient = {gradient:g} rad/(m/s2) and {name}_frequency = {frequency:g} Hz contradict each "
                 f"other: they imply a radius of gyration of {radius:.2f} m, it has {low:.2f} m to {high:.2f} m"
             )
+
+
+def _of_payload(unit: Unit) -> Iterator[str]:
+    load = unit.payload
+    if load is None:
+        return
+    if load.mass >= unit.mass:
+        yield f"payload.mass = {load.mass:g} kg leaves nothing of its mass of {unit.mass:g} kg, which includes it"
+    top = load.cg_height + 0.5 * load.height
+    if top > unit.height:
+        yield f"its payload reaches {top:.2f} m high, above its top at {unit.height:g} m"
+    if load.width > unit.width:
+        yield f"payload.width = {load.width:g} m is more than its own, {unit.width:g} m"
 
 
 def _of_axle(unit: Unit, axle: Axle, extent: _Extent) -> Iterator[str]:
