@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import step_function, wheel_function
+from vehicle.combination.functions import interpreted_step, step_function, wheel_function
 from vehicle.combination.layout import State, state_sizes
 from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes
 from vehicle.combination.symbolic import numbers
@@ -66,6 +66,16 @@ def all_at_once(function: Any, vehicle: Vehicle, engine: Engine, ticks: int = 1)
 # Some 2000 roundings of 1e-16; forces of 1e5 N cancel to what accelerates a wheel of 12 kg m2 within 1 ms, which costs
 # four digits, and the stiff modes pass on less than they get.
 ROUNDING = 1e-11
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 5])
+def test_the_step_of_two_calls_is_the_step(chain: Vehicle, ticks: int) -> None:
+    """What an interpreter repeats is what all other back ends list twice: also what brakes hold over a step."""
+    expected = one_by_one(step_function(chain), chain, "interpreted", ticks)
+    kernel = kernel_for_one(step_function(chain), numbers(chain), "interpreted", interpreted=interpreted_step(chain))
+    states, inputs = random_states(chain), random_inputs(chain)
+    found = np.array([kernel(x, u, ticks) for x, u in zip(states, inputs, strict=True)])
+    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("ticks", [1, 5])

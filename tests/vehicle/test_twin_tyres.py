@@ -54,6 +54,7 @@ def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: 
         plane=Vector(1.0, 0.0),
         hub=Vector(SPEED, 0.0),
         yaw_rate=yaw_rate,
+        travel=SPEED,
         load=LOAD,
         friction=0.8,
         acceleration=0.0,

@@ -308,6 +308,7 @@ def _wheel_motions(
             plane=_plane(vehicle, wheel, k, s, u),
             hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
             yaw_rate=r,
+            travel=origins[wheel.unit].x,
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,

@@ -7,10 +7,12 @@ all vehicles of one topology.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache, wraps
+from functools import lru_cache, partial, wraps
+from itertools import accumulate
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
+import numpy as np
 
 from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
@@ -31,7 +33,7 @@ from vehicle.combination.plant_inputs import (
 from vehicle.combination.sprung import settled
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
 from vehicle.combination.truth_vectors import kinematics, wheel_truth
-from vehicle.integrator import semi_implicit_step
+from vehicle.integrator import semi_implicit_step, step_of_two_calls
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
@@ -103,6 +105,42 @@ def step_function(twin: SymbolicTwin) -> Any:
     stiff, brakes = ca.vertcat(*relaxation(twin.vehicle, start, u)), braking(twin.vehicle, start, u)
     after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u, brakes), x, TICK, stiff)
     return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
+
+
+@_once_per_topology
+def _rates_function(twin: SymbolicTwin) -> Any:
+    """Function (state, command and ground inputs, held, later, numbers) -> rates, relaxation rates, held.
+
+    What the brakes do is held over a step: with ``later`` = 1 it is taken from ``held``, else from this state.
+    """
+    x, v, later = _state(twin.vehicle), _plant_input(twin.vehicle), ca.SX.sym("later")
+    u, s = _chain_input(twin.vehicle, v), _named(twin.vehicle, x)
+    own = braking(twin.vehicle, s, u)
+    held = _vector(len(part) for part in own)
+    given = parts(held, [len(part) for part in own])
+    used = Braking(
+        *(
+            [(1.0 - later) * now + later * before for now, before in zip(mine, ca.vertsplit(theirs), strict=True)]
+            for mine, theirs in zip(own, given, strict=True)
+        )
+    )
+    rates = _rate(twin.vehicle, x, u, used), ca.vertcat(*relaxation(twin.vehicle, s, u))
+    flat = ca.vertcat(ca.SX(0, 1), *(value for part in own for value in part))
+    return ca.Function("rates", [x, v, held, later, twin.symbols], [*rates, flat])
+
+
+def interpreted_step(vehicle: Vehicle) -> Callable[[tuple[float, ...], tuple[float, ...]], Any]:
+    """Step for interpreters: of numbers and the last, constant inputs, a function (state, inputs) -> state later."""
+    return partial(_interpreted_step, _rates_function(vehicle))
+
+
+@lru_cache(maxsize=32)
+def _interpreted_step(function: Any, values: tuple[float, ...], always: tuple[float, ...]) -> Any:
+    x, v, held, later = (_vector([function.numel_in(k)]) for k in range(4))
+    known = ca.vertcat(v[: v.numel() - len(always)], *always)
+    results = [ca.densify(part) for part in function(x, known, held, later, np.array(values))]
+    results = ca.vertsplit(ca.cse(ca.vertcat(*results)), [0, *accumulate(part.numel() for part in results)])
+    return step_of_two_calls(ca.Function("rates", [x, v, held, later], results), TICK)
 
 
 @_once_per_topology

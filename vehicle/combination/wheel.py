@@ -33,6 +33,7 @@ class WheelState(NamedTuple):
     plane: Vector  # direction of its plane along the unit's axes
     hub: Vector  # velocity along the unit's axes [m/s]
     yaw_rate: Num  # of the unit [rad/s]
+    travel: Num  # speed of the unit's origin along it, which tells creeping from rolling [m/s]
     load: Num  # [N]
     friction: Num  # [-]
     acceleration: Num  # demanded of drive torques [m/s2]
@@ -136,7 +137,7 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     axle, tyre = wheel.axle, wheel.axle.tyre
     sliding = tyre.sliding_rate(axle.wheel_radius * s.omega - v.x, v.y)
     grip = tyre.grip(s.load, s.friction, sliding, ca.fabs(v.x))  # tyre data are those of both twins
-    moving = carcass(deflection, sliding, grip.decay, tyre.damping, v.x)
+    moving = carcass(deflection, sliding, grip.decay, tyre.damping, s.travel)
     load = s.load if share == 1.0 else share * s.load
     on = contact(moving.felt, load, grip)
     return _Patch(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, Literal, Protocol, TypeAlias, get_args
 
@@ -29,20 +30,27 @@ class Kernel(Protocol):
         """Result, a new array; for many vehicles every array has a row for each."""
 
 
-def kernel_for_one(function: Any, numbers: FloatArray, engine: Engine, *, always: FloatArray = _NOTHING) -> Kernel:
+def kernel_for_one(
+    function: Any,
+    numbers: FloatArray,
+    engine: Engine,
+    *,
+    always: FloatArray = _NOTHING,
+    interpreted: Callable[[tuple[float, ...], tuple[float, ...]], Any] | None = None,
+) -> Kernel:
     """Kernel of a ``casadi.Function`` (state, input, numbers) for one vehicle; one per thread, as it owns its memory.
 
     ``always`` are the last entries of every input if they are constant, which saves an interpreter some operations.
+    ``interpreted`` makes a function (state, input) -> the same result, faster to interpret, of numbers and ``always``.
 
     Raises:
         ValueError: if the engine is unknown, or is "compiled" and there is no compiler.
     """
     native = _native(NativeOne, function, numbers, engine)
-    return (
-        native
-        if native is not None
-        else Virtual(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
-    )
+    if native is not None:
+        return native
+    known = tuple(numbers.tolist()), tuple(always.tolist())
+    return Virtual(_with_numbers(function, *known) if interpreted is None else interpreted(*known))
 
 
 def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
