@@ -58,9 +58,7 @@ def motion(vehicle: Vehicle, number: int, yaw_rate: float, outer: float, inner: 
         load=LOAD,
         friction=0.8,
         acceleration=0.0,
-        braking=0.0,
-        brake_pressure=0.0,
-        retarding=0.0,
+        slowing=0.0,
         gear=1.0,
     )
     return wheel_motion(vehicle, wheel, state)

@@ -19,7 +19,7 @@ import casadi as ca
 
 from vehicle.combination.brake_channels import Channel, brake_channels
 from vehicle.combination.brake_data import Brakes
-from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import State, Wheel
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.powertrain import retarder_capacity, retarding, retards_first
@@ -27,16 +27,11 @@ from vehicle.tyres import Num
 
 
 class Braking(NamedTuple):
-    """Rates of the states of brakes, and the endurance brake."""
+    """Rates of the states of brakes, and their effect on the wheels."""
 
     pressure: list[Num]  # rate of every channel's [1/s]
     valve: list[Num]  # rate of every modulator's [1/s]
-    retarding: list[Num]  # force of the endurance brake at every wheel's tread [N]
-
-
-def brake_torque(axle: Axle, pressure: Num) -> Num:
-    """Largest torque [N m] of one wheel's brake at a pressure over the full one."""
-    return 0.5 * axle.brake.torque * pressure if axle.brake else 0.0
+    slowing: list[Num]  # rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2]
 
 
 def service_demand(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> Num:
@@ -57,19 +52,34 @@ def kept_pressure(vehicle: Vehicle, wheel: Wheel, s: State[ca.SX]) -> Num:
     return 1.0 if valve is None else 1.0 - s.brake_valve[valve]
 
 
-def retarding_forces(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> list[Num]:
-    """Force [N] of the endurance brake at every wheel's tread; ABS modulators of driven wheels reduce it."""
-    force = retarding(vehicle, s.acceleration, s.v_x)
-    return [wheel.drive_share * kept_pressure(vehicle, wheel, s) * force for wheel in layout]
+def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> list[Num]:
+    """Rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2].
+
+    ABS modulators of driven wheels reduce the endurance brake, too.
+    """
+    demand, force = service_demand(vehicle, layout, s), retarding(vehicle, s.acceleration, s.v_x)
+    slowing: list[Num] = []
+    for wheel in layout:
+        per_inertia = 1.0 / wheel.axle.wheel_inertia
+        per_force = wheel.axle.wheel_radius * per_inertia
+        rate: Num = 0.0
+        if vehicle.brakes is None:
+            rate = (vehicle.mass * wheel.brake_share * per_force) * demand
+        elif wheel.brake is not None and wheel.axle.brake is not None:
+            rate = (-0.5 * per_inertia * wheel.axle.brake.torque) * s.brake_pressure[wheel.brake]
+        if wheel.axle.driven and retards_first(vehicle):
+            rate = rate - (per_force * wheel.drive_share) * (kept_pressure(vehicle, wheel, s) * force)
+        slowing.append(rate)
+    return slowing
 
 
 def braking_of(
-    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num], forces: list[Num]
+    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num], slowing: list[Num]
 ) -> Braking:
     """Rates of pressures and valves under the modulators' ``valve_commands``."""
     system = vehicle.brakes
     if system is None:
-        return Braking([], [], forces)
+        return Braking([], [], slowing)
     demand = -service_demand(vehicle, layout, s)
     shares = _pressure_shares(vehicle)
     pressures: list[Num] = []
@@ -84,7 +94,7 @@ def braking_of(
     valves: list[Num] = [
         (1.0 / system.abs_valve_lag) * (command - s.brake_valve[k]) for k, command in enumerate(commands)
     ]
-    return Braking(pressures, valves, forces)
+    return Braking(pressures, valves, slowing)
 
 
 def valve_commands(
@@ -98,19 +108,19 @@ def valve_commands(
     system = vehicle.brakes
     if system is None:
         return []
+    limit = system.abs_slip * ca.fabs(s.v_x) + system.abs_slip_speed  # slip speed of all modulators [m/s]
     commands: list[Num] = []
     for number, channel in enumerate(brake_channels(vehicle)):
         if channel.valve is None:
             continue
         held = 1.0 - system.abs_hysteresis * s.brake_valve[channel.valve]
-        excess: list[Num] = []
+        slips: list[Num] = []  # slip speed on each side [m/s]
         for side in (+1, -1):
             wheels = [k for k, wheel in enumerate(layout) if wheel.brake == number and wheel.side == side]
             treads = [_predicted_tread(system, layout[k], s.omega[k], spin_rates[k]) for k in wheels]
             if treads:
-                limit = system.abs_slip * travel[wheels[0]] + system.abs_slip_speed
-                excess.append((travel[wheels[0]] - reduce(ca.fmin, treads)) - held * limit)
-        commands.append(reduce(ca.fmax, excess) > 0.0)
+                slips.append(travel[wheels[0]] - reduce(ca.fmin, treads))
+        commands.append(reduce(ca.fmax, slips) > held * limit)
     return commands
 
 

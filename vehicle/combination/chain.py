@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
-from vehicle.combination.brakes import Braking, braking_of, retarding_forces, service_demand, valve_commands
+from vehicle.combination.brakes import Braking, braking_of, slowing_of, valve_commands
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
@@ -66,7 +66,7 @@ class _Moment(NamedTuple):
     springs: list[UnitSprings] | None  # in roll
     bodies: list[Ride]
     carried: _Carried
-    retarding: list[Num]  # force of the endurance brake at every wheel [N]
+    slowing: list[Num]  # rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2]
     rolling: list[WheelMotion]
     ground: list[_GroundForce]
 
@@ -128,7 +128,7 @@ def braking(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Braking:
 def _braking(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> Braking:
     travel, spin_rates = [wheel.travel for wheel in now.rolling], [wheel.omega for wheel in now.rolling]
     commands = valve_commands(vehicle, now.layout, s, travel, spin_rates)
-    return braking_of(vehicle, now.layout, s, commands, now.retarding)
+    return braking_of(vehicle, now.layout, s, commands, now.slowing)
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -174,10 +174,11 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking 
     springs = springs_of(vehicle) if vehicle.has_springs else None
     bodies = rides(vehicle, layout, s, u, springs)
     carried = _carried(vehicle, layout, e, springs, bodies, s, u)
-    retarding = retarding_forces(vehicle, layout, s) if brakes is None else brakes.retarding
-    rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, retarding, s, u)
+    held = None if brakes is None or vehicle.brakes is None else brakes.slowing
+    slowing = slowing_of(vehicle, layout, s) if held is None else held
+    rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, slowing, s, u)
     ground = _ground(vehicle, layout, e, rolling, s, u)
-    return _Moment(layout, e, speeds, springs, bodies, carried, retarding, rolling, ground)
+    return _Moment(layout, e, speeds, springs, bodies, carried, slowing, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
@@ -290,13 +291,12 @@ def _wheel_motions(
     e: list[Vector],
     speeds: Speeds,
     loads: list[Num],
-    retarding: list[Num],
+    slowing: list[Num],
     s: State[ca.SX],
     u: Input[ca.SX],
 ) -> list[WheelMotion]:
     """The motion of every wheel, front to rear, left before right."""
     origins = [along(e[i], velocity(levers_to(vehicle, i, 0.0), e, speeds)) for i in range(len(vehicle.units))]
-    braking = service_demand(vehicle, layout, s)
     motions = []
     for k, wheel in enumerate(layout):
         r = speeds.yaw_rate[wheel.unit]
@@ -312,9 +312,7 @@ def _wheel_motions(
             load=loads[k],
             friction=u.friction[k],
             acceleration=s.acceleration,
-            braking=braking,
-            retarding=retarding[k],
-            brake_pressure=0.0 if wheel.brake is None else s.brake_pressure[wheel.brake],
+            slowing=slowing[k],
             gear=u.gear,
         )
         motions.append(wheel_motion(vehicle, wheel, state))

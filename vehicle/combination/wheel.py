@@ -6,11 +6,10 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.combination.brakes import brake_torque
 from vehicle.combination.description import Axle, Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
-from vehicle.combination.powertrain import drive_torque, retards_first
+from vehicle.combination.powertrain import drive_torque
 from vehicle.tyres import (
     Contact,
     Num,
@@ -37,9 +36,7 @@ class WheelState(NamedTuple):
     load: Num  # [N]
     friction: Num  # [-]
     acceleration: Num  # demanded of drive torques [m/s2]
-    braking: Num  # the same, not above 0, of service brakes that the vehicle does not describe [m/s2]
-    brake_pressure: Num  # over the full one [-]
-    retarding: Num  # force of the endurance brake at this wheel's tread, if it is driven [N]
+    slowing: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
     gear: Num  # +1 drives forward, -1 backward
 
 
@@ -107,7 +104,7 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         scrub = reach * (outer.force.x - inner.force.x)
         used, spin = ca.fmax(outer.used, inner.used), outer.spin_relaxation + inner.spin_relaxation
         trail = 0.5 * (outer.trail + inner.trail)
-    spin_rate = _braked_spin_rate(vehicle, wheel, s, force.x)
+    spin_rate = _braked_spin_rate(wheel, s, force.x)
     if wheel.axle.driven:
         drive = drive_torque(vehicle, wheel, s.acceleration, s.gear, s.omega, v.x)
         spin_rate = spin_rate + (1.0 / wheel.axle.wheel_inertia) * drive.torque
@@ -150,18 +147,11 @@ def _patch(wheel: Wheel, s: WheelState, deflection: Planar, v: Vector, share: fl
     )
 
 
-def _braked_spin_rate(vehicle: Vehicle, wheel: Wheel, s: WheelState, pull: Num) -> Num:
+def _braked_spin_rate(wheel: Wheel, s: WheelState, pull: Num) -> Num:
     """Rate of the spin [rad/s2] under brakes, rolling drag, and the ground's pull [N]."""
     radius, per_inertia = wheel.axle.wheel_radius, 1.0 / wheel.axle.wheel_inertia
     per_torque = radius * per_inertia
-    braking: Num
-    if vehicle.brakes is None:
-        braking = (vehicle.mass * wheel.brake_share * per_torque) * s.braking
-    else:
-        braking = -per_inertia * brake_torque(wheel.axle, s.brake_pressure)
-    resisting = braking - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
-    if wheel.axle.driven and retards_first(vehicle):
-        resisting = resisting - per_torque * s.retarding
+    resisting = s.slowing - (wheel.axle.tyre.rolling_resistance * per_torque) * s.load
     return resisting * s.brake_windup - per_torque * pull
 
 
