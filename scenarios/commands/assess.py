@@ -152,7 +152,7 @@ def _matrix(matrix: AssessmentMatrix) -> Table:
     """All quantities over the cases, with the levels reached; the report names the limits."""
     from scenarios.standards.assessment_page import matrix_table
 
-    shown = matrix_table(matrix)
+    shown = matrix_table(matrix, limits=False)
     table = Table(
         title=f"{matrix.vehicle.name}: measured (levels reached; limits: see the report)", title_justify="left"
     )

@@ -36,11 +36,6 @@ class Assessment:
     conditions: Conditions = STANDARD
 
     @property
-    def name(self) -> str:
-        """Name of the case: load and hand."""
-        return f"{self.load}, {self.conditions.hand}"
-
-    @property
     def figures(self) -> Figures:
         """All measured quantities by name."""
         return {name: value for manoeuvre in self.manoeuvres for name, value in manoeuvre.figures.items()}
@@ -84,6 +79,16 @@ class AssessmentMatrix:
         """Contradictions between the vehicle's numbers, in any load case."""
         lines = ((case.load, line) for case in self.cases for line in data_sheet(case.vehicle).warnings)
         return tuple(dict.fromkeys(line if load == AS_IN_FILE else f"{load}: {line}" for load, line in lines))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the cases: load, hand, or both, as they differ."""
+        loads, hands = (
+            list(parts) for parts in zip(*((case.load, case.conditions.hand) for case in self.cases), strict=True)
+        )
+        if len(set(hands)) == 1:
+            return tuple(loads)
+        return tuple(hands if len(set(loads)) == 1 else [", ".join(parts) for parts in zip(loads, hands, strict=True)])
 
     def summary(self) -> dict[str, Any]:
         """The assessment for JSON: the first case at the top, and all of them in ``cases``."""

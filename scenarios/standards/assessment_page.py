@@ -52,10 +52,16 @@ def assessment_page(matrix: AssessmentMatrix) -> str:
     ).html()
 
 
-def bounds_text(judgement: Judgement) -> str:
-    """The bounds of a criterion in one line, in the units shown, with levels as L1, L2 and so on."""
+def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
+    """The bounds of a criterion in one line, in the units shown, with levels as L1, L2 and so on.
+
+    ``relative`` bounds are those of every case: multiples of another quantity, if the criterion is one.
+    """
     quantity = BY_NAME[judgement.criterion.quantity]
     sign = "≤" if judgement.criterion.at_most else "≥"
+    if relative and judgement.criterion.times is not None:
+        of = BY_NAME[judgement.criterion.times].label.lower()
+        return f"{sign}{_TOGETHER}" + " · ".join(f"{bound:g} times the {of}" for _, bound in judgement.criterion.bounds)
     bounds = [f"{level.replace('level ', 'L')} {quantity.text(bound)}".strip() for level, bound in judgement.bounds]
     return f"{sign}{_TOGETHER}" + " · ".join(bound.replace(" ", _TOGETHER) for bound in bounds)
 
@@ -65,9 +71,9 @@ def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
         yield Section("Warnings", content=[Items(matrix.warnings)])
     several = len(matrix.cases) > 1
     if several:
-        yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix)])
-    for case in matrix.cases:
-        ending = f" · {case.name}" if several else ""
+        yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix, limits=True)])
+    for case, case_name in zip(matrix.cases, matrix.names, strict=True):
+        ending = f" · {case_name}" if several else ""
         if case.judgements:
             yield Section(f"Levels{ending}", _LEVELS, [_levels(case)])
         for manoeuvre in case.manoeuvres:
@@ -81,20 +87,36 @@ def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
     yield software_section(versions())
 
 
-def matrix_table(matrix: AssessmentMatrix) -> Table:
-    """A row for each quantity below the title of its manoeuvre, a column for each case."""
+def matrix_table(matrix: AssessmentMatrix, *, limits: bool) -> Table:
+    """A row for each quantity below the title of its manoeuvre, a column for each case; a last one with the limits."""
     rows: list[Row] = []
     for key in dict.fromkeys(manoeuvre.key for case in matrix.cases for manoeuvre in case.manoeuvres):
         driven = [next((one for one in case.manoeuvres if one.key == key), None) for case in matrix.cases]
         title = next(one.title for one in driven if one is not None)
         outcomes = [Cell("–") if one is None else outcome_cell(one) for one in driven]
-        rows += [[title], ["outcome", *outcomes]]
+        last = [""] if limits else []
+        rows += [[title], ["outcome", *outcomes, *last]]
         for name in dict.fromkeys(name for one in driven if one is not None for name in one.figures):
             values = [math.nan if one is None else one.figures.get(name, math.nan) for one in driven]
             if any(math.isfinite(value) for value in values):
                 cells = [judged_cell(case, name, value) for case, value in zip(matrix.cases, values, strict=True)]
-                rows.append([BY_NAME[name].label, *cells])
-    return Table((Column("name"), *(Column("number", case.name) for case in matrix.cases)), rows)
+                rows.append([BY_NAME[name].label, *cells, *([limits_text(matrix, name)] if limits else [])])
+    columns = [Column("name"), *(Column("number", name) for name in matrix.names)]
+    return Table([*columns, *([Column("note", "limits")] if limits else [])], rows)
+
+
+def limits_text(matrix: AssessmentMatrix, name: str) -> str:
+    """The limits on a quantity, each with document and clause."""
+    by_criterion = {
+        (one.criterion.standard, one.criterion.source): one
+        for case in matrix.cases
+        for one in case.judgements
+        if one.criterion.quantity == name
+    }
+    return "; ".join(
+        f"{bounds_text(judgement, relative=True)}: {standard} ({source})"
+        for (standard, source), judgement in by_criterion.items()
+    )
 
 
 def outcome_cell(manoeuvre: Manoeuvre) -> Cell:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from scenarios.commands.assess import assess as assess_command
 from scenarios.results.swept_path import TurnArc, UnitOutline, inner_radius
 from scenarios.standards.assessment import MANOEUVRES, Assessment, AssessmentMatrix, assess, loaded
-from scenarios.standards.assessment_page import assessment_page
+from scenarios.standards.assessment_page import assessment_page, matrix_table
 from scenarios.standards.catalogue import KINDS, OTHER_NAMES, STANDARD_SET
 from scenarios.standards.conditions import Conditions
 from scenarios.standards.drives import DRIVES
@@ -236,9 +236,13 @@ def test_cases_and_conditions_make_a_matrix() -> None:
         ("full", "right", ["turn"]),
     ]
     assert told["manoeuvres"] == told["cases"][0]["manoeuvres"]
+    table = matrix_table(matrix, limits=True)
+    (threshold,) = [row for row in table.rows if row[0] == "Static rollover threshold" and len(row) > 1]
+    assert "dangerous\N{NO-BREAK SPACE}goods\N{NO-BREAK SPACE}0.400" in str(threshold[-1])
+    assert "from memory: PBS Scheme, The Standards and Vehicle Assessment Rules, C11" in str(threshold[-1])
     assert {level["quantity"] for level in told["levels"]} == {"rollover_threshold_g", "rollover_acceleration_m_s2"}
     page = assessment_page(matrix)
-    assert page.count("Turn by 90° at low speed · full, right") == 1
+    assert page.count("Turn by 90° at low speed · right") == 1
     identifiers = re.findall(r'<(?:clipPath|path|defs)[^>]* id="([^"]+)"', page)
     assert len(set(identifiers)) == len(identifiers)
     assert "on an arc of 15 m" in page
@@ -288,6 +292,7 @@ def test_load_cases_are_assessed_side_by_side() -> None:
     assert [case.vehicle.mass for case in matrix.cases] == pytest.approx([18000.0, 12750.0, 7500.0])
     thresholds = [case.figures["rollover_threshold_g"] for case in matrix.cases]
     assert thresholds == sorted(thresholds)
+    assert matrix.names == ("full", "half", "unladen")
     assert [case["load"] for case in matrix.summary()["cases"]] == ["full", "half", "unladen"]
     assert [name for name, _ in loaded(vehicle, ["laden", "unladen", "full"])] == ["full", "unladen"]
     assert not [line for line in matrix.warnings if line.startswith("unladen")]
