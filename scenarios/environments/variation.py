@@ -20,6 +20,7 @@ class Variation:
         index = {str(twin.symbols[k]): k for k in range(twin.symbols.numel())}
         self._nominal = twin.values
         self._mass, self._inertia = index[last + "mass"], index[last + "yaw_inertia"]
+        self._roll = [index[name] for name in (last + "roll.inertia",) if name in index]
         self._lag = [index[name] for name in (last + "steering.lag",) if name in index]
         self._cg = index[last + "cg_x"]
         trailer = vehicle.units[-1]
@@ -45,5 +46,6 @@ class Variation:
         rows[:, self._cg] *= 1.0 + longer / self._centre
         rows[:, self._mass] *= drawn.load
         rows[:, self._inertia] *= drawn.load * drawn.length**2
+        rows[:, self._roll] *= drawn.load[:, None]
         rows[:, self._lag] *= drawn.actuator_lag[:, None]
         return rows
