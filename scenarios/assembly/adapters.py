@@ -19,7 +19,7 @@ from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
 from vehicle.combination.description import Unit, Vehicle, load_vehicle
 from vehicle.combination.load_cases import with_load
-from vehicle.surface import Roughness, RoughProfile, Surface, scattered_potholes
+from vehicle.surface import Gust, Roughness, RoughProfile, Surface, scattered_potholes
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -142,7 +142,7 @@ def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
 
 
 def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:
-    """The ground of the course; ``rng`` determines roughness and potholes.
+    """The ground of the course and the gust across it; ``rng`` determines roughness and potholes.
 
     Raises:
         ValueError: one line, if the friction image cannot be read.
@@ -155,7 +155,9 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
             profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
             potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
         )
+    wind = scenario.wind
     return Surface(
+        gust=Gust(speed=wind.speed, start=wind.start, length=wind.length, edge=wind.edge) if wind.speed else None,
         friction=ground_friction(options, course.centreline),
         cross_fall=options.cross_fall,
         grade=options.grade,

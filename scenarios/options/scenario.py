@@ -31,6 +31,7 @@ from scenarios.options.signals import SignalOptions, SteerGroups
 from scenarios.options.surface import PATCHES, SurfaceOptions
 from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
+from scenarios.options.wind import WindOptions
 from vehicle.parameter_file import nearest, parsed_toml, read_toml
 from vehicle.user_file import MAX_NESTING, FileKind, full_path, shown
 
@@ -111,6 +112,7 @@ class Scenario(Options):
     )
     signals: SignalOptions = SignalOptions()
     surface: SurfaceOptions = SurfaceOptions()
+    wind: WindOptions = WindOptions()
     rig: RigOptions = RigOptions()
     ground_rig: GroundRigOptions = GroundRigOptions()  # replaces the rig for ground_watching
     world: WorldOptions = WorldOptions()

@@ -145,6 +145,11 @@ KINDS: Final = {
             radii=(50.0, 1000.0),
         ),
         Kind(
+            key="crosswind",
+            line="gust of 20 m/s across the road, steering held, as in ISO 12021, 80 km/h",
+            seconds=8.0,
+        ),
+        Kind(
             key="longitudinal",
             line="startability, gradeability, acceleration and holding downhill, straight ahead",
             seconds=100.0,
@@ -160,6 +165,7 @@ OTHER_NAMES: Final = {
     "iso14791": "lane_change",
     "tilt_table": "tilt",
     "iso11026": "closing_curve",
+    "iso12021": "crosswind",
 }
 
 

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 from scenarios.standards.braking import braking, braking_in_turn, braking_slippery, braking_split
 from scenarios.standards.closing_curve import closing_curve
 from scenarios.standards.conditions import Conditions
+from scenarios.standards.crosswind import crosswind
 from scenarios.standards.guided_axle import aashto_turn, ctsw_turn
 from scenarios.standards.lane_change import lane_change
 from scenarios.standards.longitudinal import longitudinal
@@ -35,6 +36,7 @@ DRIVES: Final[dict[str, Drive]] = {
     "sine_with_dwell": sine_with_dwell,
     "random_steer": random_steer,
     "closing_curve": closing_curve,
+    "crosswind": crosswind,
     "tilt": tilt,
     "braking": braking,
     "braking_slippery": braking_slippery,

@@ -63,6 +63,7 @@ class OtherStepPlant:
             gravity_x=np.zeros(sizes.gravity_x),
             gravity_y=np.zeros(sizes.gravity_y),
             road=np.zeros(sizes.road),
+            wind=np.zeros(sizes.wind),
         )
         return np.concatenate(u)
 

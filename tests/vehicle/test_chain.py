@@ -81,7 +81,7 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     brake_pressure=1,
     brake_valve=1,
 )
-LATERAL_INPUT = Input(steer=-1, acceleration=1, gear=1, friction=1, gravity_x=1, gravity_y=-1, road=1)
+LATERAL_INPUT = Input(steer=-1, acceleration=1, gear=1, friction=1, gravity_x=1, gravity_y=-1, road=1, wind=-1)
 PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
 
 
@@ -97,6 +97,7 @@ def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[
         gravity_x=rng.uniform(-1, 1, sizes.gravity_x),
         gravity_y=rng.uniform(-1, 1, sizes.gravity_y),
         road=rng.uniform(-0.02, 0.02, sizes.road),
+        wind=rng.uniform(-20, 20, sizes.wind),
     )
     return s, u
 

@@ -16,7 +16,7 @@ import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
 from vehicle.combination.brakes import Braking, braking_of, slowing_of, valve_commands
-from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.description import GRAVITY, Unit, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
 from vehicle.combination.loads import ChainLoads, chain_loads, roll_moments, wheel_loads
@@ -33,6 +33,7 @@ from vehicle.combination.multibody import (
 )
 from vehicle.combination.powertrain import air_drag
 from vehicle.combination.roll import LYING, Hitch, UnitSprings, body_moments, springs_of
+from vehicle.combination.side_wind import side_forces
 from vehicle.combination.sprung import Ride, rides, spring_rates
 from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, wheel_plane
 from vehicle.tyres import Num, Planar
@@ -82,11 +83,16 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braki
     ]
     if vehicle.air is not None:
         forces[0] = Vector(forces[0].x - air_drag(vehicle.air, s.v_x), forces[0].y)
-    rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, [on.moment for on in now.ground])
+    winds, turning = _winds(vehicle, e, now.speeds, s, u), [on.moment for on in now.ground]
+    if vehicle.exposed:
+        pushes = [from_unit(axis, Vector(0.0, wind)) for axis, wind in zip(e, winds, strict=True)]
+        forces = [Vector(F.x + push.x, F.y + push.y) for F, push in zip(forces, pushes, strict=True)]
+        turning = [M + _wind_lever(unit) * wind for M, unit, wind in zip(turning, vehicle.units, winds, strict=True)]
+    rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, turning)
     specific = _specific_forces(vehicle, e, now.speeds, rates, now.ground)
     felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
     springs = [spring_rates(unit, body, a.x, a.y) for unit, body, a in zip(vehicle.units, bodies, felt, strict=True)]
-    hitches = _hitch_forces(vehicle, e, specific, now.ground)
+    hitches = _hitch_forces(vehicle, e, specific, now.ground, winds)
     course = _course(s)
     travel = from_unit(course, Vector(s.v_x, s.v_y))
     follow = _column(1.0 / unit.hitch_lag for unit in vehicle.units[1:])
@@ -102,7 +108,7 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braki
         roll=_column(body.rate.roll for body in bodies),
         heave_spring=_column(rate.heave for rate in springs),
         pitch_spring=_column(rate.pitch for rate in springs),
-        roll_spring=_column(_roll_rates(vehicle, now, s, hitches) or (rate.roll for rate in springs)),
+        roll_spring=_column(_roll_rates(vehicle, now, s, hitches, winds) or (rate.roll for rate in springs)),
         load_shift=_column(sharing(vehicle, now.layout, s, u).rates),
         side_force=_side_force_rates(vehicle, now, s),
         hitch_x=(_column(F.x for F in hitches) - s.hitch_x) * follow,
@@ -244,7 +250,23 @@ def _carried(
     return _Carried(loads, chain, moments)
 
 
-def _roll_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX], hitch_forces: list[Vector]) -> list[Num]:
+def _winds(vehicle: Vehicle, e: list[Vector], speeds: Speeds, s: State[ca.SX], u: Input[ca.SX]) -> list[Num]:
+    """Force of the wind on each unit along its y axis [N]; zeros if the vehicle is not exposed."""
+    if not vehicle.exposed:
+        return [0.0] * len(vehicle.units)
+    course = _course(s)
+    wind = [along(course, Vector(0.0, u.wind[i])) for i in range(len(vehicle.units))]
+    return side_forces(vehicle, e, speeds, wind)
+
+
+def _wind_lever(unit: Unit) -> Num:
+    """Distance of the pressure's centre ahead of the centre of gravity [m]."""
+    return 0.0 if unit.side_wind is None else unit.side_wind.x - unit.cg_x
+
+
+def _roll_rates(
+    vehicle: Vehicle, now: _Moment, s: State[ca.SX], hitch_forces: list[Vector], winds: list[Num]
+) -> list[Num]:
     """Rates of the bodies' companions in roll [rad/s2]; none if their springs are not given."""
     if now.springs is None:
         return []
@@ -260,6 +282,9 @@ def _roll_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX], hitch_forces: l
     roll = [ca.fmin(ca.fmax(angle, -LYING), LYING) for angle in ca.vertsplit(s.roll)]
     carried = now.carried
     moments = body_moments(vehicle, now.springs, roll, carried.chain.axles, carried.axle_moments, hitches)
+    for i, unit in enumerate(vehicle.units):
+        if vehicle.exposed and unit.side_wind is not None:  # above the centre of gravity it rolls the left side down
+            moments[i] = moments[i] - (unit.side_wind.height - unit.cg_height) * winds[i]
     # The dampers are in the springs' moments, as they act only while the wheels stand; the companion has them again.
     return [
         1.0 / springs.inertia * moment + springs.damping * body.rate.roll
@@ -372,7 +397,7 @@ def _specific_forces(
 
 
 def _hitch_forces(
-    vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_GroundForce]
+    vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_GroundForce], winds: list[Num]
 ) -> list[Vector]:
     """Force at the front hitch of each towed unit, along its axes [N], from the balance of the units behind it."""
     forces: list[Vector] = []
@@ -383,5 +408,8 @@ def _hitch_forces(
             mass * specific[i].x - tyres.x + behind.x,
             mass * specific[i].y - tyres.y + behind.y,
         )
+        if vehicle.exposed:
+            push = from_unit(e[i], Vector(0.0, winds[i]))
+            behind = Vector(behind.x - push.x, behind.y - push.y)
         forces.insert(0, along(e[i], behind))
     return forces

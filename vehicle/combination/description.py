@@ -19,6 +19,7 @@ from vehicle.combination.brake_data import AxleBrake, Brakes, with_brakes
 from vehicle.combination.payload import Payload
 from vehicle.combination.powertrain_data import AirDrag, Powertrain
 from vehicle.combination.roll_data import Coupling, RollBody, Suspension
+from vehicle.combination.side_wind_data import SideWind
 from vehicle.parameter_file import checked, nearest, read_toml, sources, without_sources
 from vehicle.parameter_library import ParameterLibrary
 from vehicle.quantities import (
@@ -189,6 +190,7 @@ class Unit(Frozen):
     load_sharing: LoadSharing | None = None  # None: the axles of a group share its load at once
     roll: RollBody | None = None  # given with the suspensions of all axles
     coupling: Coupling | None = None  # of the front hitch, given with ``roll``; None: it transmits no roll moment
+    side_wind: SideWind | None = None  # None: the wind does not act on the unit
     payload: Payload | None = None  # the part of the laden unit that is load; None: no other load case
 
     @field_validator("name")
@@ -271,6 +273,7 @@ class Vehicle(Frozen):
     air: AirDrag | None = None  # None: no drag of the air
     brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
+    exposed: Flag = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
 
     @property
     def mass(self) -> float:
@@ -293,6 +296,18 @@ class Vehicle(Frozen):
         if unit == 0:
             return axles[0].x, axles[-1].x
         return 0.0, sum(axle.x for axle in axles) / len(axles)
+
+    def in_wind(self) -> Vehicle:
+        """The vehicle with inputs of the wind at each unit.
+
+        Raises:
+            ValueError: one line, if its file does not say how the wind acts.
+        """
+        if not any(unit.side_wind for unit in self.units):
+            raise ValueError(f"{self.name}: a gust needs the table 'side_wind' of a unit")
+        if not self.has_springs:
+            raise ValueError(f"{self.name}: a gust needs the tables 'suspension' and 'roll'")
+        return self.model_copy(update={"exposed": True})
 
     @property
     def has_springs(self) -> bool:

@@ -38,7 +38,7 @@ class SurfaceLookup:
         self._inputs = GroundInputs(*slices(ground_input_sizes(vehicle)))
         self._smooth = SmoothGround(*slices(smooth_ground_sizes(vehicle)))
         slope_x, slope_y = surface.gradient(0.0, 0.0)
-        self._default_inputs = np.zeros(self._inputs.road.stop)  # the values that do not change with position
+        self._default_inputs = np.zeros(self._inputs.wind.stop)  # the values that do not change with position
         self._default_inputs[self._inputs.friction] = surface.friction_at(0.0, 0.0)
         self._default_inputs[self._inputs.slope_x] = slope_x
         self._default_inputs[self._inputs.slope_y] = slope_y
@@ -49,7 +49,8 @@ class SurfaceLookup:
     @property
     def constant(self) -> FloatArray | None:
         """The ``GroundInputs`` of a smooth plane of one friction; None if they change with position."""
-        return self._default_inputs if self._is_plane and self._is_uniform and self._is_smooth else None
+        calm = self._surface.gust is None
+        return self._default_inputs if calm and self._is_plane and self._is_uniform and self._is_smooth else None
 
     def ground_inputs(self, kinematics: FloatArray) -> FloatArray:
         """``GroundInputs`` of vehicles at these positions, (..., n)."""
@@ -62,6 +63,8 @@ class SurfaceLookup:
             inputs[..., into.friction] = surface.friction_at(kinematics[..., at.wheel_x], kinematics[..., at.wheel_y])
         if not self._is_smooth:
             inputs[..., into.road] = surface.roughness_at(kinematics[..., at.wheel_x], kinematics[..., at.wheel_y])
+        if surface.gust is not None and into.wind.stop > into.wind.start:
+            inputs[..., into.wind] = surface.gust.velocity_at(kinematics[..., at.centre_x])
         return inputs
 
     def smooth_ground(self, kinematics: FloatArray) -> FloatArray:

@@ -59,6 +59,7 @@ class Input(NamedTuple, Generic[V]):
     gravity_x: V  # (N,) gravity along the ground under each unit, along W's x [m/s2]
     gravity_y: V  # (N,) along W's y
     road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
+    wind: V  # (N,) velocity of the wind at each unit along W's y [m/s]; () of a vehicle that is not ``exposed``
 
 
 class Output(NamedTuple, Generic[V]):
@@ -192,6 +193,7 @@ def input_sizes(vehicle: Vehicle) -> Input[int]:
         gravity_x=N,
         gravity_y=N,
         road=n_wheels,
+        wind=N if vehicle.exposed else 0,
     )
 
 

@@ -57,6 +57,9 @@ class Plant:
 
     def __init__(self, vehicle: Vehicle, surface: Surface, engine: Engine = "auto") -> None:
         self._vehicle, self._surface, self._engine = vehicle, surface, engine
+        if surface.gust is not None:
+            vehicle = vehicle.in_wind()
+            self._vehicle = vehicle
         values = numbers(vehicle)
         self._lookup = SurfaceLookup(surface, vehicle)
         self._constant_ground = self._lookup.constant

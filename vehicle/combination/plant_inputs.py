@@ -30,6 +30,7 @@ class GroundInputs(NamedTuple, Generic[V]):
     slope_x: V  # (N,) rise of the ground under each unit's centre of gravity, along W's x [-]
     slope_y: V  # (N,) along W's y [-]
     road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
+    wind: V  # (N,) velocity of the wind at each unit along W's y [m/s]; () of a vehicle that is not ``exposed``
 
 
 def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
@@ -40,7 +41,7 @@ def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
 def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
     """Length of every part of the vector."""
     of_chain = input_sizes(vehicle)
-    return GroundInputs(of_chain.friction, of_chain.gravity_x, of_chain.gravity_y, of_chain.road)
+    return GroundInputs(of_chain.friction, of_chain.gravity_x, of_chain.gravity_y, of_chain.road, of_chain.wind)
 
 
 def slices(sizes: Iterable[int]) -> list[slice]:
@@ -72,6 +73,7 @@ def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundI
         gravity_x=gravity_x,
         gravity_y=gravity_y,
         road=ground.road,
+        wind=ground.wind,
     )
 
 

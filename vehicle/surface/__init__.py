@@ -10,6 +10,7 @@ from vehicle.surface.friction import (
     rectangle,
 )
 from vehicle.surface.ground import Surface
+from vehicle.surface.gust import Gust
 from vehicle.surface.roughness import (
     ROAD_CLASSES,
     Potholes,
@@ -24,6 +25,7 @@ __all__ = [
     "Friction",
     "FrictionImage",
     "FrictionMap",
+    "Gust",
     "PatchedFriction",
     "Potholes",
     "RoughProfile",

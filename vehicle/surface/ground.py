@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
+from vehicle.surface.gust import Gust
 from vehicle.surface.roughness import Roughness
 
 _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]
@@ -28,6 +29,7 @@ class Surface:
     grade: float = 0.0  # [-]
     centre: tuple[float, float] | None = None  # [m]
     roughness: Roughness | None = None
+    gust: Gust | None = None  # wind across the road
 
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)
