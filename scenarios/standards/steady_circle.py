@@ -16,6 +16,7 @@ from controllers.driver import DriverCommand
 from scenarios.results.log import Log
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
+from scenarios.standards.motion import lateral_acceleration
 from scenarios.standards.pilots import SpeedHold
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from sensors.messages import EgoState
@@ -91,22 +92,24 @@ def steady_circle(vehicle: Vehicle, trailer_steering: str, conditions: Condition
         done=lambda truth: truth.tick * TICK >= _SETTLING + _RAMP,
         patience=2.0 * (_SETTLING + _RAMP),
     )
+    reached = float(np.max(steer_over_acceleration(vehicle, driven.log)[0], initial=0.0))
+    short = driven.outcome == "completed" and reached < AT + _AROUND  # of power, or of friction
+    outcome = f"did not reach {(AT + _AROUND) / GRAVITY:.2f} g" if short else driven.outcome
     return Manoeuvre(
         key="steady_circle",
         title="Steady circle",
         how=f"Circle of {radius:g} m to the {conditions.hand}, lateral acceleration rising from 0.02 to 0.25 g in "
         f"{_RAMP:g} s, friction {friction:g}; constant-radius test after ISO 14792.",
-        outcome=driven.outcome,
-        figures=measured(NAMES, driven.outcome, lambda: _figures(vehicle, driven, conditions)),
+        outcome=outcome,
+        figures=measured(NAMES, outcome, lambda: _figures(vehicle, driven, conditions)),
         log=driven.log,
     )
 
 
 def steer_over_acceleration(vehicle: Vehicle, log: Log) -> tuple[FloatArray, FloatArray]:
     """Lateral acceleration of the tractor [m/s2] and its steer angle [rad] over time, + into the turn."""
-    tractor = vehicle.units[0].name
-    settled = log["time"] > _SETTLING
-    acceleration = (log[f"v_x_{tractor}"] * log[f"yaw_rate_{tractor}"])[settled]
+    tractor, settled = vehicle.units[0], log["time"] > _SETTLING
+    acceleration = lateral_acceleration(log, tractor.name, tractor.cg_x)[settled]
     side = np.sign(acceleration[-1]) if len(acceleration) else 1.0
     return side * acceleration, side * log["steer_tractor"][settled]
 

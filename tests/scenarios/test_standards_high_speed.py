@@ -46,6 +46,13 @@ def test_the_circle_robot_keeps_the_radius_and_the_acceleration() -> None:
     assert done.figures["circle_steer_deg"] == pytest.approx(math.degrees(3.8 / 150.0) + 0.2 * 4.9, abs=0.25)
 
 
+def test_a_circle_that_friction_does_not_allow_is_not_measured() -> None:
+    """0.1 of friction is 0.1 g; no figure is made up for 0.2 g."""
+    done = steady_circle(load_vehicle("rigid_truck"), "none", Conditions(friction=0.1))
+    assert done.outcome == "did not reach 0.22 g"
+    assert all(math.isnan(value) for value in done.figures.values())
+
+
 def test_the_sine_with_dwell_has_its_shape() -> None:
     """A quarter before the end it is at the far peak and stays there for the dwell; its ends are zero."""
     time = np.linspace(0.0, 6.0, 6001)
