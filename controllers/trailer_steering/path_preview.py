@@ -42,6 +42,11 @@ _REACH = 0.75  # half window of the fit to the path at the follow point [m]
 _CROSSOVER = 3.5  # upper limit: age of the estimate, steering and tyres leave no phase above [rad/s]
 _SLIP_TIME = 0.2  # two estimates; slip measured from a single one is too noisy at speed [s]
 _MOST_BIAS = 0.1  # of the integral; the remaining slip is never larger [rad]
+# Distance of the axles behind the hitch below which the loop slows down with its square [m]. The axles of a short
+# trailer push its hitch, and the towing vehicle rocks on its tyres at 1 to 2 Hz; after the delay of 0.3 s the measured
+# direction of the hitch feeds that. Centre-axle trailers with full gains weave at 3 m and are damped from 5 m on.
+_LONG = 6.0
+_UNDAMPED = 2.0  # the slip is filtered over that many times the distance where no axle is fixed, which would damp
 # The loop with its delay of 0.3 s is well damped at 30 km/h and oscillates at 40 km/h: full authority up to about the
 # first speed, none from about the second on [m/s].
 _FULL_UP_TO, _NONE_FROM = 7.0, 11.0
@@ -98,9 +103,11 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         self._trailer = trailer
         given = {"gain": gain, "integral": integral, "compliance": compliance, "slip_distance": slip_distance}
         check_options(self.options, given)
-        self._gain, self._integral = gain, integral
-        self._compliance, self._slip_distance = compliance, slip_distance
         self._axles = AxleGroup.of(trailer)
+        pace = min(1.0, self._axles.centre / _LONG) ** 2
+        self._gain, self._crossover, self._integral = gain, pace * _CROSSOVER, pace * integral
+        calm = 1.0 if len(self._axles.fixed) else _UNDAMPED
+        self._compliance, self._slip_distance = pace * compliance, calm * slip_distance / pace
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathPreviewMemory:
@@ -163,7 +170,7 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
             return memory, share * self._axles.slip_angles(memory.slip)
         slip = memory.other_slip + self._inertial_slip(estimate, target)
         bias = self._integrated(memory, share * target.offset * estimate.v_x * elapsed)
-        gain = min(self._gain, _CROSSOVER / estimate.v_x)
+        gain = min(self._gain, self._crossover / estimate.v_x)
         follow_direction = target.direction + math.atan(gain * target.offset + bias)
         angles = self._axles.steer_angles(ahead.hitch_direction, follow_direction, slip)
         return memory._replace(bias=bias), share * angles

@@ -17,10 +17,12 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
+from scenarios.results.log import Log
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
+from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
 from vehicle.combination.data_sheet import data_sheet
@@ -135,17 +137,18 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
 def _result(session: TrailerSession) -> RunResult:
     parts = session.parts
     vehicle = parts.vehicle
+    log = run_log(
+        session.rows,
+        [_track(session, trailer) for trailer in session.trailers],
+        units=[unit.name for unit in vehicle.units],
+        n_front=len(vehicle.units[0].steered_axles),
+    )
     return RunResult(
         scenario=parts.scenario.name,
         scenario_toml=parts.scenario.to_toml(),
         seed=parts.seed,
         outcome=session.outcome or "unfinished",
-        log=run_log(
-            session.rows,
-            [_track(session, trailer) for trailer in session.trailers],
-            units=[unit.name for unit in vehicle.units],
-            n_front=len(vehicle.units[0].steered_axles),
-        ),
+        log=log,
         units=outlines(vehicle),
         trailers=tuple(
             JudgedTrailer(
@@ -166,8 +169,28 @@ def _result(session: TrailerSession) -> RunResult:
             "opengl_renderer": parts.views.renderer_name,
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
-        warnings=data_sheet(vehicle).warnings,
+        warnings=(*data_sheet(vehicle).warnings, *_steer_warnings(parts, log)),
         traceback=session.traceback,
+    )
+
+
+def _steer_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
+    vehicle, tractor = parts.vehicle, parts.vehicle.units[0].name
+    axles = [
+        SteeredAxle(
+            signal=signal,
+            name=f"{unit.name}, axle {k}",
+            limit=unit.steering.limit * abs(axle.steer_ratio),
+            rate_limit=unit.steering.rate_limit * abs(axle.steer_ratio),
+        )
+        for unit, outline in zip(vehicle.units, outlines(vehicle), strict=True)
+        for k, (axle, signal) in enumerate(zip(unit.axles, outline.steer_signals, strict=True), start=1)
+        if signal is not None and unit.steering is not None
+    ]
+    if f"x_{tractor}" not in log:
+        return ()
+    return steer_warnings(
+        log, axles, parts.course.centreline, np.column_stack([log[f"x_{tractor}"], log[f"y_{tractor}"]])
     )
 
 
