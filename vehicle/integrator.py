@@ -9,7 +9,7 @@ up to h^2, k_1 = f + g h A f and k_2 = h J f / 2 - g h A f, whatever A is. Where
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, Final
 
 import casadi as ca
@@ -19,33 +19,48 @@ _GAMMA: Final = 1.0 - 1.0 / math.sqrt(2.0)  # L-stable if the Jacobian is that d
 
 
 def semi_implicit_step(
-    rate: Callable[[ca.SX], ca.SX], x: ca.SX, h: float, stiff: ca.SX | Iterable[tuple[int, int]]
+    rate: Callable[[ca.SX], ca.SX],
+    x: ca.SX,
+    h: float,
+    stiff: ca.SX | Iterable[tuple[int, int]],
+    sampled: Collection[int] = (),
 ) -> ca.SX:
     """State after one step of h [s] from x.
 
     ``stiff`` is the relaxation rate of every state with the others held [1/s], which is minus the diagonal A and not
-    negative; or ranges (start, stop) of states that do not act on each other's rates, for which A is exact.
+    negative; or ranges (start, stop) of states that do not act on each other's rates, for which A is exact. The states
+    ``sampled``, by number, are held over the step and then change at the rate at its start (Euler's rule).
     """
     f_1 = rate(x)
     relaxation = stiff if isinstance(stiff, ca.SX) else -exact_diagonal(f_1, x, stiff)
     steps = [_Step(relaxation[i], h) for i in range(x.numel())]
-    f_2 = rate(ca.vertcat(*(x[i] + step.half * f_1[i] for i, step in enumerate(steps))))
-    return ca.vertcat(*(step.after(x[i], f_1[i], f_2[i]) for i, step in enumerate(steps)))
+    halfway = (x[i] if i in sampled else x[i] + step.half * f_1[i] for i, step in enumerate(steps))
+    f_2 = rate(ca.vertcat(*halfway))
+    return ca.vertcat(
+        *(x[i] + h * f_1[i] if i in sampled else step.after(x[i], f_1[i], f_2[i]) for i, step in enumerate(steps))
+    )
 
 
-def step_of_two_calls(rates: Any, h: float) -> Any:
+def step_of_two_calls(rates: Any, h: float, sampled: range = range(0)) -> Any:
     """Function (x, u) -> state after one step of h [s], which calls ``rates`` twice: the same step for interpreters.
 
-    ``rates`` is a function (x, u, held, later) -> (rate of x, relaxation rate, what is held over a step). With
-    ``later`` = 1 it takes ``held`` as given, with 0 it computes it. An interpreter is faster with a short list of
+    ``rates`` is a function (x, u) -> (rate of x, relaxation rate). An interpreter is faster with a short list of
     operations that it repeats than with one of twice the length, in which processors do not predict the next operation.
     """
     x: Any = ca.MX.sym("x", rates.numel_in(0))
     u: Any = ca.MX.sym("u", rates.numel_in(1))
-    f_1, relaxation, held = rates(x, u, ca.DM.zeros(rates.numel_in(2)), 0.0)
+    f_1, relaxation = rates(x, u)
     step = _Step(relaxation, h)
-    f_2 = rates(x + step.half * f_1, u, held, 1.0)[0]
-    return ca.Function("step", [x, u], [step.after(x, f_1, f_2)])
+    halfway, once = x + step.half * f_1, slice(sampled.start, sampled.stop)
+    f_2 = rates(_with(halfway, once, x), u)[0]  # with no relaxation, the step of the sampled states is h times this
+    return ca.Function("step", [x, u], [step.after(x, f_1, _with(f_2, once, f_1))])
+
+
+def _with(vector: Any, part: slice, other: Any) -> Any:
+    """The vector with a part taken from another one."""
+    if part.start == part.stop:
+        return vector
+    return ca.vertcat(vector[: part.start], other[part], vector[part.stop :])
 
 
 class _Step:

@@ -26,12 +26,11 @@ from vehicle.combination.powertrain import retarder_capacity, retarding, retards
 from vehicle.tyres import Num
 
 
-class Braking(NamedTuple):
-    """Rates of the states of brakes, and their effect on the wheels."""
+class BrakeRates(NamedTuple):
+    """Rates of the states of brakes."""
 
-    pressure: list[Num]  # rate of every channel's [1/s]
-    valve: list[Num]  # rate of every modulator's [1/s]
-    slowing: list[Num]  # rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2]
+    pressure: list[Num]  # of every channel [1/s]
+    valve: list[Num]  # of every modulator [1/s]
 
 
 def service_demand(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> Num:
@@ -73,13 +72,11 @@ def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> li
     return slowing
 
 
-def braking_of(
-    vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num], slowing: list[Num]
-) -> Braking:
+def brake_rates(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], commands: Sequence[Num]) -> BrakeRates:
     """Rates of pressures and valves under the modulators' ``valve_commands``."""
     system = vehicle.brakes
     if system is None:
-        return Braking([], [], slowing)
+        return BrakeRates([], [])
     demand = -service_demand(vehicle, layout, s)
     shares = _pressure_shares(vehicle)
     pressures: list[Num] = []
@@ -94,7 +91,7 @@ def braking_of(
     valves: list[Num] = [
         (1.0 / system.abs_valve_lag) * (command - s.brake_valve[k]) for k, command in enumerate(commands)
     ]
-    return Braking(pressures, valves, slowing)
+    return BrakeRates(pressures, valves)
 
 
 def valve_commands(

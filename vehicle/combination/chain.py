@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
-from vehicle.combination.brakes import Braking, braking_of, slowing_of, valve_commands
+from vehicle.combination.brakes import BrakeRates, brake_rates, slowing_of, valve_commands
 from vehicle.combination.description import GRAVITY, Unit, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
@@ -67,15 +67,14 @@ class _Moment(NamedTuple):
     springs: list[UnitSprings] | None  # in roll
     bodies: list[Ride]
     carried: _Carried
-    slowing: list[Num]  # rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2]
     rolling: list[WheelMotion]
     ground: list[_GroundForce]
 
 
-def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking | None = None) -> State[ca.SX]:
-    """Time derivative of the state; ``brakes`` is what ``braking`` gives, if it is held over a step."""
-    now = _moment(vehicle, s, u, brakes)
-    brakes = _braking(vehicle, now, s) if brakes is None else brakes
+def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
+    """Time derivative of the state."""
+    now = _moment(vehicle, s, u)
+    brakes = _brake_rates(vehicle, now, s)
     e, rolling, bodies = now.e, now.rolling, now.bodies
     forces = [
         Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
@@ -126,15 +125,10 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braki
     )
 
 
-def braking(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> Braking:
-    """Rates of brake pressures and ABS valves in a state, and the endurance brake: they are controlled once a tick."""
-    return _braking(vehicle, _moment(vehicle, s, u), s)
-
-
-def _braking(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> Braking:
+def _brake_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> BrakeRates:
     travel, spin_rates = [wheel.travel for wheel in now.rolling], [wheel.omega for wheel in now.rolling]
     commands = valve_commands(vehicle, now.layout, s, travel, spin_rates)
-    return braking_of(vehicle, now.layout, s, commands, now.slowing)
+    return brake_rates(vehicle, now.layout, s, commands)
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -172,7 +166,7 @@ def _twin_rates(rolling: Iterable[WheelMotion]) -> list[Planar]:
     return [wheel.twin for wheel in rolling if wheel.twin is not None]
 
 
-def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking | None = None) -> _Moment:
+def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
     """Quantities that follow from the state algebraically."""
     layout = wheels(vehicle)
     psi = ca.vertsplit(s.psi)
@@ -180,11 +174,10 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX], brakes: Braking 
     springs = springs_of(vehicle) if vehicle.has_springs else None
     bodies = rides(vehicle, layout, s, u, springs)
     carried = _carried(vehicle, layout, e, springs, bodies, s, u)
-    held = None if brakes is None or vehicle.brakes is None else brakes.slowing
-    slowing = slowing_of(vehicle, layout, s) if held is None else held
+    slowing = slowing_of(vehicle, layout, s)
     rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, slowing, s, u)
     ground = _ground(vehicle, layout, e, rolling, s, u)
-    return _Moment(layout, e, speeds, springs, bodies, carried, slowing, rolling, ground)
+    return _Moment(layout, e, speeds, springs, bodies, carried, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:

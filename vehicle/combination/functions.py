@@ -16,8 +16,7 @@ import numpy as np
 
 from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
-from vehicle.combination.brakes import Braking
-from vehicle.combination.chain import braking, derivative, output, relaxation
+from vehicle.combination.chain import derivative, output, relaxation
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.loads import static_axle_loads
@@ -29,6 +28,7 @@ from vehicle.combination.plant_inputs import (
     command_sizes,
     gravity_along,
     ground_input_sizes,
+    slices,
 )
 from vehicle.combination.sprung import settled
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
@@ -101,46 +101,38 @@ def step_function(twin: SymbolicTwin) -> Any:
     """Function (state, command and ground inputs, numbers) -> state one tick later."""
     x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
     u = _chain_input(twin.vehicle, v)
-    start = _named(twin.vehicle, x)
-    stiff, brakes = ca.vertcat(*relaxation(twin.vehicle, start, u)), braking(twin.vehicle, start, u)
-    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u, brakes), x, TICK, stiff)
+    stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
+    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff, _sampled(twin.vehicle))
     return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
 
 
 @_once_per_topology
 def _rates_function(twin: SymbolicTwin) -> Any:
-    """Function (state, command and ground inputs, held, later, numbers) -> rates, relaxation rates, held.
-
-    What the brakes do is held over a step: with ``later`` = 1 it is taken from ``held``, else from this state.
-    """
-    x, v, later = _state(twin.vehicle), _plant_input(twin.vehicle), ca.SX.sym("later")
-    u, s = _chain_input(twin.vehicle, v), _named(twin.vehicle, x)
-    own = braking(twin.vehicle, s, u)
-    held = _vector(len(part) for part in own)
-    given = parts(held, [len(part) for part in own])
-    used = Braking(
-        *(
-            [(1.0 - later) * now + later * before for now, before in zip(mine, ca.vertsplit(theirs), strict=True)]
-            for mine, theirs in zip(own, given, strict=True)
-        )
-    )
-    rates = _rate(twin.vehicle, x, u, used), ca.vertcat(*relaxation(twin.vehicle, s, u))
-    flat = ca.vertcat(ca.SX(0, 1), *(value for part in own for value in part))
-    return ca.Function("rates", [x, v, held, later, twin.symbols], [*rates, flat])
+    """Function (state, command and ground inputs, numbers) -> rates, relaxation rates."""
+    x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
+    u = _chain_input(twin.vehicle, v)
+    rates = _rate(twin.vehicle, x, u), ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
+    return ca.Function("rates", [x, v, twin.symbols], rates)
 
 
 def interpreted_step(vehicle: Vehicle) -> Callable[[tuple[float, ...], tuple[float, ...]], Any]:
     """Step for interpreters: of numbers and the last, constant inputs, a function (state, inputs) -> state later."""
-    return partial(_interpreted_step, _rates_function(vehicle))
+    return partial(_interpreted_step, _rates_function(vehicle), _sampled(vehicle))
 
 
 @lru_cache(maxsize=32)
-def _interpreted_step(function: Any, values: tuple[float, ...], always: tuple[float, ...]) -> Any:
-    x, v, held, later = (_vector([function.numel_in(k)]) for k in range(4))
+def _interpreted_step(function: Any, sampled: range, values: tuple[float, ...], always: tuple[float, ...]) -> Any:
+    x, v = (_vector([function.numel_in(k)]) for k in range(2))
     known = ca.vertcat(v[: v.numel() - len(always)], *always)
-    results = [ca.densify(part) for part in function(x, known, held, later, np.array(values))]
+    results = [ca.densify(part) for part in function(x, known, np.array(values))]
     results = ca.vertsplit(ca.cse(ca.vertcat(*results)), [0, *accumulate(part.numel() for part in results)])
-    return step_of_two_calls(ca.Function("rates", [x, v, held, later], results), TICK)
+    return step_of_two_calls(ca.Function("rates", [x, v], results), TICK, sampled)
+
+
+def _sampled(vehicle: Vehicle) -> range:
+    """Numbers of the states of brakes, which are controlled once a tick."""
+    at = State(*slices(state_sizes(vehicle)))
+    return range(at.brake_pressure.start, at.brake_valve.stop)
 
 
 @_once_per_topology
@@ -193,8 +185,8 @@ def compiled_output(vehicle: Vehicle) -> Any:
     return ca.Function("output", [x, u], [ca.vertcat(*outputs)])
 
 
-def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX], brakes: Braking | None = None) -> ca.SX:
-    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u, brakes))
+def _rate(vehicle: Vehicle, x: ca.SX, u: Input[ca.SX]) -> ca.SX:
+    return ca.vertcat(*derivative(vehicle, _named(vehicle, x), u))
 
 
 def _chain_input(vehicle: Vehicle, v: ca.SX) -> Input[ca.SX]:
