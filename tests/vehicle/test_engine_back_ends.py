@@ -196,3 +196,15 @@ def test_what_no_back_end_knows_is_refused() -> None:
         program_of(ca.Function("f", [x, u, p], [ca.erf(a)]))
     with pytest.raises(ValueError, match="structural zeros"):
         program_of(ca.Function("f", [x, u, p], [ca.vertcat(a, ca.SX(1, 1))]))
+
+
+def test_no_tick_divides_by_a_vehicles_number() -> None:
+    """What is known before is inverted once; only a divisor that changes with the state is divided by."""
+    function = ca.Function("f", [x, u, p], [ca.vertcat(a / p[0], b / p[0], a / u[1], p[0] / a, p[0] / p[1])])
+    program = program_of(function)
+    names = [node.name for node in program.body.nodes if isinstance(node, Operation)]
+    assert sorted(names) == ["div", "mul", "mul", "mul"]
+    state, given, numbers = np.array([1.3, -0.7, 0.2]), np.array([0.4, 3.0]), np.array([1.7, -2.9])
+    of_vehicle = evaluated(program.numbers, [np.empty(0), np.empty(0), numbers])
+    found = Blocks(program, of_vehicle, 1)(state[None], given[None])
+    np.testing.assert_allclose(found[0], np.array(function(state, given, numbers)).ravel(), rtol=1e-15)

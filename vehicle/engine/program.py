@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from vehicle.engine.stages import stages
+from vehicle.engine.stages import stages, with_reciprocals
 from vehicle.engine.tape import Tape, tape_of
 
 _STATE, _INPUT, _PARAMETERS, _NUMBERS = range(4)
@@ -35,6 +35,7 @@ class Program(NamedTuple):
 
 def program_of(function: Any) -> Program:
     """Program of a ``casadi.Function`` (state, input, parameters) -> result."""
-    numbers, later = stages(tape_of(function), {_PARAMETERS}, forget=True)
+    tape = with_reciprocals(tape_of(function), {_INPUT, _PARAMETERS})
+    numbers, later = stages(tape, {_PARAMETERS}, forget=True)
     held, body = stages(later, {_INPUT, _NUMBERS}, forget=False)
     return Program(numbers, held, body)

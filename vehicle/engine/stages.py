@@ -20,12 +20,7 @@ def stages(tape: Tape, known: Collection[int], *, forget: bool) -> Stages:
 
     With ``forget`` the rest does not read the known arguments either: their entries are carried over.
     """
-    early = [False] * len(tape.nodes)
-    for k, node in enumerate(tape.nodes):
-        if isinstance(node, Entry):
-            early[k] = node.argument in known
-        else:
-            early[k] = isinstance(node, Constant) or all(early[a] for a in node.operands)
+    early = _early(tape, known)
     wanted = {a for k, node in enumerate(tape.nodes) if not early[k] for a in _operands(node)} | set(tape.result)
     kinds = (Operation, Entry) if forget else (Operation,)
     carried = [k for k in sorted(wanted) if early[k] and isinstance(tape.nodes[k], kinds)]
@@ -35,6 +30,35 @@ def stages(tape: Tape, known: Collection[int], *, forget: bool) -> Stages:
         early=_only_needed(tape.sizes, dict(enumerate(tape.nodes)), carried),
         late=_only_needed((*tape.sizes, len(carried)), late, tape.result),
     )
+
+
+def with_reciprocals(tape: Tape, known: Collection[int]) -> Tape:
+    """The tape with divisions by what depends on ``known`` arguments only as products with a reciprocal.
+
+    The reciprocal is then an early operation, and the product takes a fraction of a division's time.
+    """
+    early, writer, number = _early(tape, known), Writer(), list[int]()
+    for k, node in enumerate(tape.nodes):
+        if isinstance(node, Operation):
+            operands = tuple(number[a] for a in node.operands)
+            if node.name == "div" and not early[k] and early[node.operands[1]]:
+                reciprocal = writer.write(Operation("inv", operands[1:]))
+                node = Operation("mul", (min(operands[0], reciprocal), max(operands[0], reciprocal)))
+            else:
+                node = Operation(node.name, operands)
+        number.append(writer.write(node))
+    return Tape(tape.sizes, writer.nodes, tuple(number[k] for k in tape.result))
+
+
+def _early(tape: Tape, known: Collection[int]) -> list[bool]:
+    """For every node, whether it depends on ``known`` arguments only."""
+    early: list[bool] = []
+    for node in tape.nodes:
+        if isinstance(node, Entry):
+            early.append(node.argument in known)
+        else:
+            early.append(isinstance(node, Constant) or all(early[a] for a in node.operands))
+    return early
 
 
 def _operands(node: Node) -> tuple[int, ...]:
