@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from scenarios.results.swept_path import placed
 from scenarios.standards import random_steer, steady_circle
 from scenarios.standards.lane_change import PEAK
 from scenarios.standards.manoeuvre import Manoeuvre
-from scenarios.standards.motion import lateral_acceleration, point_path, poses
+from scenarios.standards.motion import articulation, lateral_acceleration, point_path, poses
 from scenarios.standards.tilt import threshold
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.polyline import arc_length, rows_every
@@ -152,6 +153,19 @@ def _rolls(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     return drawing.content
 
 
+def _speed(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
+    """Speed, steer angle and articulations over time."""
+    log, names = manoeuvre.log, [unit.name for unit in vehicle.units]
+    with plots.drawn(f"{name}-speed") as (drawing, ax):
+        ax.plot(log["time"], 3.6 * log[f"v_x_{names[0]}"], color=plots.INK, label="speed [km/h]")
+        ax.plot(log["time"], np.degrees(log["steer_tractor"]), color=plots.GREY, label="road-wheel angle [°]")
+        for pair, colour in zip(pairwise(names), plots.SERIES, strict=False):
+            angle = np.degrees(articulation(log, *pair))
+            ax.plot(log["time"], angle, color=colour, label=f"articulation, {pair[1]} [°]")
+        plots.over_time(ax, log["time"], "speed [km/h], angles [°]")
+    return drawing.content
+
+
 def _change_paths(vehicle: Vehicle, manoeuvre: Manoeuvre, name: str) -> Figure:
     return _paths(vehicle, manoeuvre, name, _CHANGE)
 
@@ -167,4 +181,6 @@ _FIGURES: Final[dict[str, tuple[_Draw, ...]]] = {
     "random_steer": (_frequency_response,),
     "tilt": (_load_transfers,),
     "closing_curve": (_rolls,),
+    **dict.fromkeys(("braking", "braking_slippery", "longitudinal"), (_speed,)),
+    **dict.fromkeys(("braking_split", "braking_in_turn"), (_speed, _plan)),
 }
