@@ -19,7 +19,7 @@ _SPEED: Final = 80.0 / 3.6  # [m/s]
 _SLOW: Final = 5.0  # slips below this speed are not judged [m/s]
 _FULL: Final = 9.0  # demand of a full brake application [m/s2]
 _FRICTIONS: Final = (0.8, 0.3)
-_TURN: Final = 1.0  # lateral acceleration of the turn on snow [m/s2]
+_TURN: Final = 1.5  # lateral acceleration of the turn on snow [m/s2]
 _TURN_SPEED: Final = 60.0 / 3.6  # [m/s]
 
 

@@ -18,7 +18,7 @@ from vehicle.parameter_file import checked
 from vehicle.quantities import Frozen, quantity
 
 Change: TypeAlias = "float | Sequence[float] | Mapping[str, Change]"  # a mapping nests paths
-_TEXTS: Final = frozenset({"bogie", "steer_group"})  # names, or None
+_TEXTS: Final = frozenset({"bogie", "steer_group", "abs_group"})  # names, or None
 _IDLE: Final = frozenset({"payload"})  # tables that the plant does not depend on
 _Keys: TypeAlias = tuple[str | int, ...]  # of a value in the contents of a vehicle file
 
