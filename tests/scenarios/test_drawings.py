@@ -21,8 +21,12 @@ from scenarios.drawings.files import geojson, write_drawing
 from scenarios.drawings.shapes import unit_layer
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
-from scenarios.report.writer import write_run
+from scenarios.results.log import Log, Signal, write_log
 from scenarios.results.swept_path import UnitOutline
+from scenarios.standards.assessment import Assessment
+from scenarios.standards.manoeuvre import Manoeuvre
+from scenarios.standards.manoeuvre_drawings import write_drawings
+from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
 
 shapely = pytest.importorskip("shapely")
@@ -172,7 +176,9 @@ def test_a_finished_run_is_drawn_where_it_drove(tmp_path: Path) -> None:
     """From the run directory alone: bodies at the places of the log, the road of its course, changed dimensions too."""
     scenario = load_scenario("roundabout", [*QUICK, "plant.units.semitrailer.width=3.0"])
     result = run(scenario, 1)
-    write_run(result, tmp_path / "run", video=False)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
+    write_log(result.log, tmp_path / "run" / "signals.parquet")
     done = CliRunner().invoke(command(), [str(tmp_path / "run"), "--to", "both", "--every", "10"])
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "run" / "drawing.geojson").read_text(encoding="utf-8"))
@@ -212,22 +218,43 @@ def test_what_is_no_run_is_refused_in_one_line(tmp_path: Path, make: Any, says: 
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_assessments_draw_their_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file beside each log of a manoeuvre along a path; none for a pulse."""
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
-    app = typer.Typer()
-    app.command()(assess_command)
-    arguments = ["rigid_truck", "--manoeuvres", "ctsw_turn,pulse", "--drawings", "both", "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*arguments, "--quiet"])
-    assert done.exit_code == 0, done.output
-    drawn = {path.name for path in (tmp_path / "out").iterdir() if path.suffix in (".dxf", ".geojson")}
-    assert drawn == {"ctsw_turn.dxf", "ctsw_turn.geojson"}
-    assert not ezdxf.readfile(tmp_path / "out" / "ctsw_turn.dxf").audit().errors
+def test_assessments_draw_what_follows_a_path(tmp_path: Path) -> None:
+    """A file beside the log of a manoeuvre along a path; none for a pulse, or if nothing moved."""
+    vehicle = load_vehicle("rigid_truck")
+    path = straight()
+    columns = {
+        "time": np.linspace(0.0, 10.0, 201),
+        "x_truck": path[:, 0],
+        "y_truck": path[:, 1],
+        "psi_truck": path[:, 2],
+    }
+    log = Log(tuple(Signal(name, "-", name) for name in columns), np.column_stack(list(columns.values())))
+    still = Log(log.signals, log.rows[:1])
+    manoeuvres = tuple(
+        Manoeuvre(key=key, title=key, how="", outcome="completed", figures={}, log=driven_log, course=course)
+        for key, driven_log, course in (
+            ("turn", log, path[:, :2]),
+            ("pulse", log, None),
+            ("roundabout", still, path[:, :2]),
+        )
+    )
+    case = Assessment(vehicle=vehicle, trailer_steering="none", manoeuvres=manoeuvres, linear={})
+    write_drawings(case, tmp_path, "full-left-", ("dxf", "geojson"))
+    assert {file.name for file in tmp_path.iterdir()} == {"full-left-turn.dxf", "full-left-turn.geojson"}
+    (swept,) = areas(json.loads((tmp_path / "full-left-turn.geojson").read_text(encoding="utf-8")), shapes.SWEPT)
+    truck = vehicle.units[0]
+    assert swept.area == pytest.approx((20.0 + truck.front_x - truck.rear_x) * truck.width, rel=1e-3)
 
 
 def test_without_the_extra_the_command_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is read."""
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    done = CliRunner().invoke(command(), [str(tmp_path)])
-    assert done.exit_code == 2
-    assert "pip install 'offtrack[cad]'" in done.stderr
+    app = typer.Typer()
+    app.command()(assess_command)
+    for told, arguments in (
+        (command(), [str(tmp_path)]),
+        (app, ["rigid_truck", "--drawings", "dxf", "--out", str(tmp_path / "out")]),
+    ):
+        done = CliRunner().invoke(told, arguments)
+        assert done.exit_code == 2
+        assert "pip install 'offtrack[cad]'" in done.stderr

@@ -12,10 +12,8 @@ from scenarios.standards.random_steer import PEAK, amplification_response, rando
 from scenarios.standards.random_steer import SPEED as RANDOM_SPEED
 from scenarios.standards.sine_with_dwell import DWELL, END, FREQUENCY, START, sine_with_dwell, steer_for, wave
 from scenarios.standards.steady_circle import set_speed, steady_circle
-from scenarios.standards.straight import straight
-from vehicle.combination.description import GRAVITY, load_vehicle, vehicle_names
+from vehicle.combination.description import GRAVITY, load_vehicle
 from vehicle.combination.handling import rearward_amplification, understeer_gradient
-from vehicle.combination.plant_changes import changed_vehicle
 
 
 @pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck"])
@@ -93,7 +91,7 @@ def test_the_random_steer_excites_what_it_says() -> None:
     assert spectrum[~inside].max() < 1e-9 * spectrum.max()
 
 
-@pytest.mark.parametrize("name", [name for name in vehicle_names() if "steered" not in name and "grouped" not in name])
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "rigid_truck", "a_double"])
 def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) -> None:
     """Small accelerations, theory with the same lags of tyres and roll: within 3 % at every frequency that matters."""
     vehicle = load_vehicle(name)
@@ -105,23 +103,7 @@ def test_the_frequency_response_of_amplification_is_linear_theorys(name: str) ->
     unit = vehicle.units[0].name
     lateral = done.log[f"v_x_{unit}"] * done.log[f"yaw_rate_{unit}"]
     assert np.abs(lateral).max() < 2.0 * PEAK  # it is a small motion indeed
-
-
-def test_without_lags_theory_amplifies_otherwise() -> None:
-    """The comparison can fail: the theory without lags of tyres is more than 3 % away for an A-double."""
-    vehicle = load_vehicle("a_double")
-    done = random_steer(vehicle, "none")
-    response = amplification_response(vehicle, done.log, RANDOM_SPEED, 0.8)
-    without = rearward_amplification(vehicle, RANDOM_SPEED, response.frequency)
-    strong = response.measured > 0.5 * response.measured.max()
-    assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03
-
-
-def test_roll_steer_makes_a_truck_weave_on_a_rough_road() -> None:
-    """The road rolls axles under the body: an axle that this steers yaws the truck, by half as much again."""
-    plain = load_vehicle("rigid_truck")
-    steering = changed_vehicle(plain, {"units.0.axles.1.roll_steer": 0.3})
-    calm, weaving = (straight(vehicle, "none") for vehicle in (plain, steering))
-    assert weaving.outcome == calm.outcome == "completed"
-    yaw_rates = [float(np.std(done.log["yaw_rate_truck"][done.log["time"] > 8.0])) for done in (calm, weaving)]
-    assert yaw_rates[1] > 1.3 * yaw_rates[0]
+    if name == "a_double":  # the comparison can fail: theory without lags of tyres is farther away
+        without = rearward_amplification(vehicle, RANDOM_SPEED, response.frequency)
+        strong = response.measured > 0.5 * response.measured.max()
+        assert np.max(np.abs(response.measured / without - 1.0)[strong]) > 0.03

@@ -14,7 +14,7 @@ from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.plant_changes import changed_vehicle
 from vehicle.combination.sprung import settled
 from vehicle.frames import FloatArray, Pose2
-from vehicle.surface import Surface
+from vehicle.surface import Roughness, RoughProfile, Surface
 
 SPEED = 20.0  # [m/s]
 
@@ -62,6 +62,21 @@ def test_both_pass_the_mirror_test() -> None:
     left, right = (driven(vehicle, side, Surface(friction=0.8)) for side in (1.0, -1.0))
     np.testing.assert_allclose(right, left * (1.0, -1.0, -1.0), rtol=1e-9, atol=1e-9)
     assert abs(left[1] - driven(truck(), 1.0, Surface(friction=0.8))[1]) > 0.05  # [m], and they do something
+
+
+def test_roll_steer_makes_a_truck_weave_on_a_rough_road() -> None:
+    """The road rolls axles under the body: an axle that this steers yaws the truck, by half as much again."""
+    yawing = []
+    for vehicle in (truck(), truck(roll_steer=0.3)):
+        road = Roughness(profile=RoughProfile(np.random.default_rng(1), "B"))
+        plant = Plant(vehicle, Surface(friction=0.8, roughness=road))
+        state = plant.initial_state(Pose2(0.0, 0.0, 0.0), SPEED)
+        rates = []
+        for k in range(400):
+            rates.append(plant.observe(state, 20 * k).velocities[0, 2])
+            state = plant.step(state, VehicleCommand(0.0, 0.0, ()), 20)
+        yawing.append(float(np.std(rates[100:])))
+    assert yawing[1] > 1.3 * yawing[0]
 
 
 def test_a_file_that_leaves_them_out_pays_nothing() -> None:
