@@ -100,7 +100,9 @@ def test_a_fleet_steps_every_vehicle_as_a_plant_of_its_own() -> None:
         seen = fleet.step(*demand, STEP)
     for k, (load, friction) in enumerate(zip(loads, frictions, strict=True)):
         trailer = VEHICLE.units[1]
-        lighter = {"mass": load * trailer.mass, "yaw_inertia": load * trailer.yaw_inertia}
+        assert trailer.roll is not None
+        roll = trailer.roll.model_copy(update={"inertia": load * trailer.roll.inertia})
+        lighter = {"mass": load * trailer.mass, "yaw_inertia": load * trailer.yaw_inertia, "roll": roll}
         own = VEHICLE.model_copy(update={"units": (VEHICLE.units[0], trailer.model_copy(update=lighter))})
         assert rows[k] == pytest.approx(numbers(own), rel=1e-12)
         plant = Plant(own, Surface(friction=friction, cross_fall=[0.0, 0.04][k]))

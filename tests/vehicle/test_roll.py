@@ -144,6 +144,22 @@ def test_rigid_bodies_tip_at_half_the_track_over_the_height() -> None:
     assert static_rollover(rigid).threshold / GRAVITY < 1.9 / (2.0 * 1.6)
 
 
+def test_dampers_are_given_or_follow_from_the_ratio(tractor_semitrailer: Vehicle) -> None:
+    """The sum of the axles' dampers over the inertia; without them 2 zeta sqrt(K / I)."""
+    trailer = tractor_semitrailer.units[1]
+    given = springs_of(tractor_semitrailer)[1]
+    assert float(given.damping * given.inertia) == pytest.approx(3 * 1.39e5)
+    axles = tuple(
+        axle.model_copy(update={"suspension": axle.suspension.model_copy(update={"roll_damping": None})})
+        for axle in trailer.axles
+        if axle.suspension
+    )
+    units = (tractor_semitrailer.units[0], trailer.model_copy(update={"axles": axles}))
+    by_ratio = springs_of(tractor_semitrailer.model_copy(update={"units": units}))[1]
+    w = math.sqrt(float(by_ratio.stiffness) / float(by_ratio.inertia))
+    assert float(by_ratio.damping) == pytest.approx(2.0 * trailer.suspension_damping * w)
+
+
 def test_a_drawbar_transmits_no_moment() -> None:
     """The rear pair of an A-double tips alone: stiffer springs in front change nothing."""
     vehicle = load_vehicle("a_double")

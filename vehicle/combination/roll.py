@@ -87,7 +87,7 @@ class UnitSprings(NamedTuple):
     axles: list[AxleSpring]
     inertia: Num  # of the body about its roll axis [kg m2]
     stiffness: Num  # of all axles [N m/rad]
-    damping: Num  # rate of the dampers, 2 zeta omega [1/s]
+    damping: Num  # of all axles over the inertia [1/s]
     hitch: Num | None  # roll stiffness at the front hitch, frame in series [N m/rad]; None: it transmits no moment
     coupling: Coupling | None
 
@@ -134,6 +134,8 @@ def _unit_springs(unit: Unit, loads: Sequence[Num], *, towed: bool) -> UnitSprin
     ]
     inertia = unit.roll.inertia + unit.mass * (unit.cg_height - unit.roll_axis_height) ** 2
     stiffness = sum(axle.stiffness for axle in axles)
+    dampers = [damper for damper in (_suspension(axle).roll_damping for axle in unit.axles) if damper is not None]
+    damping = sum(dampers) / inertia if dampers else 2.0 * unit.suspension_damping * ca.sqrt(stiffness / inertia)
     coupling = unit.coupling if towed else None
     hitch = None
     if coupling is not None:
@@ -142,7 +144,7 @@ def _unit_springs(unit: Unit, loads: Sequence[Num], *, towed: bool) -> UnitSprin
         axles=axles,
         inertia=inertia,
         stiffness=stiffness,
-        damping=2.0 * unit.suspension_damping * ca.sqrt(stiffness / inertia),
+        damping=damping,
         hitch=hitch,
         coupling=coupling,
     )

@@ -21,6 +21,10 @@ class Suspension(Frozen):
     tyre_stiffness: Annotated[  # vertical, of one wheel; of both tyres of a twin wheel
         float, quantity("N/m", ge=5e4, le=1e7, why="1.5e5 is a car's tyre, 2e6 a twin wheel of a truck")
     ]
+    roll_damping: (
+        Annotated[float, quantity("N m s/rad", ge=3e2, le=1e6, why="1e3 is a car's axle, 1e5 one of a heavy truck")]
+        | None
+    ) = None  # None for all axles of a unit: by its ``suspension_damping``
     at_front: Flag = False  # the unit's frame twists between this axle and the others
 
     def tyre_roll_stiffness(self, track: float, twin_spacing: float | None) -> float:
