@@ -24,6 +24,7 @@ GRIP: Final = Surface(friction=1.5)  # the largest possible: slip should vanish
 CREEP: Final = 0.25  # [m/s]; on stiff tyres slip angles are about 1e-6 rad, and grow with the square of speed
 _CONTROL: Final = to_ticks(PERIOD, "control period")
 _SPEED_GAIN: Final = 1.0  # acceleration demand per speed error [1/s]: aperiodic with any driveline's lag
+_SPEED_INTEGRAL: Final = 0.2  # [1/s2]: aperiodic with the gain above
 _SLOWING: Final = 5.0  # time to slow down [s]: several time constants of the speed control
 _HELD: Final = 100  # control period of the speed [ticks]
 
@@ -89,6 +90,7 @@ def round_circle(
     state = _on_circle(plant, vehicle, radius, approach_speed_factor * speed if approach else speed, steer)
     truths: list[Truth] = []
     travelled = -approach
+    held = 0.0  # acceleration demand that works against scrubbing tyres, which hold up to their friction [m/s2]
     while travelled < distance:
         now = plant.observe(state, len(truths) * _HELD)
         if travelled >= 0.0:
@@ -96,7 +98,9 @@ def round_circle(
         v_x = now.velocities[0, 0]
         fast = approach_speed_factor * speed
         wanted = fast if travelled < -_SLOWING * fast else speed
-        state = plant.step(state, VehicleCommand(steer, _SPEED_GAIN * (wanted - v_x), trailer_steer), _HELD)
+        held += _SPEED_INTEGRAL * (wanted - v_x) * _HELD * TICK
+        command = VehicleCommand(steer, _SPEED_GAIN * (wanted - v_x) + held, trailer_steer)
+        state = plant.step(state, command, _HELD)
         travelled += v_x * _HELD * TICK
     return truths
 
