@@ -17,6 +17,7 @@ from scenarios.validation.driving import along_path, poses_of
 from vehicle.clock import TICK
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.functions import sampled_states
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.truth import Truth
@@ -219,7 +220,7 @@ def _steps(vehicle: Vehicle, step: float, count: int) -> Any:
         return ca.cse(ca.vertcat(*derivative(vehicle, *_named(vehicle, state, u))))
 
     stiff = ca.vertcat(*relaxation(vehicle, *_named(vehicle, x, u)))
-    one = ca.Function("step", [x, u], [ca.cse(semi_implicit_step(rate, x, step, stiff))])
+    one = ca.Function("step", [x, u], [ca.cse(semi_implicit_step(rate, x, step, stiff, sampled_states(vehicle)))])
     return one.fold(count) if count > 1 else one
 
 

@@ -102,7 +102,9 @@ def step_function(twin: SymbolicTwin) -> Any:
     x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
     u = _chain_input(twin.vehicle, v)
     stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
-    after = semi_implicit_step(lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff, _sampled(twin.vehicle))
+    after = semi_implicit_step(
+        lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff, sampled_states(twin.vehicle)
+    )
     return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
 
 
@@ -117,7 +119,7 @@ def _rates_function(twin: SymbolicTwin) -> Any:
 
 def interpreted_step(vehicle: Vehicle) -> Callable[[tuple[float, ...], tuple[float, ...]], Any]:
     """Step for interpreters: of numbers and the last, constant inputs, a function (state, inputs) -> state later."""
-    return partial(_interpreted_step, _rates_function(vehicle), _sampled(vehicle))
+    return partial(_interpreted_step, _rates_function(vehicle), sampled_states(vehicle))
 
 
 @lru_cache(maxsize=32)
@@ -129,7 +131,7 @@ def _interpreted_step(function: Any, sampled: range, values: tuple[float, ...], 
     return step_of_two_calls(ca.Function("rates", [x, v], results), TICK, sampled)
 
 
-def _sampled(vehicle: Vehicle) -> range:
+def sampled_states(vehicle: Vehicle) -> range:
     """Numbers of the states of brakes, which are controlled once a tick."""
     at = State(*slices(state_sizes(vehicle)))
     return range(at.brake_pressure.start, at.brake_valve.stop)
