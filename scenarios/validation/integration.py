@@ -72,7 +72,7 @@ class OtherStepPlant:
 def integration(quick: bool) -> Section:
     """Order, hill hold, wheelspin, a stop on ice, and the roundabout at half the step."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
-    errors = _errors(vehicle)
+    errors = _errors(_without_sampled_brakes(vehicle))
     steps = np.array(_STEPS)
     halved = () if quick else _half_step(load_vehicle("uk_longer_semitrailer"))
     return Section(
@@ -106,6 +106,11 @@ def integration(quick: bool) -> Section:
     )
 
 
+def _without_sampled_brakes(vehicle: Vehicle) -> Vehicle:
+    """The vehicle with brakes that follow the demand: pressures and ABS are sampled at the moments of the steps."""
+    return vehicle.model_copy(update={"brakes": None})
+
+
 def _errors(vehicle: Vehicle) -> FloatArray:
     """Position error [m] for each step size."""
     command = VehicleCommand(0.03, -1.5, ())
@@ -129,8 +134,7 @@ def _distance(poses: FloatArray, others: FloatArray) -> float:
 
 def _difficult_cases(vehicle: Vehicle) -> tuple[Check, ...]:
     spinning = _default_error(vehicle, 0.0, VehicleCommand(0.02, 1.5, ()), 4.0)
-    locked = vehicle.model_copy(update={"brakes": None})  # ABS would act at other moments with another step
-    stopping = _default_error(locked, 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
+    stopping = _default_error(_without_sampled_brakes(vehicle), 8.0, VehicleCommand(0.02, -4.0, ()), 12.0)
     return (
         Check(
             "held by its brakes on a 5 % hill: creep",
