@@ -75,27 +75,27 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
     """Axle angles that bring the follow point onto the path of the hitch and keep it there."""
 
     options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", 0.4, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
+        Option("gain", 0.45, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
         Option("integral", 0.06, "turn per offset and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
         # 1/(4.6 g): cornering stiffness of a truck tyre over its load
         Option("compliance", 0.022, "axle slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
-        Option("slip_distance", 2.4, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
+        Option("slip_distance", 1.5, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
     )
 
     def __init__(
         self,
         trailer: TrailerGeometry,
         *,
-        gain: float = 0.4,
+        gain: float = 0.45,
         integral: float = 0.06,
         compliance: float = 0.022,
-        slip_distance: float = 2.4,
+        slip_distance: float = 1.5,
     ) -> None:
         """A controller for the trailer; ``options`` describes the parameters.
 
         Integral and compliance come from `offtrack tune`; the study is in scenarios/data/tuning/path_preview. Its tyres
-        led instead of lagging. On tyres that lag, its gain of 0.77 with a slip distance of 0.6 m weaves; half the gain
-        and four times the distance do not, on dry and on slippery roads.
+        led instead of lagging. On tyres that lag, its gain of 0.77 with a slip distance of 0.6 m weaves; a lower
+        gain with a longer distance does not, on dry and on slippery roads.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
