@@ -30,6 +30,11 @@ class TrailerContext:
     options: Mapping[str, Parameter]  # by name; those not given keep their defaults
     sensor: object  # the opened sensor, for estimators of one's own sensors
 
+    @property
+    def roll_axis_height(self) -> float:
+        """Height [m] of the axis about which the trailer's body rolls."""
+        return self.vehicle.units[self.unit].roll_axis_height
+
     def stereo(self) -> StereoCalibration:
         """Calibration of the cameras.
 

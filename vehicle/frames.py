@@ -92,6 +92,11 @@ def transform(R: FloatArray, p: FloatArray) -> FloatArray:
     return X
 
 
+def raised(height: float) -> FloatArray:
+    """X_AB of a frame B of equal axes whose origin lies ``height`` [m] above that of A, (4, 4)."""
+    return transform(np.eye(3), np.array([0.0, 0.0, height]))
+
+
 def inverse(X: FloatArray) -> FloatArray:
     """X_BA from X_AB, both (4, 4) and rigid."""
     R_t = X[:3, :3].T

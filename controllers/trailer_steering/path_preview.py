@@ -46,6 +46,7 @@ _MOST_BIAS = 0.1  # of the integral; the remaining slip is never larger [rad]
 # trailer push its hitch, and the towing vehicle rocks on its tyres at 1 to 2 Hz; after the delay of 0.3 s the measured
 # direction of the hitch feeds that. Centre-axle trailers with full gains weave at 3 m and are damped from 5 m on.
 _LONG = 6.0
+_UNDAMPED = 2.0  # the slip is filtered over that many times the distance where no axle is fixed, which would damp
 # The loop with its delay of 0.3 s is well damped at 30 km/h and oscillates at 40 km/h: full authority up to about the
 # first speed, none from about the second on [m/s].
 _FULL_UP_TO, _NONE_FROM = 7.0, 11.0
@@ -75,27 +76,25 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
     """Axle angles that bring the follow point onto the path of the hitch and keep it there."""
 
     options: ClassVar[tuple[Option, ...]] = (
-        Option("gain", 0.45, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
+        Option("gain", 0.77, "turn of the follow point per offset", "rad/m", 0.0, 2.0, tune=(0.15, 1.5)),
         Option("integral", 0.06, "turn per offset and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.12)),
         # 1/(4.6 g): cornering stiffness of a truck tyre over its load
         Option("compliance", 0.022, "axle slip per lateral acceleration", "rad s2/m", 0.0, 0.1, tune=(0.005, 0.06)),
-        Option("slip_distance", 1.5, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
+        Option("slip_distance", 0.6, "low-pass of the remaining slip", "m", 0.1, 100.0, tune=(0.4, 6.0)),
     )
 
     def __init__(
         self,
         trailer: TrailerGeometry,
         *,
-        gain: float = 0.45,
+        gain: float = 0.77,
         integral: float = 0.06,
         compliance: float = 0.022,
-        slip_distance: float = 1.5,
+        slip_distance: float = 0.6,
     ) -> None:
         """A controller for the trailer; ``options`` describes the parameters.
 
-        Integral and compliance come from `offtrack tune`; the study is in scenarios/data/tuning/path_preview. Its tyres
-        led instead of lagging. On tyres that lag, its gain of 0.77 with a slip distance of 0.6 m weaves; a lower
-        gain with a longer distance does not, on dry and on slippery roads.
+        The defaults come from `offtrack tune`; its study is in scenarios/data/tuning/path_preview.
 
         Raises:
             ValueError: if the trailer has no steered axle, or a parameter is outside its limits.
@@ -107,7 +106,8 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         self._axles = AxleGroup.of(trailer)
         pace = min(1.0, self._axles.centre / _LONG) ** 2
         self._gain, self._crossover, self._integral = gain, pace * _CROSSOVER, pace * integral
-        self._compliance, self._slip_distance = pace * compliance, slip_distance
+        calm = 1.0 if len(self._axles.fixed) else _UNDAMPED
+        self._compliance, self._slip_distance = pace * compliance, calm * slip_distance / pace
         self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> PathPreviewMemory:

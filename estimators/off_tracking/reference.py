@@ -10,7 +10,7 @@ from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import BodyPose, GnssIns
-from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
 from vehicle.option import Option
 
 
@@ -27,18 +27,21 @@ class ReferenceOffTracking:
     sensor: ClassVar[str] = "reference_pose"
     options: ClassVar[tuple[Option, ...]] = ()
 
-    def __init__(self, follow_distance: float) -> None:
-        """For a follow point ``follow_distance`` [m] behind the hitch.
+    def __init__(self, follow_distance: float, *, path_height: float = 0.0) -> None:
+        """For a follow point ``follow_distance`` [m] behind the hitch, and paths at ``path_height`` [m] in the body.
+
+        At the height of its roll axis a body does not move to the side as it rolls.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive.
         """
+        self._X_SP = raised(path_height)
         self._buffer = OffTrackingBuffer(follow_distance)
 
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
         """Estimator for the context's trailer."""
-        return cls(context.follow_distance)
+        return cls(context.follow_distance, path_height=context.roll_axis_height)
 
     def init(self) -> ReferenceMemory:
         """Memory before the first pose."""
@@ -51,7 +54,7 @@ class ReferenceOffTracking:
         motion = BodyMotion(
             tick=pose.tick,
             previous_tick=memory.previous.tick,
-            X_PC=inverse(memory.previous.X_WB) @ pose.X_WB,
+            X_PC=inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP),
             covariance=np.zeros((6, 6)),
             health=Health.OK,
         )

@@ -15,7 +15,7 @@ from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import UncertainMotion, change_frame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, raised
 from vehicle.option import Option, option_values
 
 
@@ -50,15 +50,17 @@ class VisoOt(Generic[Memory]):
         *,
         reversing_distance: float = REVERSING,
         smoothing: bool = False,
+        path_height: float = 0.0,
     ) -> None:
         """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
-        The other options are those of `OffTrackingBuffer`.
+        Paths are those of points at ``path_height`` [m] in the body. At the height of its roll axis a body does not
+        move to the side as it rolls. The other options are those of `OffTrackingBuffer`.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` [m] negative.
         """
-        self._X_SC = calibration.X_SC
+        self._X_SC = raised(-path_height) @ calibration.X_SC
         self._odometry = odometry
         self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
 
@@ -72,6 +74,7 @@ class VisoOt(Generic[Memory]):
             context.stereo_odometry(),
             reversing_distance=float(values["reversing_distance"]),
             smoothing=bool(values["smoothing"]),
+            path_height=context.roll_axis_height,
         )
 
     def init(self) -> VisoOtMemory[Memory]:

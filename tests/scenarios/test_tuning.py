@@ -55,7 +55,7 @@ def test_trials_are_gone_on_with_and_the_defaults_come_first(tmp_path: Path, mon
     assert second.stderr == ""  # no trial is dropped
     assert (out / "trials.csv").read_text().splitlines()[: len(kept)] == kept
     assert len((out / "trials.csv").read_text().splitlines()) == 4
-    assert kept[1].startswith("0,0.45,")  # the gain that path_preview ships with
+    assert kept[1].startswith("0,0.77,")  # the gain that path_preview ships with
     told = json.loads(second.stdout)
     assert set(told["judged"]) == {"defaults", "tuned"}
     assert load_scenario(str(out / "tuned.toml")).steering["gain"] == told["parameters"]["gain"]
