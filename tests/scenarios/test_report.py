@@ -70,7 +70,7 @@ def test_every_number_of_a_summary_has_a_label(camera_run: RunResult) -> None:
 
 def test_a_label_has_the_unit_of_its_number() -> None:
     """Factors turn metres into millimetres, radians into degrees and shares into percent; an ending _m is a length."""
-    factors = {"m": 1.0, "mm": 1e3, "%": 100.0, "°": 1.0, "°/s": 1.0, "g": 1.0, "m/s²": 1.0}
+    factors = {"m": 1.0, "mm": 1e3, "%": 100.0, "°": 1.0, "°/s": 1.0, "g": 1.0, "m/s²": 1.0, "km/h": 3.6}
     for group in groups().values():
         for name, number in group.numbers.items():
             if name.endswith("_rad"):
