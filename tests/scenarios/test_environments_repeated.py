@@ -30,7 +30,7 @@ def equal(one: Observation, other: Observation) -> bool:
 
 def late(moment: Moment) -> Any:
     """Ending that steering to the left meets soon."""
-    return np.abs(moment.off_tracking) > 0.02
+    return np.abs(moment.off_tracking) > 0.022
 
 
 def test_an_action_that_holds_is_the_same_action_again_and_again() -> None:
