@@ -53,10 +53,8 @@ def assess(
     ] = "standard",
     loads: Annotated[
         str,
-        typer.Option(
-            help="Load cases, comma-separated: unladen, half, laden (as in the vehicle file; also: full), or all."
-        ),
-    ] = "laden",
+        typer.Option(help="Load cases, comma-separated: unladen, half, full (as in the vehicle file), or all."),
+    ] = "full",
     hand: Annotated[Hands, typer.Option(help="Side to which manoeuvres turn first.")] = "left",
     speed: Annotated[
         float | None, typer.Option(help="Speed of the manoeuvres [km/h].", show_default="the standards'")

@@ -21,7 +21,6 @@ from vehicle.combination.load_cases import FULL, load_cases, with_load
 
 MANOEUVRES: Final = STANDARD_SET  # in the order of the report
 AS_IN_FILE: Final = FULL  # load case of a vehicle as its file describes it
-_LADEN: Final = "laden"  # another name of it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -166,14 +165,14 @@ def assess(
 
 
 def loaded(vehicle: Vehicle, names: Sequence[str]) -> tuple[tuple[str, Vehicle], ...]:
-    """Load cases of these names with the combination in each; ``laden`` is as in its file, ``all`` is every case.
+    """Load cases of these names with the combination in each; ``all`` is every case.
 
     Raises:
         ValueError: one line, for an unknown case, or one that the vehicle does not have.
     """
     cases: list[str] = []
     for name in names:
-        cases += load_cases(vehicle)[::-1] if name == "all" else [AS_IN_FILE if name == _LADEN else name]
+        cases += load_cases(vehicle)[::-1] if name == "all" else [name]
     return tuple((case, with_load(vehicle, case)) for case in dict.fromkeys(cases))
 
 

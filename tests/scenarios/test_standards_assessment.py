@@ -292,7 +292,7 @@ def test_load_cases_are_assessed_side_by_side() -> None:
     transfers = [case.figures["pulse_load_transfer"] for case in matrix.cases]
     assert transfers == sorted(transfers, reverse=True)
     assert [case["load"] for case in matrix.summary()["cases"]] == ["full", "half", "unladen"]
-    assert [name for name, _ in loaded(vehicle, ["laden", "unladen", "full"])] == ["full", "unladen"]
+    assert [name for name, _ in loaded(vehicle, ["full", "unladen", "full"])] == ["full", "unladen"]
     assert matrix.warnings == ()
 
 
