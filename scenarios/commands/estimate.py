@@ -204,7 +204,9 @@ def _source(recording: Recording, odometry: str | None, *, self_calibration: boo
     if self_calibration:
         motions = SelfCalibratedOdometry(recording.calibration, motions)
     estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
-    source: OffTrackingSource = estimator(recording.calibration, recording.follow_distance, motions)
+    source: OffTrackingSource = estimator(
+        recording.calibration, recording.follow_distance, motions, path_height=recording.roll_axis_height
+    )
     return name, source
 
 

@@ -131,7 +131,9 @@ def run_rover(
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
-    return RecordingWriter(directory, parts.cameras.calibrated, parts.trailers[-1].geometry.follow_distance)
+    last = parts.trailers[-1]
+    roll_axis_height = parts.vehicle.units[last.unit].roll_axis_height
+    return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, roll_axis_height)
 
 
 def _result(session: TrailerSession) -> RunResult:

@@ -113,7 +113,7 @@ def _reference(recording: Recording, count: int) -> FloatArray:
     values = np.full(count, np.nan)
     if recording.poses is None:
         return values
-    buffer = ReferenceOffTracking(recording.follow_distance)
+    buffer = ReferenceOffTracking(recording.follow_distance, path_height=recording.roll_axis_height)
     memory = buffer.init()
     poses = body_poses(recording, recording.poses[:count])
     for k, (files, X_WB) in enumerate(zip(recording.sequence.frames[:count], poses, strict=True)):

@@ -52,6 +52,7 @@ class _RigTable(BaseModel):
 
     X_SC: tuple[tuple[float, float, float, float], ...]  # pose of the left camera in the trailer, 4x4
     follow_distance: float | None = Field(None, gt=0.0, json_schema_extra={"unit": "m"})  # hitch to follow point
+    roll_axis_height: float = Field(0.0, ge=0.0, le=3.0, json_schema_extra={"unit": "m"})  # about which the body rolls
     left: dict[str, Any] | None = None  # of a raw pair
 
     @field_validator("X_SC")
@@ -92,12 +93,13 @@ def facing_named(name: str) -> Facing:
     raise ValueError(f"--facing = {name}: unknown{nearest(name, get_args(Facing))}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Mounting:
     """Pose of the left camera in the trailer, and the trailer's follow point."""
 
     X_SC: FloatArray  # (4, 4)
     follow_distance: float  # hitch to follow point [m]
+    roll_axis_height: float = 0.0  # of the axis about which the trailer's body rolls [m]
     assumed: tuple[str, ...] = ()  # assumptions in words
 
 
@@ -107,6 +109,7 @@ class Rig:
 
     X_SC: FloatArray | None = None
     follow_distance: float | None = None  # [m]
+    roll_axis_height: float = 0.0  # [m]
     raw: bool = False  # True if the file also contains the calibration of raw images
 
 
@@ -119,7 +122,10 @@ def read_rig(path: Path) -> Rig:
     table = checked(_RigTable, without_sources(read_toml(path, FileKind.CALIBRATION)), str(path))
     X_SC = np.array(table.X_SC)
     return Rig(
-        X_SC=X_SC if X_SC[2, 3] > 0.0 else None, follow_distance=table.follow_distance, raw=table.left is not None
+        X_SC=X_SC if X_SC[2, 3] > 0.0 else None,
+        follow_distance=table.follow_distance,
+        roll_axis_height=table.roll_axis_height,
+        raw=table.left is not None,
     )
 
 
@@ -141,7 +147,7 @@ def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callab
         assumed.append(f"follow point {follow_distance:g} m behind the hitch (--follow-distance)")
     placed = (options.facing, options.x, options.y, options.z)
     if rig.X_SC is not None and placed == (None,) * len(placed):
-        return Mounting(X_SC=rig.X_SC, follow_distance=follow_distance, assumed=tuple(assumed))
+        return Mounting(rig.X_SC, follow_distance, rig.roll_axis_height, tuple(assumed))
     direction = options.facing
     if direction is None:
         direction = facing() or "rear"
@@ -156,7 +162,7 @@ def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callab
         assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
     R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA
     p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * baseline, 0.0, 0.0])
-    return Mounting(X_SC=transform(R_SC, p_SC), follow_distance=follow_distance, assumed=tuple(assumed))
+    return Mounting(transform(R_SC, p_SC), follow_distance, rig.roll_axis_height, tuple(assumed))
 
 
 def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFrame]) -> Facing | None:

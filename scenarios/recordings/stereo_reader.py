@@ -44,6 +44,7 @@ class Recording:
     calibration: StereoCalibration  # of the rectified pair
     rectification: Rectification | None  # None: the images are rectified already
     follow_distance: float  # hitch to follow point [m]
+    roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
     poses: FloatArray | None  # (n, 4, 4) true poses of the left camera relative to the first frame
     notes: tuple[str, ...]  # on irregularities of the recording
     assumed: tuple[str, ...]  # assumptions on the mounting in words
@@ -102,6 +103,7 @@ def open_recording(
         calibration=replace(calibration, X_SC=mounted.X_SC),
         rectification=cameras.rectification,
         follow_distance=mounted.follow_distance,
+        roll_axis_height=mounted.roll_axis_height,
         poses=_poses(sequence, cameras.X_CP),
         notes=sequence.notes,
         assumed=mounted.assumed,
@@ -119,6 +121,7 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
         rig = Rig(
             X_SC=rig.X_SC if given.X_SC is None else given.X_SC,
             follow_distance=given.follow_distance or rig.follow_distance,
+            roll_axis_height=given.roll_axis_height or rig.roll_axis_height,
         )
         return _raw_cameras(file, size, rig)
     return _rectified_cameras(file or sequence.directory / "calib.txt", sequence.layout, size, rig)

@@ -24,9 +24,15 @@ from vehicle.frames import FloatArray, inverse
 class RecordingWriter(RecordingFolder):
     """Writes a recording frame by frame."""
 
-    def __init__(self, directory: Path, calibration: StereoCalibration | RawStereoRig, follow_distance: float) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        calibration: StereoCalibration | RawStereoRig,
+        follow_distance: float,
+        roll_axis_height: float = 0.0,
+    ) -> None:
         super().__init__(directory)
-        self._calibration, self._follow_distance = calibration, follow_distance
+        self._calibration, self._distances = calibration, (follow_distance, roll_axis_height)
         self._X_C0W: FloatArray | None = None  # inverse of the first camera pose
         self._count = 0
 
@@ -35,7 +41,7 @@ class RecordingWriter(RecordingFolder):
             (self._folder / f"image_{side}").mkdir()
         if isinstance(self._calibration, StereoCalibration):
             (self._folder / "calib.txt").write_text(calibration_text(self._calibration), encoding="utf-8")
-        rig = rig_text(self._calibration, self._follow_distance)
+        rig = rig_text(self._calibration, *self._distances)
         (self._folder / "rig.toml").write_text(rig, encoding="utf-8")
 
     def add(self, frame: StereoFrame, X_WB: FloatArray) -> None:
@@ -59,14 +65,20 @@ def calibration_text(calibration: StereoCalibration) -> str:
     return f"P0: {_numbers(P0)}\nP1: {_numbers(P1)}\n"
 
 
-def rig_text(calibration: StereoCalibration | RawStereoRig, follow_distance: float) -> str:
+def rig_text(
+    calibration: StereoCalibration | RawStereoRig, follow_distance: float, roll_axis_height: float = 0.0
+) -> str:
     """The rig as TOML, numbers exact to the last bit."""
+    trailer = (
+        f"follow_distance = {follow_distance!r}  # hitch to follow point [m]\n"
+        f"roll_axis_height = {roll_axis_height!r}  # of the axis about which the trailer's body rolls [m]\n"
+    )
     if isinstance(calibration, RawStereoRig):
-        return f"follow_distance = {follow_distance!r}  # hitch to follow point [m]\n{calibration.to_toml()}"
+        return f"{trailer}{calibration.to_toml()}"
     rows = ",\n".join(f"  [{', '.join(repr(float(value)) for value in row)}]" for row in calibration.X_SC)
     return (
         f"baseline = {calibration.baseline!r}  # [m]\n"
-        f"follow_distance = {follow_distance!r}  # hitch to follow point [m]\n"
+        f"{trailer}"
         f"# pose of the left camera (x right, y down, z ahead) in the trailer (origin: hitch on the ground) [m]\n"
         f"X_SC = [\n{rows},\n]\n"
     )
