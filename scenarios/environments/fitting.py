@@ -52,7 +52,7 @@ def run_errors(directory: Path) -> RunErrors:
         raise ValueError(f"{signals}: time must increase, and all numbers must be within {_LARGEST:g}")
     frames = np.flatnonzero(np.isfinite(health) & np.isfinite(truth))
     error = estimate_error(estimate, truth, health)[frames]
-    healthy = np.flatnonzero(health[frames] < LOST)
+    healthy = np.flatnonzero((health[frames] < LOST) & np.isfinite(error))
     if len(healthy) < _MIN_FRAMES:
         raise ValueError(f"{directory}: has {len(healthy)} estimates, must have at least {_MIN_FRAMES}")
     return RunErrors(error[healthy[0] :], float(np.median(np.diff(time[frames]))))
@@ -103,11 +103,12 @@ def surrogate_toml(parameters: SurrogateParameters, runs: int, frames: int) -> s
 
 
 def _autocovariance(errors: Sequence[FloatArray]) -> FloatArray:
-    """Mean product of errors at each lag in frames, from lag 0, over all runs."""
-    covariance = np.empty(_LAGS)
+    """Mean product of errors at each lag in frames, from lag 0, over all runs; 0 where no two errors have that lag."""
+    covariance = np.zeros(_LAGS)
     for lag in range(_LAGS):
-        products = [error[lag:] * error[: len(error) - lag] for error in errors]
-        covariance[lag] = np.nanmean(np.concatenate(products))
+        products = np.concatenate([error[lag:] * error[: len(error) - lag] for error in errors])
+        if np.isfinite(products).any():
+            covariance[lag] = np.nanmean(products)
     return covariance
 
 

@@ -145,6 +145,19 @@ def test_the_errors_of_a_run_are_read_from_its_log(tmp_path: Path) -> None:
     assert np.isnan(run.error).sum() == 1
     assert np.nanmean(run.error) == pytest.approx(0.01)
     assert run.interval == pytest.approx(0.1)
+    log["off_tracking_estimate"][:300] = np.nan  # healthy, yet without a number
+    pyarrow.parquet.write_table(pa.table(log), tmp_path / "signals.parquet")
+    with pytest.raises(ValueError, match="has 25 estimates, must have at least 50"):
+        run_errors(tmp_path)
+
+
+def test_single_estimates_between_gaps_have_no_correlation() -> None:
+    """Every thirtieth frame has an error: no two of them are within the lags that drift is fitted to."""
+    error = np.full(3000, np.nan)
+    error[::30] = np.random.default_rng(1).normal(0.0, 0.02, 100)
+    parameters = fitted([RunErrors(error, 0.1)])
+    assert parameters.drift == 0.0
+    assert parameters.noise == pytest.approx(0.02, rel=0.2)
 
 
 @pytest.mark.parametrize(("change", "words"), [({"noise": -1.0}, "noise = -1"), ({"drift_time": 0.0}, "drift_time")])
