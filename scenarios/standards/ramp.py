@@ -78,7 +78,7 @@ class _Run:
         """Ground truth after standing at a level; None if it falls."""
         plant = self.plant(level)
         truth = plant.observe(state, tick)
-        before = self.rolls(truth, level)
+        before, last, leaning = self.rolls(truth, level), 0.0, 0.0
         for k in range(1, round(_HELD / TICK / PERIOD) + 1):
             try:
                 state = self.step(plant, state, truth, level)
@@ -90,9 +90,10 @@ class _Run:
             if k * PERIOD % round(1.0 / TICK) == 0:
                 now = self.rolls(truth, level)
                 if np.abs(now - before).max() < _RESTING:
-                    break
+                    return truth
+                last, leaning = leaning, float(np.abs(now).max() - np.abs(before).max())
                 before = now
-        return truth
+        return None if leaning > max(last, _RESTING) else truth  # near the threshold it falls slowly, ever faster
 
 
 def driven(vehicle: Vehicle, ramp: Ramp) -> Tipping:
