@@ -70,7 +70,7 @@ class DriverMemory(NamedTuple):
 
     @property
     def slips(self) -> law.Slips[float]:
-        """What is remembered of the tyres."""
+        """The remembered state of the tyres."""
         return law.Slips(self.front_slip, self.rear_slip, self.side, self.turn)
 
 

@@ -42,7 +42,7 @@ class Motion(NamedTuple, Generic[Num]):
 
 
 class Slips(NamedTuple, Generic[Num]):
-    """What the driver remembers of the tyres."""
+    """State of the tyres that the driver remembers."""
 
     front: Num  # slip angle of the relaxed tyres ahead [rad]
     rear: Num  # behind [rad]
@@ -162,7 +162,7 @@ def steer_demand(
 
 
 def _rolling(f: Functions[Num], tractor: TractorGeometry, drift: Num, turn: Num) -> Num:
-    """What a large angle of the foremost axle is less than its tangent [rad]: exact while it rolls."""
+    """Large angle of the foremost axle less its tangent [rad]: exact while it rolls."""
     direction = drift + tractor.wheelbase * turn
     return f.atan(direction) - direction
 

@@ -31,7 +31,7 @@ _HINT: Final = "drawings need {}; install it with: pip install 'offtrack[cad]'"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DrivenPath:
-    """What a drawing shows of a drive."""
+    """Content of the drawing of a drive."""
 
     title: str
     notes: tuple[str, ...]

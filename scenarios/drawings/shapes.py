@@ -1,4 +1,4 @@
-"""What a drawing contains: polylines and areas on layers, independent of the file format.
+"""Contents of a drawing: polylines and areas on layers, independent of the file format.
 
 Coordinates are those of the course in metres: x along the tractor's first heading, y to the left, origin at its rear
 axle at the start.

@@ -17,12 +17,12 @@ from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.results.log import Column, Log, Signal
 from scenarios.results.trailer_signals import tyre_columns, unit_columns
-from scenarios.standards.pilots import steered_trailer
+from scenarios.standards.pilots import SteerProgramme, steered_trailer
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import Plant
 from vehicle.combination.truth import Truth
-from vehicle.frames import Pose2
+from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 MemoryT = TypeVar("MemoryT")
@@ -98,6 +98,22 @@ def drive(
     while session.outcome is None:
         session.advance()
     return Drive(outcome=session.outcome, log=drive_log(vehicle, [row.truth for row in session.rows]))
+
+
+def drive_programme(
+    vehicle: Vehicle, angles: FloatArray, *, speed: float, friction: float, trailer_steering: str
+) -> Drive:
+    """Drive a programme of steer angles (n,) [rad], one every ``PERIOD``, at a speed [m/s] on level ground."""
+    end = len(angles) * PERIOD
+    return drive(
+        vehicle,
+        Surface(friction=friction),
+        SteerProgramme(angles, speed, PERIOD),
+        trailer_steering=trailer_steering,
+        speed=speed,
+        done=lambda truth: truth.tick >= end,
+        patience=2.0 * end * TICK,
+    )
 
 
 def drive_log(vehicle: Vehicle, truths: Sequence[Truth]) -> Log:

@@ -11,11 +11,10 @@ import numpy as np
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import articulation, damping
-from scenarios.standards.pilots import SteerProgramme, half_sine
-from scenarios.standards.proving_ground import PERIOD, Drive, drive
+from scenarios.standards.pilots import half_sine
+from scenarios.standards.proving_ground import PERIOD, Drive, drive_programme
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.surface import Surface
 
 SPEED: Final = 80.0 / 3.6  # [m/s]
 NAMES: Final = ("yaw_damping", "pulse_load_transfer")
@@ -32,15 +31,7 @@ def pulse(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = STAN
     count = round(_LENGTH / (PERIOD * TICK))
     speed, friction = conditions.speed_or(SPEED), conditions.friction_or(_FRICTION)
     angles = half_sine(conditions.side * _STEER, _DURATION, _START, count, PERIOD)
-    driven = drive(
-        vehicle,
-        Surface(friction=friction),
-        SteerProgramme(angles, speed, PERIOD),
-        trailer_steering=trailer_steering,
-        speed=speed,
-        done=lambda truth: truth.tick >= count * PERIOD,
-        patience=2.0 * _LENGTH,
-    )
+    driven = drive_programme(vehicle, angles, speed=speed, friction=friction, trailer_steering=trailer_steering)
     return Manoeuvre(
         key="pulse",
         title="Yaw damping after a steer pulse",

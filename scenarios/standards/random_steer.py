@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from scenarios.results.log import Log
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
-from scenarios.standards.pilots import SteerProgramme
-from scenarios.standards.proving_ground import PERIOD, drive
+from scenarios.standards.proving_ground import PERIOD, drive_programme
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.linear import lateral_model
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 SPEED: Final = 88.0 / 3.6  # [m/s]
 PEAK: Final = 0.05 * GRAVITY  # lateral acceleration of the front axle by linear theory [m/s2]
@@ -49,15 +47,7 @@ def random_steer(vehicle: Vehicle, trailer_steering: str, conditions: Conditions
     """Two periods of pseudo-random steer."""
     speed, friction = conditions.speed_or(SPEED), conditions.friction_or(_FRICTION)
     angles = conditions.side * np.tile(steer_cycle(vehicle, speed, friction), 2)
-    driven = drive(
-        vehicle,
-        Surface(friction=friction),
-        SteerProgramme(angles, speed, PERIOD),
-        trailer_steering=trailer_steering,
-        speed=speed,
-        done=lambda truth: truth.tick >= 2 * _COUNT * PERIOD,
-        patience=4.0 * _CYCLE,
-    )
+    driven = drive_programme(vehicle, angles, speed=speed, friction=friction, trailer_steering=trailer_steering)
 
     def figures() -> Figures:
         response = amplification_response(vehicle, driven.log, speed, friction)

@@ -14,13 +14,11 @@ import numpy as np
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.manoeuvre import Figures, Manoeuvre, measured
 from scenarios.standards.motion import amplification, lateral_acceleration
-from scenarios.standards.pilots import SteerProgramme
-from scenarios.standards.proving_ground import PERIOD, Drive, drive
+from scenarios.standards.proving_ground import PERIOD, Drive, drive_programme
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.linear import lateral_model
 from vehicle.frames import FloatArray
-from vehicle.surface import Surface
 
 SPEED: Final = 72.0 / 3.6  # [m/s]
 FREQUENCY: Final = 0.5  # [Hz]
@@ -49,15 +47,7 @@ def sine_with_dwell(vehicle: Vehicle, trailer_steering: str, conditions: Conditi
     count = round(_LENGTH / (PERIOD * TICK))
     time: FloatArray = PERIOD * TICK * np.arange(count, dtype=np.float64)
     angles = conditions.side * amplitude * wave(time)
-    driven = drive(
-        vehicle,
-        Surface(friction=friction),
-        SteerProgramme(angles, speed, PERIOD),
-        trailer_steering=trailer_steering,
-        speed=speed,
-        done=lambda truth: truth.tick >= count * PERIOD,
-        patience=2.0 * _LENGTH,
-    )
+    driven = drive_programme(vehicle, angles, speed=speed, friction=friction, trailer_steering=trailer_steering)
     return Manoeuvre(
         key="sine_with_dwell",
         title="Sine with dwell",

@@ -1,4 +1,4 @@
-"""What docs/trust.md promises: the limits in it are those of the code, and the code uses nothing that it excludes."""
+"""The page docs/trust.md: its limits are those of the code, and the code uses nothing that it excludes."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ class Result:
 
     @property
     def ending(self) -> str:
-        """How it ended, for the tally."""
+        """The ending, for the tally."""
         if self.refused or self.code is None:
             return "refused" if self.refused else "died"
         return self.outcome or {0: "done", 1: "failed", 130: "interrupted"}.get(self.code, "traceback")

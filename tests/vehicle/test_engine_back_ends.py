@@ -199,7 +199,7 @@ def test_what_no_back_end_knows_is_refused() -> None:
 
 
 def test_no_tick_divides_by_a_vehicles_number() -> None:
-    """What is known before is inverted once; only a divisor that changes with the state is divided by."""
+    """A divisor that is known before is inverted once; only a divisor that changes with the state is divided by."""
     function = ca.Function("f", [x, u, p], [ca.vertcat(a / p[0], b / p[0], a / u[1], p[0] / a, p[0] / p[1])])
     program = program_of(function)
     names = [node.name for node in program.body.nodes if isinstance(node, Operation)]

@@ -70,7 +70,7 @@ ROUNDING = 1e-11
 
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_step_of_two_calls_is_the_step(chain: Vehicle, ticks: int) -> None:
-    """What an interpreter repeats is what all other back ends list twice: also what brakes hold over a step."""
+    """An interpreter repeats the operations that all other back ends list twice: also what brakes hold over a step."""
     expected = one_by_one(step_function(chain), chain, "interpreted", ticks)
     kernel = kernel_for_one(step_function(chain), numbers(chain), "interpreted", interpreted=interpreted_step(chain))
     states, inputs = random_states(chain), random_inputs(chain)

@@ -108,7 +108,7 @@ def test_springs_carry_the_lighter_body(short_form: Vehicle) -> None:
 
 
 def test_the_empty_body_swings_on_the_same_suspensions() -> None:
-    """What is left of the roll inertia is that of an empty body, and it leans less on the same springs."""
+    """The rest of the roll inertia is that of an empty body, and it leans less on the same springs."""
     vehicle = load_vehicle("eu_tractor_semitrailer")
     empty = with_load(vehicle, "unladen")
     trailer = empty.units[1]

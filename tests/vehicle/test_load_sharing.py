@@ -77,5 +77,5 @@ def test_the_shift_follows_the_road_with_its_lag(shared: Vehicle) -> None:
 
 
 def test_units_that_share_at_once_have_no_state(shared: Vehicle, tractor_semitrailer: Vehicle) -> None:
-    """What a file leaves out costs nothing."""
+    """A part that a file leaves out costs nothing."""
     assert (state_sizes(tractor_semitrailer).load_shift, state_sizes(shared).load_shift) == (0, 3)

@@ -88,7 +88,7 @@ def test_twins_that_go_straight_are_one_tyre(twins: Vehicle, tractor_semitrailer
 
 
 def test_single_tyres_have_no_second_patch(twins: Vehicle, tractor_semitrailer: Vehicle) -> None:
-    """What a file leaves out has no state."""
+    """A part that a file leaves out has no state."""
     assert (state_sizes(tractor_semitrailer).twin_x, state_sizes(twins).twin_x) == (0, 2)
 
 

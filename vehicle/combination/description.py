@@ -125,7 +125,7 @@ class Steering(Frozen):
 
 
 class LoadSharing(Frozen):
-    """How the axles of a unit's groups equalise their loads on uneven road."""
+    """Data by which the axles of a unit's groups equalise their loads on uneven road."""
 
     stiffness: Annotated[
         float, quantity("N/m", ge=1e3, le=1e8, why="1 kN/m is a bicycle's, 100 MN/m a steel wheel's on rail")
