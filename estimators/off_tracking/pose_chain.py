@@ -21,7 +21,7 @@ import numpy as np
 from estimators.estimates import Anchor
 from estimators.off_tracking.hitch_path import Crossing
 from estimators.rigid_motion import UncertainMotion, chained, composed, stretched
-from vehicle.frames import FloatArray, inverse, transform
+from vehicle.frames import FloatArray, cross, inverse, transform
 from vehicle.polyline import arc_length
 
 # Share of the variance that is common to all measurements. With it the normalised error of the off-tracking on
@@ -136,11 +136,24 @@ def _first_of_path(samples: tuple[Sample, ...]) -> list[int]:
 
 
 def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
-    """Hitch positions (n, 3) in the newest S, newest first; de Saxe 2018, eqs 3 to 5."""
-    X_OS = samples[0].X_OS
+    """Hitch positions (n, 3) in the newest S, levelled, newest first; de Saxe 2018, eqs 3 to 5."""
     p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    positions: FloatArray = (p_OS - X_OS[:3, 3]) @ X_OS[:3, :3]
+    positions: FloatArray = (p_OS - p_OS[0]) @ levelled(samples)
     return positions
+
+
+def levelled(samples: Sequence[Sample]) -> FloatArray:
+    """R_OS (3, 3) of the newest sample without its own roll and pitch.
+
+    Off-tracking is a distance in the plane of the road. The plane of the body is another one as soon as it rolls or
+    pitches: at 1 deg of roll a path that is 0.1 m higher lies 2 mm to the side. Roll and pitch are those of the road in
+    the mean over the path, so z is the mean of the body's z axes there. The x axis keeps its heading.
+    """
+    axes = np.array([sample.X_OS[:3, :3] for sample in samples])
+    z = axes[:, :, 2].sum(axis=0)
+    y = cross(z, axes[0, :, 0])
+    y, z = y / np.linalg.norm(y), z / np.linalg.norm(z)
+    return np.column_stack([cross(y, z), y, z])
 
 
 def links_between(samples: tuple[Sample, ...], older: int) -> tuple[Link, ...]:
@@ -212,7 +225,7 @@ def lateral_std(
     in the axes of the body: the odometry's slowly varying bias.
     """
     ends = [link.end for link in links]
-    R_CO = samples[0].X_OS[:3, :3].T
+    R_CO = levelled(samples).T
     n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
     point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
     r = point - positions[ends]

@@ -15,6 +15,8 @@ from scipy.optimize import brentq
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.reference import ReferenceOffTracking
+from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
 
 LENGTH = 14.0  # hitch to follow point [m]
@@ -185,6 +187,38 @@ def test_rolling_and_pitching_of_the_body_does_not_bias() -> None:
     difference = np.array([b.value - a.value for a, b in zip(still, moved, strict=True)][250:])
     assert np.abs(difference).max() < 2e-3  # [m] 14 m x (0.5 deg)^2 = 1.1 mm
     assert abs(difference.mean()) < 5e-4  # [m] and it averages out
+
+
+def test_own_roll_of_the_body_does_not_tilt_the_path_over_undulating_ground() -> None:
+    """The path rises and falls by 0.2 m while the body rolls by 2 deg: in the body's own plane that is 7 mm."""
+    poses = circle(15.0, 9.0, 400)
+    heights = [0.1 * math.sin(0.05 * k) for k in range(len(poses))]
+    level, rolled = (
+        [
+            transform(rotation_zyx(pose.psi, 0.0, roll * math.sin(1.3 * k)), np.array([pose.x, pose.y, heights[k]]))
+            for k, pose in enumerate(poses)
+        ]
+        for roll in (0.0, math.radians(2.0))
+    )
+    expected, moved = run(motions(level))[1], run(motions(rolled))[1]
+    assert max(abs(b.value - a.value) for a, b in zip(expected[250:], moved[250:], strict=True)) < 5e-4
+
+
+def test_reference_is_planar_whatever_the_body_does() -> None:
+    """Known attitudes are levelled: roll, pitch and heave of the body leave the reference's off-tracking as it is."""
+    poses, rng = circle(15.0, 9.0, 400), np.random.default_rng(5)
+    values = []
+    for shake in (0.0, 1.0):
+        reference = ReferenceOffTracking(LENGTH)
+        memory, off_tracking = reference.init(), None
+        for k, pose in enumerate(poses):
+            pitch, roll, heave = shake * rng.normal(0.0, [0.02, 0.03, 0.1])
+            R_WB = rotation_zyx(pose.psi, pitch, roll)
+            X_WB = transform(R_WB, np.array([pose.x, pose.y, heave]))
+            memory, off_tracking = reference.step(memory, BodyPose(tick=FRAME * k, X_WB=X_WB))
+        assert off_tracking is not None
+        values.append((off_tracking.value, off_tracking.v_x, off_tracking.yaw_rate, off_tracking.path_tangent))
+    np.testing.assert_allclose(values[1], values[0], atol=1e-9)
 
 
 def test_standstill_keeps_the_buffer_and_its_end_at_the_hitch() -> None:
