@@ -41,7 +41,7 @@ def test_the_trace_of_three_wheels_in_line_shows_the_slip(tmp_path: Path) -> Non
 
     From the recording, whose rig names six wheels, the estimates are the same but for nine digits of readings.
     """
-    result = driven("course.length=2", "slip_compensation=heading", record=tmp_path / "recording")
+    result = driven("course.length=1.2", "slip_compensation=heading", record=tmp_path / "recording")
     assert np.degrees(np.sqrt(np.nanmean(result.slip_error**2))) < 1.4
     assert result.log["slip_angle_true"].min() < math.radians(-2.0)
     recording = open_rover_recording(tmp_path / "recording")
