@@ -88,8 +88,6 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
     log = estimation.log
     error = np.degrees(log["slip_angle"] - log["slip_angle_reference"])
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_reference"])
-    known = np.isfinite(error)
-    within = np.abs(error[known]) <= 2.5 * np.degrees(log["slip_angle_std"][known])
     used = log["health"] < _DROPPED
     return {
         "outcome": estimation.outcome,
@@ -108,7 +106,7 @@ def slip_summary(estimation: SlipEstimation) -> dict[str, Any]:
             "error_rms_deg": number(metrics.rms(error)),
             "error_max_deg": number(metrics.peak(error)),
             "lagged_error_rms_deg": number(metrics.rms(lagged)),
-            "within_2_5_sigma": number(float(np.mean(within))) if known.any() else None,
+            "within_2_5_sigma": number(metrics.within_sigmas(error, np.degrees(log["slip_angle_std"]))),
         },
         "timing": {"estimator_ms_per_image": number(1e3 * estimation.seconds / max(1, int(used.sum())))},
         "dropped_images": [{"image": k, "reason": reason} for k, reason in estimation.dropped.items()],

@@ -15,8 +15,6 @@ from scenarios.results.log import LOST, Log
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_SIGMAS = 2.5  # standard deviations that 95 of 100 errors should not exceed
-
 
 def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
     """Summary for JSON; null where a number does not apply or could not be measured."""
@@ -54,7 +52,6 @@ def _frames(estimation: Estimation, log: Log) -> dict[str, float | int | None]:
 
 def _off_tracking(log: Log) -> dict[str, float | int | None]:
     value, error, std = log["off_tracking"], error_of_estimate(log), log["off_tracking_std"]
-    known = np.isfinite(error)
     return {
         "rms_m": _number(metrics.rms(value)),
         "max_m": _number(metrics.peak(value)),
@@ -62,7 +59,8 @@ def _off_tracking(log: Log) -> dict[str, float | int | None]:
         "valid_fraction": _number(_valid_fraction(log)),
         "estimate_error_rms_m": _number(metrics.rms(error)),
         "estimate_error_max_m": _number(metrics.peak(error)),
-        "within_2_5_sigma": _number(metrics.mean((np.abs(error) < _SIGMAS * std)[known].astype(np.float64))),
+        "within_2_5_sigma": _number(metrics.within_sigmas(error, std)),
+        "nees_mean": _number(metrics.nees(error, std)),
     }
 
 

@@ -22,6 +22,7 @@ from vehicle.user_file import shown
 
 HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
+OK: Final = HEALTH[Health.OK]
 LOST: Final = HEALTH[Health.LOST]
 
 MOTION: Final = (  # of a unit or a rover: name, unit and meaning

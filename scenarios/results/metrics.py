@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scenarios.results.log import LOST
 from vehicle.frames import FloatArray
 
+_SIGMAS = 2.5  # standard deviations that 95 of 100 errors should not exceed, even if they are not quite normal
 _AT_REST = 1e-7  # a smaller step back between two samples is the integrator's rounding [m]
 
 
@@ -126,6 +127,38 @@ def mean(values: FloatArray) -> float:
 def estimate_error(estimate: FloatArray, truth: FloatArray, health: FloatArray) -> FloatArray:
     """Estimate minus truth at the estimate's own time [m]; NaN where there is no estimate or it is lost."""
     return np.where(np.isfinite(health) & (health < LOST), estimate - truth, np.nan)
+
+
+def within_sigmas(error: FloatArray, std: FloatArray) -> float:
+    """Share of the known errors within 2.5 stated standard deviations; NaN if none is stated.
+
+    Of normally distributed errors with a right standard deviation it is 0.988. An exact source states 0, and does not
+    count.
+    """
+    stated = np.isfinite(error) & (std > 0.0)
+    return float(np.mean(np.abs(error[stated]) <= _SIGMAS * std[stated])) if stated.any() else float("nan")
+
+
+def nees(error: FloatArray, std: FloatArray) -> float:
+    """Normalised estimation error squared, in the mean: 1 for a right standard deviation; NaN if none is stated."""
+    stated = np.isfinite(error) & (std > 0.0)
+    return float(np.mean(np.square(error[stated] / std[stated]))) if stated.any() else float("nan")
+
+
+def longest_loss(health: FloatArray, time: FloatArray) -> float:
+    """Longest time without a usable value, from the last usable capture to the next one [s]; NaN without captures.
+
+    Captures before the first usable one do not count. A loss at the end lasts until the last capture.
+    """
+    captures = np.flatnonzero(np.isfinite(health))
+    usable = captures[health[captures] < LOST]
+    if not usable.size:
+        return float("nan")
+    ends = np.append(usable, captures[-1])
+    places = np.searchsorted(captures, ends)
+    lost = np.diff(places) > 1  # a capture without a value lies between
+    lost[-1] |= places[-1] > places[-2]
+    return float(np.max(np.diff(time[ends])[lost], initial=0.0))
 
 
 def valid_fraction(health: FloatArray, truth: FloatArray) -> float:

@@ -66,8 +66,6 @@ def _slip(result: RoverResult) -> Numbers:
     lagged = np.degrees(log["slip_angle_lagged"] - log["slip_angle_true"])
     health = log["health"]
     captures = np.isfinite(health)
-    known = np.isfinite(error)
-    within = np.abs(result.slip_error[known]) <= 2.5 * log["slip_angle_std"][known]
     return {
         "error_rms_deg": number(metrics.rms(error)),
         "error_max_deg": number(metrics.peak(error)),
@@ -75,7 +73,7 @@ def _slip(result: RoverResult) -> Numbers:
         "cross_track_rms_m": number(metrics.rms(log["cross_track_true"])),
         "cross_track_max_m": number(metrics.peak(log["cross_track_true"])),
         "lagged_error_rms_deg": number(metrics.rms(lagged)),
-        "within_2_5_sigma": number(float(np.mean(within))) if known.any() else None,
+        "within_2_5_sigma": number(metrics.within_sigmas(result.slip_error, log["slip_angle_std"])),
         "true_mean_deg": number(math.degrees(metrics.mean(log["slip_angle_true"]))),
         "reference_error_rms_deg": number(metrics.rms(np.degrees(_reference_error(log)))),
     }

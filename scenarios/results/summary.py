@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from scenarios.results import metrics
-from scenarios.results.log import LOST
+from scenarios.results.log import LOST, OK
 from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
 from scenarios.results.rover import RoverResult, rover_summary
 from scenarios.results.run_result import JudgedTrailer, RunResult, error_of_estimate
@@ -62,15 +62,20 @@ def swept(result: RunResult) -> SweptPath:
 
 def _off_tracking(result: RunResult, trailer: str) -> Numbers:
     true, error = result.signal(f"off_tracking_true_{trailer}"), error_of_estimate(result, trailer)
-    reference = result.signal(f"off_tracking_reference_{trailer}")
+    reference, std = (result.signal(f"off_tracking_{kind}_{trailer}") for kind in ("reference", "std"))
+    health = result.signal(f"health_{trailer}")
+    believed = np.where(health == OK, error, np.nan)
     return {
         "true_rms_m": number(metrics.rms(true)),
         "true_max_m": number(metrics.peak(true)),
         "estimate_error_rms_m": number(metrics.rms(error)),
         "estimate_error_max_m": number(metrics.peak(error)),
-        "valid_fraction": number(metrics.valid_fraction(result.signal(f"health_{trailer}"), true)),
+        "valid_fraction": number(metrics.valid_fraction(health, true)),
         "reference_error_rms_m": number(metrics.rms(reference - true)),
         "estimate_against_reference_rms_m": number(metrics.rms(error + true - reference)),
+        "within_2_5_sigma": number(metrics.within_sigmas(error, std)),
+        "ok_within_2_5_sigma": number(metrics.within_sigmas(believed, std)),
+        "nees_mean": number(metrics.nees(error, std)),
     }
 
 
@@ -104,5 +109,6 @@ def _odometry(result: RunResult) -> Numbers:
         "matches_mean": number(metrics.mean(result.signal("matches"))),
         "inliers_mean": number(metrics.mean(result.signal("inliers"))),
         "lost_frames": int(np.sum(health[captures] >= LOST)) if captures.any() else None,
+        "longest_loss_s": number(metrics.longest_loss(health, result.log["time"])),
         "drift_percent": number(100.0 * metrics.mean(drift)),
     }

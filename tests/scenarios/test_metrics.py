@@ -181,6 +181,27 @@ def test_valid_fraction_counts_from_when_an_estimate_could_be_expected() -> None
     assert math.isnan(metrics.valid_fraction(health[:3], truth[:3]))
 
 
+def test_stated_standard_deviations_are_held_against_the_errors() -> None:
+    """An error at exactly 2.5 sigma is within; what is lost, or states an exact 0, does not count."""
+    error = np.array([0.025, -0.03, 0.01, np.nan, 0.5])
+    std = np.array([0.01, 0.01, 0.01, 0.01, 0.0])
+    assert metrics.within_sigmas(error, std) == pytest.approx(2.0 / 3.0)
+    assert metrics.nees(error, std) == pytest.approx((6.25 + 9.0 + 1.0) / 3.0)
+    assert all(math.isnan(f(error[3:], std[3:])) for f in (metrics.within_sigmas, metrics.nees))
+
+
+def test_the_longest_loss_lasts_from_the_last_usable_capture_to_the_next() -> None:
+    """Captures every second row; a loss at the start does not count, one at the end does."""
+    time = 0.1 * np.arange(14.0)
+    health = np.full(14, np.nan)
+    health[::2] = [2.0, 0.0, 2.0, 2.0, 1.0, 0.0, 2.0]
+    assert metrics.longest_loss(health, time) == pytest.approx(0.6)
+    health[8:13:2] = 2.0
+    assert metrics.longest_loss(health, time) == pytest.approx(1.0)
+    assert metrics.longest_loss(np.zeros(14), time) == 0.0
+    assert math.isnan(metrics.longest_loss(np.full(14, 2.0), time))
+
+
 def odometry_case(scale: float, yaw_bias: float) -> tuple[FloatArray, FloatArray]:
     """True poses on a circle and motions measured ``scale`` times as long, turned on by ``yaw_bias`` a frame."""
     psi = 0.03 * np.arange(200)

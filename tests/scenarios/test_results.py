@@ -29,6 +29,9 @@ NAMES = {
         "valid_fraction",
         "reference_error_rms_m",
         "estimate_against_reference_rms_m",
+        "within_2_5_sigma",
+        "ok_within_2_5_sigma",
+        "nees_mean",
     ],
     "swept_path": [
         "max_width_m",
@@ -39,7 +42,7 @@ NAMES = {
     ],
     "steer": ["max_deg", "max_rate_deg_s"],
     "tyres": ["friction_used_max"],
-    "odometry": ["matches_mean", "inliers_mean", "lost_frames", "drift_percent"],
+    "odometry": ["matches_mean", "inliers_mean", "lost_frames", "longest_loss_s", "drift_percent"],
     "timing": ["simulated_s", "wall_s", "realtime_factor", "physics_s", "render_s", "odometry_s"],
 }
 
