@@ -16,6 +16,7 @@ FAULTS: Final = {
     "decalibration": "sensors.faults.stereo_kinds:Decalibration",
     "dirt": "sensors.faults.image_kinds:Dirt",
     "glare": "sensors.faults.image_kinds:Glare",
+    "gain": "sensors.faults.image_kinds:Gain",
     "blackout": "sensors.faults.image_kinds:Blackout",
 }
 

@@ -102,6 +102,26 @@ class Glare(ImageFault):
         return np.asarray(cv2.add(image, self._veil, dtype=cv2.CV_8U), dtype=np.uint8)
 
 
+class Gain(ImageFault):
+    """One camera, the right one of a pair, exposes otherwise: its grey levels are scaled and shifted."""
+
+    options: ClassVar[tuple[Option, ...]] = (
+        Option("factor", 0.7, "grey levels of the sound image are multiplied by it", low=0.1, high=10.0),
+        Option("offset", 0.0, "grey levels that are added", low=-255.0, high=255.0),
+    )
+
+    def __init__(self, amount: tuple[float, ...], context: FaultContext) -> None:
+        self._factor, self._offset = amount
+        self._camera = len(image_fields(context.message)) - 1
+
+    def degraded(self, image: GreyImage, camera: int) -> GreyImage:
+        """The image of the other exposure; grey levels saturate at black and white."""
+        if camera != self._camera:
+            return image
+        levels = np.rint(self._factor * np.arange(256.0) + self._offset).clip(0.0, 255.0).astype(np.uint8)
+        return levels[image]
+
+
 def _glare(c: Pinhole, rng: np.random.Generator, strength: float) -> Floats:
     """A veil [grey levels] around a sun somewhere in the upper half of the image."""
     u0, v0 = rng.uniform(0.1, 0.9) * c.width, rng.uniform(0.0, 0.4) * c.height

@@ -31,7 +31,7 @@ CALIBRATION = StereoRig(
     facing="rear", width=672, height=240, hfov=math.radians(100.0), x=-13.6, y=0.0, z=3.0, baseline=0.5
 ).calibration()
 STEREO_KINDS = ("desync", "decalibration")
-IMAGE_KINDS = ("dirt", "glare", "blackout")
+IMAGE_KINDS = ("dirt", "glare", "gain", "blackout")
 MESSAGE_KINDS = tuple(name for name in FAULTS if name not in STEREO_KINDS + IMAGE_KINDS)
 
 
@@ -213,6 +213,15 @@ def test_blackout_glare_and_dirt(truth_of: TruthOf) -> None:
     assert (image(veiled) >= SCENE).all()
     assert (image(veiled) == 255).sum() > (SCENE == 255).sum() + 500
     assert (image(dirty).astype(float) < 0.75 * SCENE).mean() == pytest.approx(0.3, abs=0.08)  # soft edges, dark spots
+
+
+def test_gain_changes_the_right_image_alone(truth_of: TruthOf) -> None:
+    """Scaled and shifted to the nearest grey level, cut off at black and white."""
+    (message,) = sent(truth_of, fault("gain", (1.5, -40.0)), 1)
+    assert isinstance(message, StereoFrame)
+    assert np.array_equal(message.left, SCENE)
+    expected = np.clip(np.round(1.5 * message.left.astype(float) - 40.0), 0, 255)  # this scene is equal in both images
+    assert np.abs(message.right - expected).max() <= 0.5
 
 
 def test_faults_add_up(truth_of: TruthOf) -> None:
