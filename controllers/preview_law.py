@@ -154,10 +154,12 @@ def steer_demand(
         steer - steady.steer,
     )
     demand = steady.steer - sum(gains[k] * deviations[k] for k in range(STATES))
+    # Steer per change of the guided point's direction, over that at small angles, L / x_ref, for which the weights are.
+    scale = x_ref**2 * (1.0 + tan_chi**2) / ((x_ref + y_ref * tan_chi) ** 2 + (L * tan_chi) ** 2)
     for k, weight in enumerate(gains[STATES:]):
         begins = on.headings[k - 1] if k > 0 else 0.0
         stretch = (EDGES[k + 1] - EDGES[k]) * v  # of the tractor's own way [m]
-        demand = demand + weight * ((on.headings[k] - begins) / stretch - turn)
+        demand = demand + scale * weight * ((on.headings[k] - begins) / stretch - turn)
     return limited(f, demand, tractor.max_steer)
 
 

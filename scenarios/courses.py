@@ -33,7 +33,6 @@ _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look alon
 _SPACING = 0.5  # distance between points of the centreline [m]
 _SAME: Final = 1e-6  # distance of centres that are one [m]
 _LONGEST = 20e3  # course of turns: two hours at 10 km/h, and a second to build [m]
-PREVIEW: Final = 0.2  # distance of the guided point ahead of the front axle over the speed [s]; damps the steering
 _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % of the peak
 _GENTLE = 0.2  # largest offset over length of a lane change: heading up to 0.4 rad, path 3 % longer
 
@@ -218,12 +217,11 @@ def lane_change(
     peak_acceleration: float = 1.4715,
     entry: float = 60.0,
     exit: float = 150.0,
-    preview: float = PREVIEW,
 ) -> Course:
     """The single lane change of ISO 14791: one period of sinusoidal lateral acceleration [Hz, m/s2] at ``speed`` [m/s].
 
-    The resulting offset is the acceleration over 2 pi times the frequency squared, 1.464 m by default. The guided
-    point lies ``preview`` seconds of travel ahead of the front axle, which is at ``axle_x`` [m].
+    The resulting offset is the acceleration over 2 pi times the frequency squared, 1.464 m by default. The front axle
+    is guided, which is at ``axle_x`` [m].
 
     Raises:
         ValueError: if ``direction`` is neither left nor right, a number is not positive, or the change is too sharp.
@@ -238,11 +236,11 @@ def lane_change(
     peak = side * peak_acceleration / speed**2
     wave = [peak * math.sin(math.tau * k / _WAVE_PIECES) for k in range(_WAVE_PIECES + 1)]
     change = (Segment(length / _WAVE_PIECES, *ends) for ends in pairwise(wave))
-    return _course((axle_x + preview * speed, 0.0), (line(entry), *change, line(exit)))
+    return _course((axle_x, 0.0), (line(entry), *change, line(exit)))
 
 
 def straight(*, front_x: float, length: float) -> Course:
-    """Straight ahead for ``length`` [m].
+    """Straight ahead for ``length`` [m]; the point ``front_x`` [m] of the tractor's axis is guided.
 
     Raises:
         ValueError: if a length is not positive.

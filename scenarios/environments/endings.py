@@ -22,7 +22,7 @@ def jackknifed(moment: Moment) -> NDArray[np.bool_]:
 
 
 def rolled_over(moment: Moment) -> NDArray[np.bool_]:
-    """True if all load of a unit is on one side's wheels; a scenario waits half a second longer."""
+    """True if all load of a unit is on one side's wheels; a scenario waits until it falls."""
     lifted: NDArray[np.bool_] = np.logical_or.reduce(np.abs(moment.load_transfer) >= LIFTED, axis=1)
     return lifted
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
@@ -23,8 +24,10 @@ FOLDED: Final = 0.5 * math.pi  # articulation [rad]
 LIFTED: Final = 0.98  # load transfer [-]
 
 # A wheel that skips over a bump is no roll-over. A laden body with its centre of gravity 2.2 m from its outer wheels
-# and a radius of gyration of 1.1 m tips over them with a time constant of sqrt((1.1^2 + 2.2^2) / (9.81 * 2.2)) s.
-FALLING: Final = 0.5  # time with one side in the air that counts as a roll-over [s]
+# and a radius of gyration of 1.1 m tips over them with a time constant of sqrt((1.1^2 + 2.2^2) / (9.81 * 2.2)) s. In a
+# quick lane change a body with one side in the air comes back; it falls where its centre of gravity is beyond its
+# outer wheels. A body that rolls by gradients never gets there: one side in the air for that time is a roll-over.
+FALLING: Final = 0.5  # least time with one side in the air [s]
 
 
 class Referee:
@@ -39,6 +42,9 @@ class Referee:
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
         self._road = None if road is None else KDTree(road)
         self._half_width = road_half_width
+        reach = [0.5 * max(axle.track for axle in unit.axles) for unit in vehicle.units]
+        tipping = np.arctan2(reach, [unit.cg_height for unit in vehicle.units])
+        self._tipping: FloatArray = tipping if vehicle.has_springs else np.zeros(len(tipping))  # lean of a body [rad]
 
     def init(self) -> int | None:
         """Memory at the start: the tick since which one side of a unit is in the air; None if none is."""
@@ -50,9 +56,14 @@ class Referee:
         since = (truth.tick if memory is None else memory) if lifted else None
         if np.any(np.abs(np.diff(truth.poses[:, 2])) >= FOLDED):
             return since, "jackknifed"
-        if since is not None and (truth.tick - since) * TICK >= FALLING:
+        if since is not None and (truth.tick - since) * TICK >= FALLING and self._tips(truth):
             return since, "rolled over"
         return since, "left the road" if self._off_the_road(truth) else None
+
+    def _tips(self, truth: Truth) -> bool:
+        """True if a body leans so far that its weight does not bring it back."""
+        lean = np.arctan2(truth.bodies[:, 2, 1], truth.bodies[:, 2, 2])
+        return bool(np.any(np.abs(lean) >= self._tipping))
 
     def _off_the_road(self, truth: Truth) -> bool:
         """True if a wheel of the tractor stands beyond the road's edge."""
@@ -63,3 +74,17 @@ class Referee:
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
         distance, _ = self._road.query(wheels)
         return bool(np.any(distance > self._half_width))
+
+
+def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:
+    """A line for every unit that had one side in the air for ``FALLING`` or longer, fallen or not."""
+    ticks = np.array([truth.tick for truth in truths])
+    lines = []
+    for k, unit in enumerate(vehicle.units):
+        lifted = np.array([abs(truth.load_transfer[k]) >= LIFTED for truth in truths], dtype=np.int8)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], lifted, [0]])))
+        for start, end in zip(ticks[edges[::2]] * TICK, ticks[edges[1::2] - 1] * TICK, strict=True):
+            if end - start >= FALLING:
+                lines.append(f"{unit.name}: the wheels of one side carry nothing from {start:.1f} to {end:.1f} s")
+                break
+    return tuple(lines)

@@ -11,6 +11,7 @@ from scenarios.assembly.adapters import outlines
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import Assembly, assemble, trailer_stream
 from scenarios.loop.combination import SteeredTrailer, TrailerSession
+from scenarios.loop.referee import lift_warnings
 from scenarios.loop.rover import RoverSession
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario
@@ -171,7 +172,11 @@ def _result(session: TrailerSession) -> RunResult:
             "opengl_renderer": parts.views.renderer_name,
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
-        warnings=(*data_sheet(vehicle).warnings, *_steer_warnings(parts, log)),
+        warnings=(
+            *data_sheet(vehicle).warnings,
+            *_steer_warnings(parts, log),
+            *lift_warnings(vehicle, [row.truth for row in session.rows]),
+        ),
         traceback=session.traceback,
     )
 

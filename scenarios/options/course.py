@@ -154,8 +154,7 @@ class StraightOptions(CourseOptions):
 
     def course(self, tractor: Unit, speed: float) -> courses.Course:
         """Build the course for a tractor at a set speed [m/s]."""
-        guided = max(tractor.front_x, tractor.steered_axles[0].x + courses.PREVIEW * speed)
-        return courses.straight(front_x=guided, length=self.length)
+        return courses.straight(front_x=tractor.steered_axles[0].x, length=self.length)
 
 
 class TurnTable(Options):

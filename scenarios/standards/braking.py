@@ -14,7 +14,7 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike, DriverMemory, PreviewDriver
 from scenarios.assembly.adapters import outlines, tractor_geometry
-from scenarios.courses import PREVIEW, Course, Turn, turns
+from scenarios.courses import Course, Turn, turns
 from scenarios.courses import straight as straight_course
 from scenarios.results.log import Log
 from scenarios.standards.conditions import STANDARD, Conditions
@@ -120,8 +120,7 @@ def braking_in_turn(vehicle: Vehicle, trailer_steering: str = "none", conditions
 def _stop(
     key: str, title: str, how: str, vehicle: Vehicle, trailer_steering: str, friction: Friction, speed: float
 ) -> Manoeuvre:
-    front = vehicle.units[0].steered_axles[0].x + PREVIEW * speed
-    course = straight_course(front_x=front, length=_SETTLED + speed**2 + 100.0)
+    course = straight_course(front_x=vehicle.units[0].steered_axles[0].x, length=_SETTLED + speed**2 + 100.0)
     return _driven(key, title, how, vehicle, trailer_steering, friction, speed, course)
 
 

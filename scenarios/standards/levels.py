@@ -146,6 +146,12 @@ CRITERIA: Final = (
         times="rollover_threshold_g",
         source=_pbs("C12", ": 5.7 times the static rollover threshold in g"),
     ),
+    Criterion(
+        "front_path_error_m",
+        "ISO 14791",
+        _single(0.15),
+        source="from memory: ISO 14791, single lane change; the path of the front axle within 150 mm",
+    ),
     Criterion("transient_off_tracking_m", _PBS, _levels(0.6, 0.8, 1.0, 1.2), source=_pbs("C13")),
     Criterion("tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_pbs("C5")),
     Criterion("yaw_damping", _PBS, _single(0.15), at_most=False, source=_pbs("C14")),

@@ -8,7 +8,6 @@ import numpy as np
 
 from controllers.driver import PreviewDriver
 from scenarios.assembly.adapters import outlines, tractor_geometry
-from scenarios.courses import PREVIEW
 from scenarios.courses import straight as straight_course
 from scenarios.results.log import Log
 from scenarios.results.swept_path import placed
@@ -35,7 +34,7 @@ def straight(vehicle: Vehicle, trailer_steering: str, conditions: Conditions = S
     """One kilometre of straight road at 90 km/h with a driver who keeps the line."""
     axle_x = vehicle.units[0].steered_axles[0].x
     speed, friction = conditions.speed_or(SPEED), conditions.friction_or(_FRICTION)
-    course = straight_course(front_x=axle_x + PREVIEW * speed, length=_LENGTH)
+    course = straight_course(front_x=axle_x, length=_LENGTH)
     surface = Surface(
         friction=friction,
         cross_fall=CROSS_FALL,

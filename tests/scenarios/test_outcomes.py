@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.loop.referee import Outcome, Referee
+from scenarios.loop.referee import Outcome, Referee, lift_warnings
 from vehicle.clock import TICK
-from vehicle.combination.description import load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, rotation_zyx
 
 VEHICLE = load_vehicle("eu_tractor_semitrailer")
 ROAD = np.column_stack([np.arange(-20.0, 20.0, 0.5), np.zeros(80)])
@@ -23,14 +23,17 @@ def truth(
     tractor: tuple[float, float, float] = (0.0, 0.0, 0.0),
     trailer_yaw: float = 0.0,
     transfer: tuple[float, float] = (0.0, 0.0),
+    leans: tuple[float, float] = (0.0, 0.0),
 ) -> Truth:
     wheels = np.zeros(VEHICLE.n_wheels)
+    bodies = np.tile(np.eye(4), (2, 1, 1))
+    bodies[:, :3, :3] = [rotation_zyx(0.0, 0.0, lean) for lean in leans]
     poses: FloatArray = np.array([tractor, (tractor[0], tractor[1], trailer_yaw)])
     return Truth(
         tick=tick,
         poses=poses,
         velocities=np.zeros((2, 3)),
-        bodies=np.tile(np.eye(4), (2, 1, 1)),
+        bodies=bodies,
         steer=np.zeros(1),
         wheel_loads=wheels,
         wheel_slip_angles=wheels,
@@ -53,16 +56,52 @@ def test_a_combination_folded_past_the_right_angle_has_jackknifed(
     assert judged(truth(trailer_yaw=side * math.radians(degrees))) == outcome
 
 
-@pytest.mark.parametrize("transfer", [(1.0, 0.2), (0.3, -1.0)])
-def test_a_unit_on_one_sides_wheels_for_half_a_second_has_rolled_over(transfer: tuple[float, float]) -> None:
-    """Half a second is the time constant with which a laden body falls over its outer wheels."""
-    referee = Referee(VEHICLE)
+def lifted(
+    vehicle: Vehicle, transfer: tuple[float, float], leans: tuple[float, float] = (0.0, 0.0)
+) -> list[Outcome | None]:
+    """Outcomes of 0.6 s in such a state."""
+    referee = Referee(vehicle)
     memory = referee.init()
     outcomes = []
     for tick in range(0, 600, 10):
-        memory, outcome = referee.step(memory, truth(tick, transfer=transfer))
+        memory, outcome = referee.step(memory, truth(tick, transfer=transfer, leans=leans))
         outcomes.append(outcome)
-    assert outcomes.index("rolled over") * 10 * TICK == pytest.approx(0.5)
+    return outcomes
+
+
+@pytest.mark.parametrize("unit", [0, 1])
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_body_whose_weight_is_beyond_its_outer_wheels_has_rolled_over(unit: int, side: float) -> None:
+    """After half a second on one side's wheels, the time constant with which a laden body falls over them.
+
+    A degree less, and its weight still brings it back when the lateral acceleration ends.
+    """
+    track, height = max(axle.track for axle in VEHICLE.units[unit].axles), VEHICLE.units[unit].cg_height
+    tipping = math.atan2(0.5 * track, height)
+
+    def outcomes(lean: float) -> list[Outcome | None]:
+        if unit == 0:
+            return lifted(VEHICLE, (side, 0.0), (side * lean, 0.0))
+        return lifted(VEHICLE, (0.0, side), (0.0, side * lean))
+
+    assert outcomes(tipping + 0.01).index("rolled over") * 10 * TICK == pytest.approx(0.5)
+    assert not any(outcomes(tipping - 0.02))
+
+
+def test_a_body_on_gradients_rolls_over_after_half_a_second() -> None:
+    """It has no degree of freedom to fall with."""
+    on_gradients = VEHICLE.model_copy(
+        update={"units": tuple(unit.model_copy(update={"roll": None}) for unit in VEHICLE.units)}
+    )
+    assert lifted(on_gradients, transfer=(0.3, -1.0)).index("rolled over") * 10 * TICK == pytest.approx(0.5)
+
+
+def test_a_unit_that_was_on_one_sides_wheels_is_warned_of() -> None:
+    """0.8 s of the trailer; 0.4 s are a wheel that skips over a bump."""
+    transfers = [(0.1, 1.0 if 1000 <= tick <= 1800 or 3000 <= tick <= 3400 else 0.2) for tick in range(0, 5000, 10)]
+    truths = [truth(10 * k, transfer=transfer) for k, transfer in enumerate(transfers)]
+    name = VEHICLE.units[1].name
+    assert lift_warnings(VEHICLE, truths) == (f"{name}: the wheels of one side carry nothing from 1.0 to 1.8 s",)
 
 
 def test_a_wheel_that_comes_back_in_time_is_no_roll_over() -> None:
