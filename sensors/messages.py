@@ -32,7 +32,7 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyPose:
-    """Pose of a vehicle's body, from an exact reference unit or one like the RT3022."""
+    """Pose of a vehicle's unit, from an exact reference unit or one like the RT3022."""
 
     tick: int
     X_WB: FloatArray  # (4, 4)

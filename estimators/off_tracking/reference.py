@@ -10,7 +10,7 @@ from estimators.context import TrailerContext
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from sensors.messages import BodyPose, GnssIns
-from vehicle.frames import FloatArray, inverse, planar, raised, rotation_zyx, transform
+from vehicle.frames import FloatArray, inverse, raised, rotation_zyx, transform
 from vehicle.option import Option
 
 
@@ -30,8 +30,7 @@ class ReferenceOffTracking:
     def __init__(self, follow_distance: float, *, path_height: float = 0.0) -> None:
         """For a follow point ``follow_distance`` [m] behind the hitch, and paths at ``path_height`` [m] in the body.
 
-        At the height of its roll axis a body does not move to the side as it rolls. Poses are levelled: off-tracking
-        is a distance in the horizontal plane of W.
+        At the height of its roll axis a body does not move to the side as it rolls.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive.
@@ -42,7 +41,7 @@ class ReferenceOffTracking:
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
         """Estimator for the context's trailer."""
-        return cls(context.follow_distance, path_height=context.roll_axis_height)
+        return cls(context.follow_distance)
 
     def init(self) -> ReferenceMemory:
         """Memory before the first pose."""
@@ -55,17 +54,12 @@ class ReferenceOffTracking:
         motion = BodyMotion(
             tick=pose.tick,
             previous_tick=memory.previous.tick,
-            X_PC=inverse(self._levelled(memory.previous)) @ self._levelled(pose),
+            X_PC=inverse(memory.previous.X_WB @ self._X_SP) @ (pose.X_WB @ self._X_SP),
             covariance=np.zeros((6, 6)),
             health=Health.OK,
         )
         buffer, off_tracking = self._buffer.step(memory.buffer, motion)
         return ReferenceMemory(pose, buffer), off_tracking
-
-    def _levelled(self, pose: BodyPose) -> FloatArray:
-        """Pose (4, 4) of the path's point in W, with the body's heading alone."""
-        X_WP = pose.X_WB @ self._X_SP
-        return transform(rotation_zyx(planar(X_WP).psi, 0.0, 0.0), X_WP[:3, 3])
 
 
 class ReferenceUnitOffTracking:

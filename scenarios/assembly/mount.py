@@ -65,7 +65,7 @@ class OpenedSensor:
 
 
 class ReferencePose:
-    """An exact reference unit on the trailer's body, at the rate of the cameras."""
+    """Exact plan poses of the trailer, at the rate of the cameras."""
 
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:

@@ -47,7 +47,7 @@ def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
         sensing=Sensing(
             sensor=ExactPose(last),
             schedule=_ESTIMATES,
-            estimator=ReferenceOffTracking(geometry.follow_distance, path_height=vehicle.units[last].roll_axis_height),
+            estimator=ReferenceOffTracking(geometry.follow_distance),
             cameras=None,
         ),
     )

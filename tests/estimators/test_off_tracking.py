@@ -15,8 +15,6 @@ from scipy.optimize import brentq
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
-from estimators.off_tracking.reference import ReferenceOffTracking
-from sensors.messages import BodyPose
 from vehicle.frames import FloatArray, Pose2, inverse, rotation_zyx, so3_exp, transform
 
 LENGTH = 14.0  # hitch to follow point [m]
@@ -202,23 +200,6 @@ def test_own_roll_of_the_body_does_not_tilt_the_path_over_undulating_ground() ->
     )
     expected, moved = run(motions(level))[1], run(motions(rolled))[1]
     assert max(abs(b.value - a.value) for a, b in zip(expected[250:], moved[250:], strict=True)) < 5e-4
-
-
-def test_reference_is_planar_whatever_the_body_does() -> None:
-    """Known attitudes are levelled: roll, pitch and heave of the body leave the reference's off-tracking as it is."""
-    poses, rng = circle(15.0, 9.0, 400), np.random.default_rng(5)
-    values = []
-    for shake in (0.0, 1.0):
-        reference = ReferenceOffTracking(LENGTH)
-        memory, off_tracking = reference.init(), None
-        for k, pose in enumerate(poses):
-            pitch, roll, heave = shake * rng.normal(0.0, [0.02, 0.03, 0.1])
-            R_WB = rotation_zyx(pose.psi, pitch, roll)
-            X_WB = transform(R_WB, np.array([pose.x, pose.y, heave]))
-            memory, off_tracking = reference.step(memory, BodyPose(tick=FRAME * k, X_WB=X_WB))
-        assert off_tracking is not None
-        values.append((off_tracking.value, off_tracking.v_x, off_tracking.yaw_rate, off_tracking.path_tangent))
-    np.testing.assert_allclose(values[1], values[0], atol=1e-9)
 
 
 def test_standstill_keeps_the_buffer_and_its_end_at_the_hitch() -> None:

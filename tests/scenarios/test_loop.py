@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -116,6 +117,15 @@ def test_constant_slip_has_its_closed_form_off_tracking() -> None:
     result = run(load_scenario("constant-slip", (*EXACT, "course.length=20")), 1)
     true = result.log["off_tracking_true"]
     np.testing.assert_allclose(true[np.isfinite(true)], -14.0 * np.tan(np.radians(14.0)), atol=1e-9)
+
+
+def test_exact_poses_have_the_true_off_tracking_on_rough_banked_ground() -> None:
+    """Rolling and pitching of the body over class E is no part of the definition; the rest is interpolation."""
+    result = short("surface.roughness=E", "surface.cross_fall=-0.025")
+    error = result.log["off_tracking_estimate"] - result.log["off_tracking_true"]
+    assert np.isfinite(error).sum() > 30
+    assert np.nanmax(np.abs(error)) < 2e-4
+    assert np.ptp(result.log["roll_semitrailer"]) > math.radians(1.0)
 
 
 def test_path_following_takes_away_the_cut_in() -> None:
