@@ -53,6 +53,20 @@ class Motion:
     anchor: Anchor | None = None  # None: C was measured from P
 
 
+def lost_motion(tick: int, previous_tick: int, matches: int = 0) -> Motion:
+    """Motion without information."""
+    return Motion(
+        tick=tick,
+        previous_tick=previous_tick,
+        X_PC=np.eye(4),
+        covariance=np.diag(np.full(6, np.inf)),
+        matches=matches,
+        inliers=0,
+        health=Health.LOST,
+        tracks=np.empty((0, 4), dtype=np.float32),
+    )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OffTracking:
     """Off-tracking of a trailer and the hitch path it comes from, in the trailer frame S at ``tick``.

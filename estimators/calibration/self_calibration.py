@@ -20,6 +20,7 @@ from estimators.calibration.right_rotation import RightRotation, straightened
 from estimators.calibration.rotation_fit import Estimate, from_motion, from_rows
 from estimators.calibration.rotation_views import FEWEST, View, new_view, rematched
 from estimators.estimates import Health, Motion
+from estimators.odometry.exposure import alike
 from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import chained, rotation_vector
 from sensors.camera.rig import StereoCalibration
@@ -76,6 +77,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame
     ) -> tuple[SelfCalibrationMemory[Memory], SelfCalibratedMotion | None]:
         """Memory with the frame in it, and the motion that ends at it; None for the first frame."""
+        frame = alike(self._calibration, frame)
         from_here = memory.view is None
         if from_here:
             memory = self._with_view(memory, frame)

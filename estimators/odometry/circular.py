@@ -12,11 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.corners import Points, detect_corners
+from estimators.odometry.exposure import alike, both_alike
+from estimators.odometry.plausibility import LARGEST_ACCELERATION, Belief, judged
 from estimators.odometry.point_tracking import Matches, match
 from estimators.odometry.pose import Observations, Solution, point_covariance, refined
 from estimators.odometry.ransac import consensus
+from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.protocol import above_ground
 from estimators.rigid_motion import stretched
 from estimators.stereo_geometry import triangulate
@@ -30,16 +33,16 @@ ENOUGH_MATCHES = 250  # with fewer matches errors grow: de Saxe 2018, section 3.
 _SHARE = np.array([1.0, 0.5, 1.0])  # variances of (u left, v, u right) relative to one coordinate; v is the mean of two
 _FEWEST_INLIERS = 25  # fewer may agree by chance
 _AGREEING = 0.5  # share of inliers below which most matches may lie on a moving object
-_LARGEST_ACCELERATION = 25.0  # upper limit of a trailer's acceleration, scatter of three-point motions included [m/s2]
 LONGEST_SPAN = 500  # between two frames; after that a truck no longer sees the same ground [ticks]
 
 
 class OdometryMemory(NamedTuple):
-    """Reference frame, its corners, and the last motion that was not lost."""
+    """Reference frame, its corners, the last motions, and the camera's noise."""
 
     reference: StereoFrame | None = None
     corners: Points | None = None
-    last: Motion | None = None
+    belief: Belief = Belief()
+    noise: float = 0.0  # between the last two frames [grey levels]
 
 
 class CircularOdometry:
@@ -62,23 +65,29 @@ class CircularOdometry:
         """Memory with the frame in it, and the motion since the frame before; None for the first frame.
 
         A frame without texture (dark, blinded) is lost and skipped: the next motion starts again at the frame before,
-        unless that is too old.
+        unless that is too old. A repeated frame is lost and skipped as well. After an implausible jump of velocity the
+        odometry is lost until the next motion confirms it.
         """
+        frame, reference = alike(self._calibration, frame), memory.reference
+        if reference is None or memory.corners is None:
+            return OdometryMemory(frame, detect_corners(frame.left, per_bucket=PER_BUCKET)), None
+        if is_repeated(reference.left, frame.left, memory.noise, memory.belief.last):
+            return memory, lost_motion(frame.tick, reference.tick)
         corners = detect_corners(frame.left, per_bucket=PER_BUCKET)
-        if memory.reference is None or memory.corners is None:
-            return OdometryMemory(frame, corners, None), None
-        motion = self.motion(memory.reference, memory.corners, frame, memory.last)
-        if motion.health is not Health.LOST:
-            return OdometryMemory(frame, corners, motion), motion
-        if is_skipped(corners, motion):
+        motion = self.motion(reference, memory.corners, frame, memory.belief.newest)
+        if motion.health is Health.LOST and is_skipped(corners, motion):
             return memory, motion
-        return OdometryMemory(frame, corners, memory.last), motion
+        belief, motion = judged(memory.belief, motion)
+        lost = motion.health is Health.LOST
+        noise = memory.noise if lost else visible_noise(reference.left, frame.left, memory.noise)
+        return OdometryMemory(frame, corners, belief, noise), motion
 
     def motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
         """Motion since the reference frame with its corners, near the motion predicted from the last velocity.
 
         If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded.
         """
+        reference, frame = both_alike(reference, frame)
         if last is None:
             return self._rematched(np.eye(4), np.inf, reference, corners, frame)
         ticks = frame.tick - reference.tick
@@ -123,7 +132,7 @@ def is_skipped(corners: Points, lost: Motion) -> bool:
 
 def search_radius(ticks: int) -> float:
     """Largest distance of a motion over ``ticks`` from the motion predicted at the last velocity [m]."""
-    return _LARGEST_ACCELERATION * (ticks * TICK) ** 2
+    return LARGEST_ACCELERATION * (ticks * TICK) ** 2
 
 
 def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution | None) -> Motion:

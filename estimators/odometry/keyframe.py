@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.estimates import Anchor, Health, Motion
+from estimators.estimates import Anchor, Health, Motion, lost_motion
 from estimators.odometry.circular import (
     ENOUGH_MATCHES,
     LONGEST_SPAN,
@@ -23,14 +23,15 @@ from estimators.odometry.circular import (
     search_radius,
 )
 from estimators.odometry.corners import detect_corners
+from estimators.odometry.exposure import alike
 from estimators.odometry.keyframe_tracking import MOST_POINTS, Located, located
 from estimators.odometry.keyframes import Keyframe, new_keyframe
-from estimators.odometry.point_tracking import exposed_like
+from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible
+from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.rigid_motion import chained, rotation_vector, stretched
 from estimators.stereo_geometry import project
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
-from vehicle.clock import TICK
 from vehicle.frames import FloatArray, inverse, skew
 
 _KEYFRAMES = 9  # kept; with one, errors on bare ground are 1.5 times as large; more than nine bring nothing
@@ -39,23 +40,23 @@ _TURNED = np.radians(6.0)  # rotation from the newest keyframe to the next [rad]
 _FEWEST_OF_NEWEST = 60  # inliers of the newest keyframe; below this, or half of its points, the next is due
 _IN_VIEW = 0.8  # share of the points that are searched for; with fewer in view a new keyframe is due
 _AGREEING = 0.5  # share of inliers below which most matches may lie on a moving object
-_HARDEST = 8.0  # acceleration of full braking; vibration of the body reaches half of it [m/s2]
-# Largest change of velocity while the odometry is lost, as a share of the speed, and its least value. Turning into a
-# roundabout changes it by half. A close following vehicle mistaken for the world seems to stop the trailer.
-_UNSEEN, _UNSEEN_LEAST = 0.5, 0.5  # [-], [m/s]
-_FORGOTTEN = 5.0  # after a longer loss any velocity is accepted [s]
-_DOUBTFUL = 0.03  # error of a degraded but correct motion: measured in traffic [m]
 _CORRECTION = 0.1  # largest distance of a pose from the circular odometry's [m]
 
 
 class KeyframeMemory(NamedTuple):
-    """Keyframes, the previous frame P with its pose, and the last motion that was not lost."""
+    """Keyframes, the previous frame P with its pose, and the last motion that was not lost.
+
+    While a motion is doubted, ``other`` is the memory of an odometry that believes it.
+    """
 
     keyframes: tuple[Keyframe, ...] = ()  # newest first
     previous: StereoFrame | None = None
     X_OP: FloatArray = np.eye(4)
     own: FloatArray = np.zeros((6, 6))  # covariance of P's error without that of the keyframes, along P
     last: Motion | None = None
+    noise: float = 0.0  # between the last two frames [grey levels]
+    doubt: Doubted | None = None
+    other: KeyframeMemory | None = None
 
 
 class KeyframeOdometry:
@@ -78,15 +79,39 @@ class KeyframeOdometry:
     def step(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
         """Memory with the frame in it, and the motion since the frame before; None for the first frame.
 
-        A frame without texture (dark, blinded) is lost and skipped, as in ``CircularOdometry``. So is a frame with an
-        implausible jump of velocity, if its motion is degraded or the first one after a loss: then a vehicle that
-        covers most of the view was mistaken for the world. The keyframes are kept until the world is visible again.
+        A frame without texture (dark, blinded) is lost and skipped, as in ``CircularOdometry``, and so is a repeated
+        one. After an implausible jump of velocity, in a degraded motion or the first one after a loss, the odometry is
+        lost until the next motions confirm it. The keyframes are kept until then.
         """
+        frame, previous = alike(self._calibration, frame), memory.previous
+        if previous is not None and is_repeated(previous.left, frame.left, memory.noise, memory.last):
+            return memory, lost_motion(frame.tick, previous.tick)
+        after, motion = self._judged(memory, frame)
+        noise = memory.noise
+        if previous is not None and motion is not None and motion.health is not Health.LOST:
+            noise = visible_noise(previous.left, frame.left, noise)
+        return after._replace(noise=noise), motion
+
+    def _judged(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
+        """Step with the check for plausibility."""
         after, motion = self._measured(memory, frame)
-        if motion is None or memory.last is None or not _is_implausible(memory.last, motion):
+        if motion is None or memory.last is None:
+            return after, motion
+        lost = motion.health is Health.LOST
+        if not (lost or is_implausible(memory.last, motion, HARDEST)):
             return after, motion
         recent = motion.tick - motion.previous_tick < LONGEST_SPAN
-        return (memory if recent else self._restarted(frame, memory.X_OP, memory.last)), _lost(motion)
+        kept = after if lost else memory if recent else self._restarted(frame, memory.X_OP, memory.last)
+        told = lost_motion(motion.tick, motion.previous_tick, motion.matches)
+        if memory.other is not None and memory.doubt is not None:
+            other, second = self._measured(memory.other, frame)
+            if second is not None and is_confirmed(memory.last, memory.doubt, second):
+                return other, doubted(memory.doubt, second).total
+            if second is not None and second.health is not Health.LOST and continues(memory.doubt.newest, second):
+                return kept._replace(doubt=doubted(memory.doubt, second), other=other), told
+        if lost:
+            return kept._replace(doubt=None, other=None), motion
+        return kept._replace(doubt=doubted(None, motion), other=after), told
 
     def _measured(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
         """Step without the check for plausibility."""
@@ -100,7 +125,8 @@ class KeyframeOdometry:
             pose = self._located(memory, frame, guess, search_radius(ticks))
         if pose is not None:
             return self._anchored(memory, previous, frame, pose)
-        motion = self._from_frame_to_frame(previous, frame, last)
+        corners = detect_corners(previous.left, per_bucket=PER_BUCKET)
+        motion = self._circular.motion(previous, corners, frame, last)
         if motion.health is Health.LOST:
             skipped = is_skipped(detect_corners(frame.left, per_bucket=PER_BUCKET), motion)
             return (memory if skipped else self._restarted(frame, memory.X_OP, last)), motion
@@ -109,12 +135,6 @@ class KeyframeOdometry:
             return self._anchored(memory, previous, frame, pose)
         motion = replace(motion, health=Health.DEGRADED)
         return self._restarted(frame, chained(memory.X_OP, motion.X_PC), motion), motion
-
-    def _from_frame_to_frame(self, previous: StereoFrame, frame: StereoFrame, last: Motion | None) -> Motion:
-        """Motion by circular odometry, after the previous frame is matched in exposure."""
-        left, right = exposed_like(previous.left, frame.left), exposed_like(previous.right, frame.right)
-        alike = replace(previous, left=left, right=right)
-        return self._circular.motion(alike, detect_corners(left, per_bucket=PER_BUCKET), frame, last)
 
     def _restarted(self, frame: StereoFrame, X_OC: FloatArray, last: Motion | None) -> KeyframeMemory:
         """Memory restarted with the frame as the only keyframe."""
@@ -178,33 +198,6 @@ def _health(pose: Located) -> Health:
     matches = np.count_nonzero(pose.tracks.found)
     doubtful = matches < ENOUGH_MATCHES or np.count_nonzero(pose.agreeing) < _AGREEING * matches
     return Health.DEGRADED if doubtful else Health.OK
-
-
-def _is_implausible(last: Motion, motion: Motion) -> bool:
-    """True if the velocity has changed implausibly since the last motion.
-
-    For a degraded motion right after the last one, the limit is full braking. For any motion after lost frames, it is
-    the change of velocity expected during the loss, even if braking could explain more.
-    """
-    span, since = ((motion.tick - tick) * TICK for tick in (motion.previous_tick, last.tick))
-    after_loss = motion.previous_tick > last.tick
-    believed = motion.health is Health.OK and not after_loss
-    if motion.health is Health.LOST or believed or since > _FORGOTTEN:
-        return False
-    guess = stretched(last.X_PC, (motion.tick - motion.previous_tick) / (last.tick - last.previous_tick))
-    jump = float(np.linalg.norm(motion.X_PC[:3, 3] - guess[:3, 3]))
-    change = _HARDEST * (since - 0.5 * span)  # of the velocity [m/s]
-    if after_loss:
-        speed = float(np.linalg.norm(guess[:3, 3])) / span
-        change = min(change, max(_UNSEEN * speed, _UNSEEN_LEAST))
-    return jump > _DOUBTFUL + change * span
-
-
-def _lost(motion: Motion) -> Motion:
-    """Lost motion in place of an implausible one."""
-    none = np.empty((0, 4), dtype=np.float32)
-    unknown = np.diag(np.full(6, np.inf))
-    return replace(motion, X_PC=np.eye(4), covariance=unknown, inliers=0, health=Health.LOST, tracks=none, anchor=None)
 
 
 def _between(own_P: FloatArray, own_C: FloatArray, X_PC: FloatArray) -> FloatArray:

@@ -50,15 +50,6 @@ def track(
     return np.asarray(tracked, dtype=np.float32), np.asarray(found).ravel() > 0
 
 
-def exposed_like(image: GreyImage, other: GreyImage) -> GreyImage:
-    """Image adapted to the mean and contrast of another, as Lucas-Kanade assumes constant brightness."""
-    (mean, spread), (other_mean, other_spread) = (
-        tuple(float(value[0, 0]) for value in cv2.meanStdDev(one)) for one in (image, other)
-    )
-    gain = other_spread / spread if spread > 0.0 else 1.0
-    return np.asarray(cv2.convertScaleAbs(image, alpha=gain, beta=other_mean - gain * mean), dtype=np.uint8)
-
-
 def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:
     """Corners of the left image that are also found in the right one, with their positions in both."""
     guess = corners - disparity_guess(calibration, corners).astype(np.float32)

@@ -6,18 +6,21 @@ RANSAC, (6) a constant-acceleration Kalman filter. Features lie at whole pixels,
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimators.estimates import Health, Motion
+from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
+from estimators.odometry.exposure import alike, both_alike
+from estimators.odometry.plausibility import Belief, is_implausible, judged
 from estimators.odometry.point_tracking import Matches
 from estimators.odometry.ransac import consensus
+from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.protocol import above_ground
-from estimators.rigid_motion import UncertainMotion, rotation_vector
+from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
 from estimators.stereo_geometry import linearised, triangulate
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
@@ -31,6 +34,8 @@ _START = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])  # initial standard deviation 
 NEAR, _FAR = 24.0, 60.0  # search radius around the prediction, and around no motion without one [px]
 _GATE = 2.0  # largest reprojection error of an inlier: four roundings and their effect on the point [px]
 _FEWEST_INLIERS = 12  # two for each unknown
+_AGREEING = 0.45  # least share of inliers: distant points alone agree with no motion; measured over gaps of 3 to 10 m
+_FARTHEST = 5.0  # longest motion; features of whole pixels are decimetres wrong after that: measured [m]
 _ITERATIONS = 20  # of Gauss-Newton, at most
 _CONVERGED = 1e-6  # [rad, m]
 _CORRELATION = 1.6  # factor for correlated rounding errors: measured
@@ -46,11 +51,13 @@ class Velocity(NamedTuple):
 
 
 class Viso2Memory(NamedTuple):
-    """Features of the previous pair, and the velocity filter."""
+    """Previous pair with its features, the velocity filter, the last motions before it, and the camera's noise."""
 
-    tick: int = 0
+    frame: StereoFrame | None = None
     features: PairFeatures | None = None
     velocity: Velocity | None = None
+    belief: Belief = Belief()
+    noise: float = 0.0  # between the last two frames [grey levels]
 
 
 class Viso2Odometry:
@@ -73,52 +80,75 @@ class Viso2Odometry:
         """Memory with the frame in it, and the filtered motion since the frame before; None for the first frame.
 
         The filter spreads the error of a motion over later ones but keeps the sum. So the covariance is that of the
-        motion before the filter. A frame with almost no features is lost and skipped.
+        motion before the filter. A frame with almost no features, and a repeated one, is lost and skipped. After an
+        implausible jump of velocity the odometry is lost until the next motion confirms it.
         """
+        frame, previous = alike(self._calibration, frame), memory.frame
+        if previous is None or memory.features is None:
+            return Viso2Memory(frame, pair_features(frame)), None
+        if is_repeated(previous.left, frame.left, memory.noise, memory.belief.last):
+            return memory, lost_motion(frame.tick, previous.tick)
         features = pair_features(frame)
-        if memory.features is None:
-            return Viso2Memory(frame.tick, features), None
-        span, last = frame.tick - memory.tick, memory.velocity
+        measured = self._motion(memory, previous, frame, features)
+        lost = measured.health is Health.LOST
+        if lost and len(features.left.points) < ENOUGH_MATCHES and frame.tick - previous.tick < LONGEST_SPAN:
+            return memory, measured
+        belief, motion = judged(memory.belief, measured)
+        noise = memory.noise if lost else visible_noise(previous.left, frame.left, memory.noise)
+        if motion.health is Health.LOST:
+            return Viso2Memory(frame, features, None, belief, noise), motion
+        velocity = _filtered(memory.velocity, measured)
+        if motion is measured:
+            motion = replace(motion, X_PC=expected_motion(velocity, frame.tick, frame.tick - previous.tick))
+        return Viso2Memory(frame, features, velocity, belief, noise), motion
+
+    def _motion(self, memory: Viso2Memory, previous: StereoFrame, frame: StereoFrame, features: PairFeatures) -> Motion:
+        """Unfiltered motion near one of the predictions, if possible one that is plausible."""
+        exposed, limited = both_alike(previous, frame)
+        before = memory.features
+        if before is None or exposed is not previous:
+            before, features = pair_features(exposed), pair_features(limited)
+        span, last = frame.tick - previous.tick, memory.belief.newest
         guesses = [(np.eye(4), _FAR)]
         if last is not None:
-            guesses.insert(0, (expected_motion(last, frame.tick, span), NEAR))
+            guesses.insert(0, (stretched(last.X_PC, span / (last.tick - last.previous_tick)), _FAR))
+        if memory.velocity is not None:
+            guesses.insert(0, (expected_motion(memory.velocity, frame.tick, span), NEAR))
+        first = None
         for guess, reach in guesses:
-            matches = circular_matches(self._calibration, memory.features, features, guess, reach)
-            inliers, measured = self._measured(matches, guess, frame.tick)
-            if measured is not None:
-                break
-        if measured is None:
-            motion = _lost(frame.tick, memory.tick, matches)
-            skipped = len(features.left.points) < ENOUGH_MATCHES and span < LONGEST_SPAN
-            return (memory if skipped else Viso2Memory(frame.tick, features)), motion
-        velocity = started(frame.tick, span, measured) if last is None else updated(last, frame.tick, span, measured)
-        motion = Motion(
-            tick=frame.tick,
-            previous_tick=memory.tick,
-            X_PC=expected_motion(velocity, frame.tick, span),
-            covariance=measured.covariance,
-            matches=len(matches.current),
-            inliers=int(np.count_nonzero(inliers)),
-            health=Health.OK if len(matches.current) >= ENOUGH_MATCHES else Health.DEGRADED,
-            tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
-        )
-        return Viso2Memory(frame.tick, features, velocity), motion
+            matches = circular_matches(self._calibration, before, features, guess, reach)
+            motion = self._measured(matches, guess, frame.tick, previous.tick)
+            if motion.health is Health.LOST:
+                continue
+            if last is None or not is_implausible(last, motion):
+                return motion
+            first = first or motion
+        return first or lost_motion(frame.tick, previous.tick, len(matches.current))
 
-    def _measured(
-        self, matches: Matches, guess: FloatArray, tick: int
-    ) -> tuple[NDArray[np.bool_], UncertainMotion | None]:
-        """Inliers of RANSAC and their least-squares motion; None if there are too few."""
-        nothing = np.zeros(len(matches.current), np.bool_)
+    def _measured(self, matches: Matches, guess: FloatArray, tick: int, previous_tick: int) -> Motion:
+        """Motion by RANSAC and least squares; lost if too few matches agree."""
+        lost = lost_motion(tick, previous_tick, len(matches.current))
         if len(matches.current) < _FEWEST_INLIERS:
-            return nothing, None
+            return lost
         points = triangulate(self._calibration, matches.previous)
         rng = np.random.default_rng([self._seed, tick])
         agreed = consensus(self._calibration, points, matches.current, guess, np.inf, rng, gate=_GATE)
-        if np.count_nonzero(agreed.inliers) < _FEWEST_INLIERS:
-            return nothing, None
-        used = points[agreed.inliers], matches.current[agreed.inliers]
-        measured = _least_squares(self._calibration, *used, agreed.X_PC)
-        return (nothing, None) if measured is None else (agreed.inliers, measured)
+        inliers = agreed.inliers
+        if np.count_nonzero(inliers) < max(_FEWEST_INLIERS, _AGREEING * len(inliers)):
+            return lost
+        solution = _least_squares(self._calibration, points[inliers], matches.current[inliers], agreed.X_PC)
+        if solution is None or np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
+            return lost
+        return Motion(
+            tick=tick,
+            previous_tick=previous_tick,
+            X_PC=solution.X,
+            covariance=solution.covariance,
+            matches=len(inliers),
+            inliers=int(np.count_nonzero(inliers)),
+            health=Health.OK if len(inliers) >= ENOUGH_MATCHES else Health.DEGRADED,
+            tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
+        )
 
 
 def _least_squares(
@@ -142,17 +172,12 @@ def _least_squares(
     return None
 
 
-def _lost(tick: int, previous_tick: int, matches: Matches) -> Motion:
-    return Motion(
-        tick=tick,
-        previous_tick=previous_tick,
-        X_PC=np.eye(4),
-        covariance=np.diag(np.full(6, np.inf)),
-        matches=len(matches.current),
-        inliers=0,
-        health=Health.LOST,
-        tracks=np.zeros((0, 4), np.float32),
-    )
+def _filtered(last: Velocity | None, motion: Motion) -> Velocity:
+    """Velocity after one more motion."""
+    measured = UncertainMotion(motion.X_PC, motion.covariance)
+    if last is None:
+        return started(motion.tick, motion.tick - motion.previous_tick, measured)
+    return updated(last, motion.tick, motion.tick - motion.previous_tick, measured)
 
 
 def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:

@@ -1,0 +1,172 @@
+"""Matching of exposures: gain and offset of grey levels between two images of the same scene.
+
+Lucas-Kanade tracking and descriptors assume that a point looks the same in both images. Gain and offset are fitted to
+mean grey levels of cells, each compared with the cell at the same place in the other image. Cells on one side only
+(dirt, glare, other objects) disagree with the rest and are left out, and so are cells with clipped pixels. Exposures
+that agree are not touched: then the images stay as they are, bit by bit. Not modelled: vignetting, gamma curves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimators.odometry.corners import Points
+from estimators.odometry.point_tracking import disparity_guess
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import GreyImage, StereoFrame
+from vehicle.frames import FloatArray
+
+_CELL = 24  # larger than errors of the guessed disparity, small enough for cells without clipped pixels [px]
+_DARKEST, _BRIGHTEST = 3, 252  # pixels outside are clipped, or nearly so [grey levels]
+_CLIPPED = 0.02  # largest share of clipped pixels in a cell that is compared
+_FEWEST = 40  # cells; images with fewer in common show nothing to compare
+_LEAST_SPREAD = 4.0  # standard deviation over the cells; below it noise decides the gain [grey levels]
+_ROUNDS = 6  # of the fit without outliers, at most
+_CONVERGED = 0.3  # last change of the line [grey levels]
+_RANGE = np.array([12.0, 235.0])  # means of cells that clipping cannot have changed [grey levels]
+_OUTLIER = 2.5  # residual of a cell that is left out [robust standard deviations]
+_LEAST_SCATTER = 1.0  # of the cells: rounding and noise [grey levels]
+_ALIKE = 3.0  # largest difference between equal exposures [grey levels]: 1.5 on rendered, 2 on real pairs
+_MOSTLY = 0.7  # share of cells with clipped pixels above which all other pixels are compared by their rank
+_RANKS = np.linspace(0.02, 0.98, 49)
+_SPREAD = np.array([0.1, 0.5, 0.9])  # quantiles of the cells between which the exposures are compared
+
+
+class Exposure(NamedTuple):
+    """Map of grey levels: ``gain`` times the level, plus ``offset`` [grey levels]."""
+
+    gain: float
+    offset: float
+
+
+def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
+    """Frame with the right image exposed like the left one; the same object if they agree."""
+    left, right = cell_means(frame.left), _beside(calibration, cell_means(frame.right))
+    change = _change(frame.right, right, frame.left, left)
+    if change is None:
+        return frame
+    return replace(frame, left=_limited(frame.left, change), right=_exposed(frame.right, change))
+
+
+def both_alike(frame: StereoFrame, other: StereoFrame) -> tuple[StereoFrame, StereoFrame]:
+    """Frames of two moments, the first exposed like the second; the same objects if they agree."""
+    change = _change(frame.left, cell_means(frame.left), other.left, cell_means(other.left))
+    if change is None:
+        return frame, other
+    changed = replace(frame, left=_exposed(frame.left, change), right=_exposed(frame.right, change))
+    return changed, replace(other, left=_limited(other.left, change), right=_limited(other.right, change))
+
+
+def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
+    """Mean grey levels of the image's cells; with ``clipped`` NaN where pixels are clipped."""
+    cell = min(_CELL, *image.shape)
+    rows, columns = image.shape[0] // cell, image.shape[1] // cell
+    whole = image[: rows * cell, : columns * cell]  # a whole number of cells is resized in a fifth of the time
+    mean = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+    if clipped:
+        share = cv2.resize(_clipped(whole), (columns, rows), interpolation=cv2.INTER_AREA)
+        mean[share > 255.0 * _CLIPPED] = np.nan
+    return mean
+
+
+def _clipped(image: GreyImage) -> GreyImage:
+    """Mask of the clipped pixels: 255 or 0."""
+    return np.asarray(cv2.bitwise_not(cv2.inRange(image, _DARKEST, _BRIGHTEST)), dtype=np.uint8)
+
+
+def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
+    """Cells of the right image, shifted to where the left image shows the same; NaN where it does not."""
+    rows, columns = cells.shape
+    v, u = np.mgrid[:rows, :columns]
+    centres: Points = (np.column_stack([u.ravel(), v.ravel()]) * _CELL + 0.5 * (_CELL - 1)).astype(np.float32)
+    shift = np.rint(disparity_guess(calibration, centres)[:, 0] / _CELL).astype(np.int64).reshape(cells.shape)
+    source = u - shift
+    shifted: FloatArray = np.where(source >= 0, np.take_along_axis(cells, np.maximum(source, 0), axis=1), np.nan)
+    return shifted
+
+
+def _change(
+    source: GreyImage, source_cells: FloatArray, target: GreyImage, target_cells: FloatArray
+) -> Exposure | None:
+    """Change of exposure from the source to the target; None if they agree or cannot be compared."""
+    compared = np.isfinite(source_cells + target_cells)
+    x, y = source_cells[compared], target_cells[compared]
+    best = _fitted(x, y) if len(x) >= _FEWEST else None
+    if best is None and np.mean(np.isnan(source_cells) | np.isnan(target_cells)) > _MOSTLY:
+        x, y = _unclipped_levels(source, target)
+        best = _from_quantiles(x, y) if len(x) >= len(_RANKS) // 5 else None
+    if best is None:
+        return None
+    levels = np.quantile(x, _SPREAD)
+    change = best.gain * levels + best.offset - levels
+    return best if np.abs(change).max() > _ALIKE else None
+
+
+def _unclipped_levels(source: GreyImage, target: GreyImage) -> tuple[FloatArray, FloatArray]:
+    """Grey levels of the same ranks in both images, without the ranks that are clipped in one: for large gains."""
+    x, y = (np.quantile(image[::4, ::4], _RANKS) for image in (source, target))
+    inside = (np.minimum(x, y) > _DARKEST) & (np.maximum(x, y) < _BRIGHTEST)
+    return x[inside], y[inside]
+
+
+def _fitted(x: FloatArray, y: FloatArray) -> Exposure | None:
+    """Line through the means (n,) of cells in both images, without outliers; None if too few agree."""
+    candidates = (Exposure(1.0, 0.0), _from_quantiles(x, y))
+    best = min(candidates, key=lambda exposure: float(np.median(_distance(exposure, x, y))))
+    for _ in range(_ROUNDS):
+        distance = _distance(best, x, y)
+        kept = distance < _OUTLIER * max(_LEAST_SCATTER, 1.4826 * float(np.median(distance)))
+        kept &= _in_range(best, x, y)
+        if np.count_nonzero(kept) < _FEWEST:
+            return None
+        before, best = best, _line(x[kept], y[kept])
+        if abs(best.gain - before.gain) * _BRIGHTEST + abs(best.offset - before.offset) < _CONVERGED:
+            break
+    return best
+
+
+def _from_quantiles(x: FloatArray, y: FloatArray) -> Exposure:
+    """Line through low and high quantiles."""
+    low_x, _, high_x = np.quantile(x, _SPREAD)
+    low_y, _, high_y = np.quantile(y, _SPREAD)
+    gain = (high_y - low_y) / (high_x - low_x) if min(high_x - low_x, high_y - low_y) > _LEAST_SPREAD else 1.0
+    return Exposure(gain, 0.5 * (low_y + high_y - gain * (low_x + high_x)))
+
+
+def _line(x: FloatArray, y: FloatArray) -> Exposure:
+    """Line through the points with the ratio of their spreads as its slope: both coordinates have errors."""
+    spread_x, spread_y = float(np.std(x)), float(np.std(y))
+    gain = spread_y / spread_x if min(spread_x, spread_y) > _LEAST_SPREAD else 1.0
+    return Exposure(gain, float(np.mean(y)) - gain * float(np.mean(x)))
+
+
+def _in_range(exposure: Exposure, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of points whose both levels fit into both images: a limit to one alone would bend the line."""
+    low, high = _RANGE
+    as_y, as_x = exposure.gain * x + exposure.offset, (y - exposure.offset) / exposure.gain
+    inside: NDArray[np.bool_] = (np.minimum(x, as_x) > low) & (np.maximum(x, as_x) < high)
+    inside &= (np.minimum(y, as_y) > low) & (np.maximum(y, as_y) < high)
+    return inside
+
+
+def _distance(exposure: Exposure, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Distances (n,) of points from the line, in units of the axes' mean."""
+    distance: FloatArray = np.abs(y - exposure.gain * x - exposure.offset) * 2.0 / (1.0 + exposure.gain)
+    return distance
+
+
+def _exposed(image: GreyImage, change: Exposure) -> GreyImage:
+    """Image with its exposure changed."""
+    levels = np.clip(np.rint(change.gain * np.arange(256.0) + change.offset), 0.0, 255.0).astype(np.uint8)
+    return np.asarray(cv2.LUT(image, levels), dtype=np.uint8)
+
+
+def _limited(image: GreyImage, change: Exposure) -> GreyImage:
+    """Image clipped to the levels that an image has after the change: where that one is clipped, both are."""
+    low, high = np.clip(np.rint([change.offset, 255.0 * change.gain + change.offset]), 0.0, 255.0)
+    return np.asarray(np.clip(image, low, high), dtype=np.uint8)

@@ -1,0 +1,98 @@
+"""Matching of exposures, within a pair and over time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Health
+from estimators.odometry.exposure import alike, both_alike
+from estimators.protocol import Odometry
+from scenarios.catalogue import ODOMETRY, resolve
+from sensors.messages import GreyImage, StereoFrame
+from tests.estimators.stereo_scene import Drive
+
+CHANGES = [(0.6, 0.0), (0.8, 15.0), (1.0, -30.0), (2.0, 0.0), (0.5, 30.0)]
+
+
+def exposed(image: GreyImage, gain: float, offset: float) -> GreyImage:
+    return np.asarray(np.clip(np.rint(gain * image.astype(np.float64) + offset), 0, 255), dtype=np.uint8)
+
+
+def right_exposed(frame: StereoFrame, gain: float, offset: float) -> StereoFrame:
+    return replace(frame, right=exposed(frame.right, gain, offset))
+
+
+def level_map(before: GreyImage, between: GreyImage, after: GreyImage) -> tuple[float, float]:
+    """Gain and offset from one version of an image to the last one, where none is clipped."""
+    inside = np.logical_and.reduce([(image > 5) & (image < 250) for image in (before, between, after)])
+    gain, offset = np.polyfit(before[inside].astype(float), after[inside].astype(float), 1)
+    return float(gain), float(offset)
+
+
+def test_equal_exposures_stay_as_they_are(drive: Drive) -> None:
+    """The very same frame: runs without a change of exposure do not change by a bit."""
+    assert all(alike(drive.calibration, frame) is frame for frame in drive.frames[::5])
+    one, other = drive.frames[20:22]
+    assert both_alike(one, other)[0] is one
+
+
+@pytest.mark.parametrize(("gain", "offset"), CHANGES)
+def test_right_image_is_exposed_like_the_left_one(drive: Drive, gain: float, offset: float) -> None:
+    """The map from the good right image to the corrected one is the identity: to 2 % and 2 grey levels of rounding."""
+    frame = drive.frames[20]
+    wrong = right_exposed(frame, gain, offset)
+    corrected = alike(drive.calibration, wrong)
+    own_gain, own_offset = level_map(frame.right, wrong.right, corrected.right)
+    assert own_gain == pytest.approx(1.0, abs=0.02)
+    assert own_offset == pytest.approx(0.0, abs=2.5)
+    assert alike(drive.calibration, corrected) is corrected
+
+
+def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:
+    """A third of the right image is dark; the rest decides."""
+    right = drive.frames[20].right.copy()
+    right[:, 300:750] = 20
+    dirty = replace(drive.frames[20], right=right)
+    assert alike(drive.calibration, dirty) is dirty
+
+
+def test_blank_images_are_left_alone(drive: Drive) -> None:
+    """Dark, saturated, and too small to compare."""
+    frame = drive.frames[0]
+    for blank in (drive.dark(frame), replace(frame, right=np.full_like(frame.right, 255))):
+        assert alike(drive.calibration, blank) is blank
+    tiny = StereoFrame(tick=0, left=frame.left[:20, :40], right=frame.right[:20, :40])
+    assert alike(drive.calibration, tiny) is tiny
+
+
+@pytest.mark.parametrize("name", sorted(ODOMETRY))
+@pytest.mark.parametrize(("gain", "offset"), [(0.6, 0.0), (1.5, -30.0)])
+def test_odometry_does_not_mind_the_exposure_of_the_right_camera(
+    drive: Drive, name: str, gain: float, offset: float
+) -> None:
+    """Every odometry of the catalogue: as good as with equal exposures, to 1.3 times the error and a floor."""
+    odometry: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
+    errors = []
+    for frames in (drive.frames[5:13], [right_exposed(frame, gain, offset) for frame in drive.frames[5:13]]):
+        motions = drive.run(odometry, frames)[1]
+        assert all(motion.health is not Health.LOST for motion in motions)
+        errors.append(float(np.sqrt(np.mean(drive.errors(motions)[:, 3:] ** 2))))
+    assert errors[1] < 1.3 * errors[0] + 3e-4  # [m] scatter of eight motions
+
+
+@pytest.mark.parametrize("name", sorted(ODOMETRY))
+def test_odometry_does_not_mind_a_jump_of_the_exposure(drive: Drive, name: str) -> None:
+    """Both cameras 30 grey levels up and twice as bright from one frame to the next."""
+    odometry: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
+    changes = [(1.0, 0.0), (1.0, 0.0), (1.0, 30.0), (0.5, 0.0), (1.0, 0.0)]
+    frames = [
+        replace(frame, left=exposed(frame.left, *change), right=exposed(frame.right, *change))
+        for frame, change in zip(drive.frames[5:10], changes, strict=True)
+    ]
+    errors, clean = (drive.errors(drive.run(odometry, used)[1]) for used in (frames, drive.frames[5:10]))
+    assert len(errors) == 4
+    assert np.abs(errors[:, 3:]).max() < 1.3 * np.abs(clean[:, 3:]).max() + 2e-3  # [m] half the contrast in one frame

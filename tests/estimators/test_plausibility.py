@@ -1,0 +1,79 @@
+"""Plausibility of motions: when a jump of velocity is believed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Health, Motion
+from estimators.odometry.plausibility import Belief, judged
+from estimators.rigid_motion import UncertainMotion, composed
+from vehicle.frames import transform
+
+
+def motion(tick: int, speed: float, *, previous_tick: int | None = None, health: Health = Health.OK) -> Motion:
+    """Straight motion at a speed [m/s]; from 0.1 s before, if no tick is given."""
+    start = tick - 100 if previous_tick is None else previous_tick
+    X_PC = transform(np.eye(3), np.array([0.0, 0.0, speed * (tick - start) * 1e-3]))
+    return Motion(
+        tick=tick,
+        previous_tick=start,
+        X_PC=X_PC,
+        covariance=1e-6 * np.eye(6),
+        matches=300,
+        inliers=280,
+        health=health,
+        tracks=np.empty((0, 4), np.float32),
+    )
+
+
+def judge(motions: list[Motion]) -> list[Motion]:
+    belief, told = Belief(), []
+    for one in motions:
+        belief, answer = judged(belief, one)
+        told.append(answer)
+    return told
+
+
+def test_a_jump_after_a_loss_is_believed_with_the_next_motion() -> None:
+    """From 10 to 4 m/s during one unseen second: the second look confirms it, and its report spans both."""
+    across, on = motion(1200, 4.0, previous_tick=200), motion(1300, 4.0)
+    told = judge([motion(100, 10.0), motion(200, 10.0, health=Health.LOST), across, on])
+    assert [one.health for one in told] == [Health.OK, Health.LOST, Health.LOST, Health.OK]
+    assert (told[3].previous_tick, told[3].tick) == (200, 1300)
+    both = composed(*(UncertainMotion(one.X_PC, one.covariance) for one in (across, on)))
+    assert np.array_equal(told[3].X_PC, both.X)
+    assert np.array_equal(told[3].covariance, both.covariance)
+
+
+def test_two_jumps_that_disagree_are_not_believed() -> None:
+    """4 m/s, then 17 m/s a tenth of a second later: neither."""
+    lost = motion(200, 10.0, health=Health.LOST)
+    told = judge([motion(100, 10.0), lost, motion(1200, 4.0, previous_tick=200), motion(1300, 17.0)])
+    assert [one.health for one in told[2:]] == [Health.LOST, Health.LOST]
+
+
+@pytest.mark.parametrize(("health", "believed"), [(Health.OK, True), (Health.DEGRADED, False)])
+def test_a_halt_takes_a_second_in_good_health(health: Health, believed: bool) -> None:
+    """A vehicle close behind that hides the view looks like a halt: few matches never confirm it."""
+    lost = motion(200, 10.0, health=Health.LOST)
+    halted = [motion(300 + 100 * k, 0.0, health=health) for k in range(15)]
+    told = judge([motion(100, 10.0), lost, *halted])
+    found = [one.tick for one in told[2:] if one.health is not Health.LOST]
+    assert found == ([1300, 1400, 1500, 1600, 1700] if believed else [])
+
+
+def test_a_plausible_motion_ends_the_doubt() -> None:
+    """After a doubtful jump the old speed is measured again: believed at once."""
+    lost = motion(200, 10.0, health=Health.LOST)
+    told = judge([motion(100, 10.0), lost, motion(300, 1.0), motion(400, 10.0)])
+    assert [one.health for one in told[2:]] == [Health.LOST, Health.OK]
+    assert told[3].previous_tick == 300
+
+
+def test_belief_predicts_from_the_newest_motion() -> None:
+    """While a jump is doubted, the next motion is searched at its velocity."""
+    belief, _ = judged(Belief(motion(100, 10.0)), motion(300, 2.0))
+    assert belief.last is not None
+    assert belief.newest is not None
+    assert (belief.last.tick, belief.newest.tick) == (100, 300)
