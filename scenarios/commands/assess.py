@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -84,17 +85,16 @@ def assess(
     """
     from scenarios.drawings.content import missing_package
     from scenarios.drawings.files import formats_of, needed_packages
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import results_directory
     from scenarios.standards.assessment import assess as driven
     from scenarios.standards.assessment import loaded
     from scenarios.standards.files import write_assessment
     from scenarios.standards.pilots import steered_trailer
     from vehicle.combination.description import load_vehicle
 
-    with one_line_errors():
+    with one_line_errors(), ExitStack() as cleanup:
         chosen = load_vehicle(vehicle)
-        directory = out or next_run_directory(f"assess-{chosen.name}")
-        check_run_directory(directory)
+        directory = cleanup.enter_context(results_directory(out, f"assess-{chosen.name}"))
         kinds = formats_of(drawings)
         if missing := missing_package(needed_packages(kinds)):
             raise ValueError(missing)

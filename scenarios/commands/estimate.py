@@ -109,11 +109,9 @@ def off_tracking(
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.off_tracking_files import write_estimation
     from scenarios.recordings.stereo_reader import open_recording
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import results_directory
 
-    with one_line_errors():
-        results = out or next_run_directory(os.path.basename(os.path.realpath(directory)))
-        check_run_directory(results)
+    with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
         check_number("--camera-x", camera_x, -100.0, 100.0)
         check_number("--camera-y", camera_y, -10.0, 10.0)
         options = MountingOptions(
@@ -170,11 +168,9 @@ def slip(
     from scenarios.recordings.rover_reader import open_rover_recording
     from scenarios.recordings.slip_estimation import estimate_slip
     from scenarios.recordings.slip_files import write_slip_estimation
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import results_directory
 
-    with one_line_errors():
-        results = out or next_run_directory(os.path.basename(os.path.realpath(directory)))
-        check_run_directory(results)
+    with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
         if estimator == "truth":
             raise ValueError("--estimator truth: a recording does not contain the truth; use ftrace or ftrace_plus")
         part = resolve("--estimator", estimator, SLIP_ESTIMATOR, in_scenario=False)

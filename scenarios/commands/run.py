@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -67,13 +68,12 @@ def run(
     """
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
-    from scenarios.results.run_directory import check_apart, check_run_directory, next_run_directory
+    from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
     from scenarios.results.summary import summary
 
-    with one_line_errors():
+    with one_line_errors(), ExitStack() as cleanup:
         chosen = load_any_scenario(scenario, settings or [])
-        directory = out or next_run_directory(chosen.name)
-        check_run_directory(directory)
+        directory = cleanup.enter_context(results_directory(out, chosen.name))
         if record:
             check_run_directory(record)
             check_apart(directory, record)

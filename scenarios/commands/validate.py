@@ -37,12 +37,10 @@ def validate(
     Prints every number with its target, tolerance and source, and writes a page with plots. The exit code is 1 if a
     number is out of tolerance.
     """
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import results_directory
     from scenarios.validation.check import tally
 
-    with one_line_errors():
-        directory = out or next_run_directory("validate")
-        check_run_directory(directory)
+    with one_line_errors(), results_directory(out, "validate") as directory:
         begin = time.perf_counter()
         sections = _run_checks(quick, shown=not as_json)
         _write(sections, directory, _run_information(time.perf_counter() - begin, quick))

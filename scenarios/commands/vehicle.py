@@ -62,14 +62,13 @@ def _list_vehicles(*, as_json: bool) -> None:
 
 
 def _show(name: str, out: Path | None, *, quiet: bool, as_json: bool) -> None:
-    from scenarios.results.run_directory import check_run_directory, next_run_directory
+    from scenarios.results.run_directory import results_directory
     from scenarios.vehicle_sheet.library import open_sheet
     from scenarios.vehicle_sheet.sheet import write_sheet
 
-    directory = out or next_run_directory(f"vehicle-{Path(name).stem}")
-    check_run_directory(directory)
-    sheet = open_sheet(name)
-    write_sheet(sheet, directory)
+    with results_directory(out, f"vehicle-{Path(name).stem}") as directory:
+        sheet = open_sheet(name)
+        write_sheet(sheet, directory)
     if as_json:
         typer.echo(json.dumps(sheet.numbers, indent=2))
     elif not quiet:

@@ -18,7 +18,7 @@ from scenarios.results.log import write_log
 from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.rover import RoverResult
-from scenarios.results.run_directory import appearing_at_once, mark_interrupted
+from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 
@@ -28,44 +28,44 @@ def write_run(
 ) -> Path:
     """Write the run directory and return it; ``progress`` counts the frames of the video.
 
+    Scenario, signals, manifest and summary are there before report and video are drawn, and stay if that fails.
+
     Raises:
         ValueError: if the directory can not take a run, see ``run_directory.check_run_directory``; or if the report or
             the video can not be drawn: all other files are written then.
-        KeyboardInterrupt: if the video was interrupted; all other files are written.
+        KeyboardInterrupt: if the drawing was interrupted; all that was finished is written.
     """
-    numbers, interrupt, failures = summary(result), None, list[str]()
+    numbers = summary(result)
     with appearing_at_once(directory) as folder:
         (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
         write_log(result.log, folder / "signals.parquet")
         _write_json(folder / "manifest.json", manifest(result))
         _write_json(folder / "summary.json", numbers)
-        with _lost_alone("report", failures):
-            _write_report(result, numbers, folder)
-        try:
-            with _lost_alone("video", failures):
-                if video and len(result.log) > 1:
-                    _write_video(result, folder, progress)
-        except KeyboardInterrupt as error:
-            interrupt = error
-        if tracebacks := "\n".join([result.traceback, *failures]).strip():
-            (folder / "traceback.txt").write_text(tracebacks + "\n", encoding="utf-8", errors="replace")
-        if interrupt or result.outcome == "interrupted":
-            mark_interrupted(folder)
-    if interrupt:
-        raise interrupt
+        if result.traceback:
+            (folder / "traceback.txt").write_text(result.traceback, encoding="utf-8", errors="replace")
+        mark_interrupted(folder)  # until all is drawn
+    failures = list[str]()
+    with _lost_alone("report", failures), added_as_a_whole(directory) as folder:
+        _write_report(result, numbers, folder)
+    if video and len(result.log) > 1:
+        with _lost_alone("video", failures), added_as_a_whole(directory) as folder:
+            _write_video(result, folder, progress)
+    if result.outcome != "interrupted":
+        mark_complete(directory)
     if failures:
         what = " and ".join(failure.partition("\n")[0] for failure in failures)
+        tracebacks = "\n".join([result.traceback, *failures]).strip() + "\n"
+        with added_as_a_whole(directory) as folder:
+            (folder / "traceback.txt").write_text(tracebacks, encoding="utf-8", errors="replace")
         raise ValueError(f"{what}; all else is in {directory}, and traceback.txt tells more")
     return directory
 
 
 @contextmanager
 def _lost_alone(what: str, failures: list[str]) -> Iterator[None]:
-    """Note an exception, as a line and its traceback, and go on: a drawing is less than the run. A full disk is not."""
+    """Note an exception, as a line and its traceback, and go on: a drawing is less than the run."""
     try:
         yield
-    except OSError:
-        raise
     except Exception as error:
         line = " ".join(f"the {what} could not be drawn: {type(error).__name__}: {error}".split())
         failures.append(f"{line}\n{traceback.format_exc()}")

@@ -1,4 +1,4 @@
-"""Run directories: each appears complete or not at all.
+"""Run directories: results appear at once; drawings of them are added, each as a whole.
 
 Results of an interrupted command carry a hidden list of their files. As long as they are as listed, the next command
 may replace the directory.
@@ -11,7 +11,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -21,12 +21,47 @@ from vehicle.user_file import shown
 
 _LONGEST_NAME: Final = 200
 _INTERRUPTED: Final = ".interrupted"  # list of the files of interrupted results
+_UNFINISHED: Final = ".unfinished"  # end of the names of hidden folders and files that are being written
 
 
 def next_run_directory(scenario: str, root: Path = Path("runs")) -> Path:
     """The next ``runs/<scenario>-<n>``: n is 1, or one more than the largest in use."""
     taken = [path.name.removeprefix(f"{scenario}-") for path in root.glob(f"{scenario}-*")]
     return root / f"{scenario}-{1 + max((int(n) for n in taken if n.isdigit()), default=0)}"
+
+
+@contextmanager
+def results_directory(out: Path | None, name: str, root: Path = Path("runs")) -> Iterator[Path]:
+    """Yield the directory that a command's results go to: ``out``, or else the next ``root/<name>-<n>``.
+
+    The number is taken at once, so that commands that run at the same time have directories of their own. If nothing
+    is written, its directory is removed again.
+
+    Raises:
+        ValueError: if the directory can not receive results, see `check_run_directory`.
+    """
+    if out is not None:
+        check_run_directory(out)
+        yield out
+        return
+    check_run_directory(next_run_directory(name, root))
+    root.mkdir(parents=True, exist_ok=True)
+    directory = _taken(name, root)
+    try:
+        yield directory
+    finally:
+        for folder in (directory, root):
+            with suppress(OSError):  # it is in use
+                folder.rmdir()
+
+
+def _taken(name: str, root: Path) -> Path:
+    """The next directory, made by this process."""
+    while True:
+        directory = next_run_directory(name, root)
+        with suppress(FileExistsError):
+            directory.mkdir()
+            return directory
 
 
 def check_run_directory(directory: Path) -> None:
@@ -63,7 +98,37 @@ def check_apart(first: Path, second: Path) -> None:
 
 def mark_interrupted(folder: Path) -> None:
     """Mark the results in a folder as those of an interrupted command, which may be replaced."""
-    (folder / _INTERRUPTED).write_text(json.dumps(_files(folder)), encoding="utf-8")
+    _mark(folder, _files(folder))
+
+
+def mark_complete(folder: Path) -> None:
+    """Remove the mark of interrupted results."""
+    (folder / _INTERRUPTED).unlink(missing_ok=True)
+
+
+def _mark(folder: Path, files: dict[str, list[int]]) -> None:
+    unfinished = folder / f"{_INTERRUPTED}{_UNFINISHED}"
+    unfinished.write_text(json.dumps(files), encoding="utf-8")
+    unfinished.replace(folder / _INTERRUPTED)
+
+
+@contextmanager
+def added_as_a_whole(directory: Path) -> Iterator[Path]:
+    """Yield a hidden folder in a run directory; on success its files move into it, otherwise they are removed.
+
+    A mark of interrupted results then holds for them as well.
+    """
+    unfinished = directory / f".{os.getpid()}{_UNFINISHED}"
+    unfinished.mkdir()
+    try:
+        yield unfinished
+        with postponed_interrupts():
+            if (directory / _INTERRUPTED).exists():
+                _mark(directory, _files(directory) | _files(unfinished))
+            for path in unfinished.iterdir():
+                path.replace(directory / path.name)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
 
 
 @contextmanager
@@ -80,7 +145,7 @@ def appearing_at_once(directory: Path) -> Iterator[Path]:
     directory = _real(directory)
     directory.parent.mkdir(parents=True, exist_ok=True)
     _remove_left(directory)
-    unfinished = directory.with_name(f".{directory.name}.{os.getpid()}.unfinished")
+    unfinished = directory.with_name(f".{directory.name}.{os.getpid()}{_UNFINISHED}")
     unfinished.mkdir()
     descriptor = os.open(unfinished, os.O_RDONLY)
     locked(descriptor)  # others see that it is in use
@@ -109,24 +174,25 @@ def _rename(unfinished: Path, directory: Path) -> None:
 
 
 def _is_interrupted(directory: Path) -> bool:
-    """True if a directory holds nothing but the unchanged results of an interrupted command."""
+    """True if a directory holds nothing but unchanged results of an interrupted command, or a part of them."""
     try:
         listed = json.loads((directory / _INTERRUPTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return bool(listed == _files(directory))
+    return isinstance(listed, dict) and _files(directory).items() <= listed.items()
 
 
 def _files(folder: Path) -> dict[str, list[int]]:
-    """Size and modification time by name of all files but the list of interrupted results."""
-    status = {path.relative_to(folder).as_posix(): path.lstat() for path in folder.rglob("*") if not path.is_dir()}
-    status.pop(_INTERRUPTED, None)
+    """Size and modification time by name of all files but the list of interrupted results and unfinished drawings."""
+    names = (path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir())
+    results = [name for name in names if name.as_posix() != _INTERRUPTED and not name.parts[0].endswith(_UNFINISHED)]
+    status = {name.as_posix(): (folder / name).lstat() for name in results}
     return {name: [one.st_size, one.st_mtime_ns] for name, one in status.items()}
 
 
 def _remove_left(directory: Path) -> None:
     """Remove hidden folders that killed processes have left of a directory."""
-    pattern = re.compile(rf"\.{re.escape(directory.name)}\.(\d+)\.unfinished")
+    pattern = re.compile(rf"\.{re.escape(directory.name)}\.(\d+){re.escape(_UNFINISHED)}")
     for folder in directory.parent.iterdir():
         match = pattern.fullmatch(folder.name)
         if match and folder.is_dir() and not folder.is_symlink() and not _is_alive(int(match[1])):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from collections.abc import Callable
@@ -140,24 +141,35 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
         assert "bye [/]" in result.stdout
 
 
-@pytest.mark.parametrize("broken", ["run_page.report_html", "run_video.write_video"])
+@pytest.mark.parametrize(
+    ("broken", "error", "told"),
+    [
+        ("run_page.report_html", IndexError("no such colour"), "IndexError: no such colour"),
+        ("run_video.write_video", IndexError("no such colour"), "IndexError: no such colour"),
+        (
+            "run_video.write_video",
+            OSError(errno.ENOSPC, "No space left on device"),
+            "OSError: .*No space left on device",
+        ),
+    ],
+)
 def test_a_report_that_can_not_be_drawn_does_not_lose_the_run(
-    broken: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    broken: str, error: Exception, told: str, break_after: Breaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All else is written, and the command says so."""
 
     def breaking(*arguments: Any, **options: Any) -> None:
-        raise IndexError("no such colour")
+        raise error
 
     monkeypatch.setattr(f"scenarios.report.{broken}", breaking)
     break_after(Plant, "observe", 3, RuntimeError("first"))
     result = run_any(load_any_scenario("cambered-road", SHORT), 1)
-    with pytest.raises(ValueError, match=r"^the (report|video) could not be drawn: IndexError: no such colour; all"):
+    with pytest.raises(ValueError, match=rf"^the (report|video) could not be drawn: {told}; all"):
         write_run(result, tmp_path / "run")
     assert read_log(tmp_path / "run" / "signals.parquet") == result.log
     text = (tmp_path / "run" / "traceback.txt").read_text(encoding="utf-8")
     assert "RuntimeError: first" in text
-    assert "IndexError: no such colour" in text
+    assert re.search(told, text)
     assert (tmp_path / "run" / "summary.json").is_file()
 
 

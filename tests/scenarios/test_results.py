@@ -1,4 +1,4 @@
-"""The summary has the promised names, and a run directory appears complete or not at all."""
+"""The summary has the promised names, and a run directory keeps what is finished."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import json
 import math
 import os
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,12 @@ import pytest
 
 from scenarios.report.writer import write_run
 from scenarios.results.log import Log, read_log
-from scenarios.results.run_directory import appearing_at_once, check_run_directory, next_run_directory
+from scenarios.results.run_directory import (
+    appearing_at_once,
+    check_run_directory,
+    next_run_directory,
+    results_directory,
+)
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 from scenarios.results.timing import Timing
@@ -180,6 +186,46 @@ def test_run_directories_are_numbered_beyond_those_there_are(tmp_path: Path) -> 
     for name in ("roundabout-1", "roundabout-9", "roundabout-right-30", "roundabout-x"):
         (tmp_path / name).mkdir()
     assert next_run_directory("roundabout", tmp_path) == tmp_path / "roundabout-10"
+
+
+def test_a_number_is_taken_at_the_start(tmp_path: Path) -> None:
+    """Two commands at once have directories of their own; one that writes nothing leaves nothing behind."""
+    runs = tmp_path / "runs"
+    with results_directory(None, "a", runs) as first, results_directory(None, "a", runs) as second:
+        assert (first, second) == (runs / "a-1", runs / "a-2")
+        with appearing_at_once(first) as folder:
+            (folder / "x").touch()
+    assert [path.relative_to(runs).as_posix() for path in sorted(runs.rglob("*"))] == ["a-1", "a-1/x"]
+    with pytest.raises(KeyboardInterrupt), results_directory(None, "b", tmp_path / "others"):
+        raise KeyboardInterrupt
+    assert not (tmp_path / "others").exists()
+
+
+def test_the_run_is_written_before_its_video_is_drawn(
+    camera_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a process leaves that is killed then may be replaced; an interrupt keeps all that is finished."""
+    run, seen = tmp_path / "run", list[str]()
+
+    def write_video(_: RunResult, target: Path, **__: object) -> None:
+        target.with_suffix(".mp4").write_bytes(b"half of it")
+        shutil.copytree(run, tmp_path / "killed")
+        for path in run.rglob("*"):
+            if path.is_file():
+                shutil.copystat(path, tmp_path / "killed" / path.relative_to(run))
+        seen.extend(path.name for path in run.iterdir() if not path.name.startswith("."))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scenarios.report.run_video.write_video", write_video)
+    with pytest.raises(KeyboardInterrupt):
+        write_run(camera_run, run)
+    kept = ["manifest.json", "report.html", "scenario.toml", "signals.parquet", "summary.json"]
+    assert sorted(seen) == kept
+    assert sorted(path.name for path in run.iterdir()) == [".interrupted", *kept]
+    for directory in (tmp_path / "killed", run):
+        check_run_directory(directory)
+    write_run(camera_run, tmp_path / "killed", video=False)
+    assert sorted(path.name for path in (tmp_path / "killed").iterdir()) == kept
 
 
 def test_timing_adds_up() -> None:
