@@ -33,48 +33,37 @@ def semi_implicit_step(
     """
     f_1 = rate(x)
     relaxation = stiff if isinstance(stiff, ca.SX) else -exact_diagonal(f_1, x, stiff)
-    steps = [_Step(relaxation[i], h) for i in range(x.numel())]
-    halfway = (x[i] if i in sampled else x[i] + step.half * f_1[i] for i, step in enumerate(steps))
-    f_2 = rate(ca.vertcat(*halfway))
+    half, damped = half_weight(relaxation, h), damped_rate(relaxation)
+    f_2 = rate(ca.vertcat(*(x[k] if k in sampled else halfway(x[k], f_1[k], half[k]) for k in range(x.numel()))))
     return ca.vertcat(
-        *(x[i] + h * f_1[i] if i in sampled else step.after(x[i], f_1[i], f_2[i]) for i, step in enumerate(steps))
+        *(
+            x[k] + h * f_1[k] if k in sampled else after(x[k], f_1[k], f_2[k], damped[k], half[k])
+            for k in range(x.numel())
+        )
     )
 
 
-def step_of_two_calls(rates: Any, h: float, sampled: range = range(0)) -> Any:
-    """Function (x, u) -> state after one step of h [s], which calls ``rates`` twice: the same step for interpreters.
-
-    ``rates`` is a function (x, u) -> (rate of x, relaxation rate). An interpreter is faster with a short list of
-    operations that it repeats than with one of twice the length, in which processors do not predict the next operation.
-    """
-    x: Any = ca.MX.sym("x", rates.numel_in(0))
-    u: Any = ca.MX.sym("u", rates.numel_in(1))
-    f_1, relaxation = rates(x, u)
-    step = _Step(relaxation, h)
-    halfway, once = x + step.half * f_1, slice(sampled.start, sampled.stop)
-    f_2 = rates(_with(halfway, once, x), u)[0]  # with no relaxation, the step of the sampled states is h times this
-    return ca.Function("step", [x, u], [step.after(x, f_1, _with(f_2, once, f_1))])
+# The step in parts, for numbers or vectors, SX or MX.
 
 
-def _with(vector: Any, part: slice, other: Any) -> Any:
-    """The vector with a part taken from another one."""
-    if part.start == part.stop:
-        return vector
-    return ca.vertcat(vector[: part.start], other[part], vector[part.stop :])
+def damped_rate(relaxation: Any) -> Any:
+    """2 g times the relaxation rate, which is -2 g A [1/s]."""
+    return (2.0 * _GAMMA) * relaxation
 
 
-class _Step:
-    """Weights of the two rates of one state, or of all of a vector."""
+def half_weight(relaxation: Any, h: float) -> Any:
+    """Weight of half a step h [s]: h S / 2 [s]."""
+    return 1.0 / (2.0 / h + damped_rate(relaxation))
 
-    def __init__(self, relaxation: ca.SX, h: float) -> None:
-        damped = (2.0 * _GAMMA) * relaxation
-        self.whole = 2.0 / (2.0 / h + damped)  # h S; written so that CasADi divides only once
-        self.half = 0.5 * self.whole
-        self.first = self.half * damped  # 1 - S
 
-    def after(self, x: ca.SX, f_1: ca.SX, f_2: ca.SX) -> ca.SX:
-        """The state after the step."""
-        return x + self.whole * (self.first * f_1 + f_2)
+def halfway(x: Any, f_1: Any, half: Any) -> Any:
+    """State x + h k_1 / 2 at which the second rate is taken; ``half`` is the ``half_weight``."""
+    return x + half * f_1
+
+
+def after(x: Any, f_1: Any, f_2: Any, damped: Any, half: Any) -> Any:
+    """State x + h (k_1 + k_2) after the step; 1 - S is the ``half_weight`` times the ``damped_rate``."""
+    return x + (2.0 * half) * ((half * damped) * f_1 + f_2)
 
 
 def exact_diagonal(f: ca.SX, x: ca.SX, blocks: Iterable[tuple[int, int]]) -> ca.SX:

@@ -17,9 +17,9 @@ from scenarios.validation.driving import along_path, poses_of
 from vehicle.clock import TICK
 from vehicle.combination.chain import derivative, relaxation
 from vehicle.combination.description import Vehicle, load_vehicle
-from vehicle.combination.functions import sampled_states
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes
 from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.step_calls import sampled_states
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, Pose2
 from vehicle.integrator import semi_implicit_step

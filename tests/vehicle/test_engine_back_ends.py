@@ -95,7 +95,7 @@ def of_each(function: ca.Function, at: FloatArray, inputs: FloatArray, parameter
 def test_the_expression_has_every_operation(everything: tuple[ca.Function, Program]) -> None:
     """Else the tests below would pass an operation that none of them sees."""
     _, program = everything
-    assert {node.name for node in program.body.nodes if isinstance(node, Operation)} == OPERATIONS
+    assert {node.name for node in program.parts[0].body.nodes if isinstance(node, Operation)} == OPERATIONS
 
 
 def test_numpy_knows_every_operation(everything: tuple[ca.Function, Program]) -> None:
@@ -143,11 +143,11 @@ def test_all_back_ends_take_the_same_steps(oscillator: tuple[ca.Function, Progra
         expected = at
         for _ in range(ticks):
             expected = of_each(function, expected, inputs, parameters)
-        worked_with = evaluated(program.numbers, [np.empty(0), np.empty(0), given])
+        worked_with = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), given])
         for many in (Blocks(program, worked_with, N_LANES), NativeMany(program, worked_with, gcc)):
             np.testing.assert_allclose(many(at, inputs, ticks), expected, rtol=ROUNDING, atol=ROUNDING)
     folded = Virtual(ca.Function("folded", [x, u], [function(x, u, own[0])]))
-    worked_with = evaluated(program.numbers, [np.empty(0), np.empty(0), own[0]])
+    worked_with = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), own[0]])
     for one in (folded, NativeOne(program, worked_with, gcc)):
         expected = at[0]
         for _ in range(ticks):
@@ -158,9 +158,9 @@ def test_all_back_ends_take_the_same_steps(oscillator: tuple[ca.Function, Progra
 def test_work_that_changes_less_often_is_done_less_often(oscillator: tuple[ca.Function, Program]) -> None:
     """p0^2 belongs to the vehicle, tanh(u0) p0 to the input: neither is in the part that runs every tick."""
     _, program = oscillator
-    assert {node.name for node in program.numbers.nodes if isinstance(node, Operation)} >= {"mul"}
-    assert "tanh" in {node.name for node in program.held.nodes if isinstance(node, Operation)}
-    every_tick = [node.name for node in program.body.nodes if isinstance(node, Operation)]
+    assert {node.name for node in program.parts[0].numbers.nodes if isinstance(node, Operation)} >= {"mul"}
+    assert "tanh" in {node.name for node in program.parts[0].held.nodes if isinstance(node, Operation)}
+    every_tick = [node.name for node in program.parts[0].body.nodes if isinstance(node, Operation)]
     assert "tanh" not in every_tick
     assert len(every_tick) <= 12
 
@@ -170,7 +170,7 @@ def test_any_number_of_vehicles_fits(oscillator: tuple[ca.Function, Program], gc
     """The last block is filled up with copies of the last vehicle, whose results nobody sees."""
     function, program = oscillator
     at, inputs = states(n), np.zeros((n, 2))
-    own = evaluated(program.numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
+    own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
     expected = of_each(function, at, inputs, np.broadcast_to([1.5, 0.3], (n, 2)))
     for many in (Blocks(program, own, n), NativeMany(program, own, gcc)):
         np.testing.assert_allclose(many(at, inputs), expected, rtol=ROUNDING, atol=ROUNDING)
@@ -180,7 +180,7 @@ def test_arguments_stay_as_they_are(oscillator: tuple[ca.Function, Program], gcc
     """A step is a function: the state it starts from can be kept."""
     _, program = oscillator
     at, inputs = states(9), np.ones((9, 2))
-    own = evaluated(program.numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
+    own = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), np.array([1.5, 0.3])])
     for many in (Blocks(program, own, 9), NativeMany(program, own, gcc)):
         before = at.copy()
         first = many(at, inputs, 3)
@@ -202,9 +202,9 @@ def test_no_tick_divides_by_a_vehicles_number() -> None:
     """A divisor that is known before is inverted once; only a divisor that changes with the state is divided by."""
     function = ca.Function("f", [x, u, p], [ca.vertcat(a / p[0], b / p[0], a / u[1], p[0] / a, p[0] / p[1])])
     program = program_of(function)
-    names = [node.name for node in program.body.nodes if isinstance(node, Operation)]
+    names = [node.name for node in program.parts[0].body.nodes if isinstance(node, Operation)]
     assert sorted(names) == ["div", "mul", "mul", "mul"]
     state, given, numbers = np.array([1.3, -0.7, 0.2]), np.array([0.4, 3.0]), np.array([1.7, -2.9])
-    of_vehicle = evaluated(program.numbers, [np.empty(0), np.empty(0), numbers])
+    of_vehicle = evaluated(program.parts[0].numbers, [np.empty(0), np.empty(0), numbers])
     found = Blocks(program, of_vehicle, 1)(state[None], given[None])
     np.testing.assert_allclose(found[0], np.array(function(state, given, numbers)).ravel(), rtol=1e-15)

@@ -6,18 +6,29 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from vehicle.clock import TICK
+from vehicle.combination.chain import relaxation
 from vehicle.combination.description import Vehicle
-from vehicle.combination.functions import interpreted_step, step_function, wheel_function
-from vehicle.combination.layout import State, state_sizes
-from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes
+from vehicle.combination.functions import compiled_derivative, step_function, wheel_function
+from vehicle.combination.layout import State, parts, state_sizes
+from vehicle.combination.plant_inputs import (
+    CommandInputs,
+    GroundInputs,
+    chain_input,
+    command_sizes,
+    ground_input_sizes,
+)
+from vehicle.combination.step_calls import sampled_states
 from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
 from vehicle.engine.library_cache import warn_once
 from vehicle.frames import FloatArray
+from vehicle.integrator import semi_implicit_step
 
 with_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 N = 50
@@ -69,13 +80,22 @@ ROUNDING = 1e-11
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 5])
-def test_the_step_of_two_calls_is_the_step(chain: Vehicle, ticks: int) -> None:
-    """An interpreter repeats the operations that all other back ends list twice: also what brakes hold over a step."""
-    expected = one_by_one(step_function(chain), chain, "interpreted", ticks)
-    kernel = kernel_for_one(step_function(chain), numbers(chain), "interpreted", interpreted=interpreted_step(chain))
-    states, inputs = random_states(chain), random_inputs(chain)
-    found = np.array([kernel(x, u, ticks) for x, u in zip(states, inputs, strict=True)])
-    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=ROUNDING)
+def test_the_step_in_calls_is_that_of_the_integrator(chain: Vehicle, ticks: int) -> None:
+    """Rates called twice, brakes once, both stages: together they are the integrator's step written in one piece."""
+    x, v = ca.SX.sym("x", sum(state_sizes(chain))), ca.SX.sym("v", random_inputs(chain).shape[1])
+    sizes = command_sizes(chain), ground_input_sizes(chain)
+    command, ground = (parts(part, of) for part, of in zip(parts(v, [sum(s) for s in sizes]), sizes, strict=True))
+    u = chain_input(chain, CommandInputs(*command), GroundInputs(*ground))
+    rate, relaxing = compiled_derivative(chain), relaxation(chain, State(*parts(x, state_sizes(chain))), u)
+    whole = semi_implicit_step(
+        lambda state: rate(state, ca.vertcat(*u)), x, TICK, ca.vertcat(*relaxing), sampled_states(chain)
+    )
+    one = ca.Function("one", [x, v], [whole])
+    found = one_by_one(step_function(chain), chain, "interpreted", ticks)
+    for state, given, got in zip(random_states(chain), random_inputs(chain), found, strict=True):
+        for _ in range(ticks):
+            state = np.array(one(state, given)).ravel()
+        np.testing.assert_allclose(got, state, rtol=ROUNDING, atol=ROUNDING)
 
 
 @pytest.mark.parametrize("ticks", [1, 5])

@@ -273,9 +273,15 @@ def _with_numbers_in_input(vehicle: Vehicle, name: Literal["step", "start", "mot
     """The function (state, input and numbers, nothing); cached, as a program is made once per function."""
     if name == "motion":
         return _motion_function(vehicle)
-    function = {"step": step_function, "start": start_function}[name](vehicle)
-    x, u, own = (ca.SX.sym("v", function.numel_in(k)) for k in range(3))
-    return ca.Function(name, [x, ca.vertcat(u, own), ca.SX(0, 1)], [function(x, u, own)])
+    if name == "step":
+        return step_function(vehicle).of_functions(_taking_numbers_as_input)
+    return _taking_numbers_as_input(start_function(vehicle))
+
+
+def _taking_numbers_as_input(function: Any) -> Any:
+    x, u, own, *results = (ca.SX.sym("v", function.numel_in(k)) for k in range(function.n_in()))
+    value = function(x, u, own, *results)
+    return ca.Function(function.name(), [x, ca.vertcat(u, own), ca.SX(0, 1), *results], [value])
 
 
 def _motion_function(vehicle: Vehicle) -> Any:

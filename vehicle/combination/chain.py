@@ -9,7 +9,7 @@ over after a side has lifted off.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import casadi as ca
@@ -74,7 +74,7 @@ class _Moment(NamedTuple):
 def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
     """Time derivative of the state."""
     now = _moment(vehicle, s, u)
-    brakes = _brake_rates(vehicle, now, s)
+    brakes = brake_control(vehicle, s, [w.travel for w in now.rolling], [w.omega for w in now.rolling])
     e, rolling, bodies = now.e, now.rolling, now.bodies
     forces = [
         Vector(on.force.x + unit.mass * on.gravity.x, on.force.y + unit.mass * on.gravity.y)
@@ -125,10 +125,15 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
     )
 
 
-def _brake_rates(vehicle: Vehicle, now: _Moment, s: State[ca.SX]) -> BrakeRates:
-    travel, spin_rates = [wheel.travel for wheel in now.rolling], [wheel.omega for wheel in now.rolling]
-    commands = valve_commands(vehicle, now.layout, s, travel, spin_rates)
-    return brake_rates(vehicle, now.layout, s, commands)
+def brake_control(vehicle: Vehicle, s: State[ca.SX], travel: Sequence[Num], spin_rates: Sequence[Num]) -> BrakeRates:
+    """Rates of pressures and valves, from each wheel's ``wheel_travel`` [m/s] and rate of spin [rad/s2]."""
+    layout = wheels(vehicle)
+    return brake_rates(vehicle, layout, s, valve_commands(vehicle, layout, s, travel, spin_rates))
+
+
+def wheel_travel(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
+    """Magnitude of every wheel's velocity along its plane [m/s]."""
+    return _column(wheel.travel for wheel in _moment(vehicle, s, u).rolling)
 
 
 def relaxation(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -318,13 +323,14 @@ def _wheel_motions(
     motions = []
     for k, wheel in enumerate(layout):
         r = speeds.yaw_rate[wheel.unit]
+        turning = wheel.side * ((0.5 * wheel.axle.track) * r)  # the same product for both sides
         state = WheelState(
             omega=s.omega[k],
             deflection=Planar(s.deflection_x[k], s.deflection_y[k]),
             twin=None if wheel.twin is None else Planar(s.twin_x[wheel.twin], s.twin_y[wheel.twin]),
             brake_windup=s.brake_windup[k],
             plane=_plane(vehicle, wheel, k, s, u),
-            hub=Vector(origins[wheel.unit].x - wheel.y * r, origins[wheel.unit].y + wheel.axle.x * r),
+            hub=Vector(origins[wheel.unit].x - turning, origins[wheel.unit].y + wheel.axle.x * r),
             yaw_rate=r,
             travel=origins[wheel.unit].x,
             load=loads[k],

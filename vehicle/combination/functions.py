@@ -7,16 +7,13 @@ all vehicles of one topology.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import lru_cache, partial, wraps
-from itertools import accumulate
+from functools import lru_cache, wraps
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 import casadi as ca
-import numpy as np
 
-from vehicle.clock import TICK
 from vehicle.combination.attitude import SmoothGround, body_poses, smooth_ground_sizes
-from vehicle.combination.chain import derivative, output, relaxation
+from vehicle.combination.chain import derivative, output
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.layout import Input, State, input_sizes, parts, state_sizes, wheels
 from vehicle.combination.loads import static_axle_loads
@@ -28,12 +25,12 @@ from vehicle.combination.plant_inputs import (
     command_sizes,
     gravity_along,
     ground_input_sizes,
-    slices,
 )
 from vehicle.combination.sprung import settled
+from vehicle.combination.step_calls import step_in_calls
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
 from vehicle.combination.truth_vectors import kinematics, wheel_truth
-from vehicle.integrator import semi_implicit_step, step_of_two_calls
+from vehicle.engine.composite import Composite
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
@@ -97,44 +94,10 @@ def _once_per_topology(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicl
 
 
 @_once_per_topology
-def step_function(twin: SymbolicTwin) -> Any:
+def step_function(twin: SymbolicTwin) -> Composite:
     """Function (state, command and ground inputs, numbers) -> state one tick later."""
     x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
-    u = _chain_input(twin.vehicle, v)
-    stiff = ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
-    after = semi_implicit_step(
-        lambda state: _rate(twin.vehicle, state, u), x, TICK, stiff, sampled_states(twin.vehicle)
-    )
-    return ca.Function("step", [x, v, twin.symbols], [ca.cse(after)])
-
-
-@_once_per_topology
-def _rates_function(twin: SymbolicTwin) -> Any:
-    """Function (state, command and ground inputs, numbers) -> rates, relaxation rates."""
-    x, v = _state(twin.vehicle), _plant_input(twin.vehicle)
-    u = _chain_input(twin.vehicle, v)
-    rates = _rate(twin.vehicle, x, u), ca.vertcat(*relaxation(twin.vehicle, _named(twin.vehicle, x), u))
-    return ca.Function("rates", [x, v, twin.symbols], rates)
-
-
-def interpreted_step(vehicle: Vehicle) -> Callable[[tuple[float, ...], tuple[float, ...]], Any]:
-    """Step for interpreters: of numbers and the last, constant inputs, a function (state, inputs) -> state later."""
-    return partial(_interpreted_step, _rates_function(vehicle), sampled_states(vehicle))
-
-
-@lru_cache(maxsize=32)
-def _interpreted_step(function: Any, sampled: range, values: tuple[float, ...], always: tuple[float, ...]) -> Any:
-    x, v = (_vector([function.numel_in(k)]) for k in range(2))
-    known = ca.vertcat(v[: v.numel() - len(always)], *always)
-    results = [ca.densify(part) for part in function(x, known, np.array(values))]
-    results = ca.vertsplit(ca.cse(ca.vertcat(*results)), [0, *accumulate(part.numel() for part in results)])
-    return step_of_two_calls(ca.Function("rates", [x, v], results), TICK, sampled)
-
-
-def sampled_states(vehicle: Vehicle) -> range:
-    """Numbers of the states of brakes, which are controlled once a tick."""
-    at = State(*slices(state_sizes(vehicle)))
-    return range(at.brake_pressure.start, at.brake_valve.stop)
+    return step_in_calls(twin.vehicle, x, v, _chain_input(twin.vehicle, v), twin.symbols)
 
 
 @_once_per_topology

@@ -11,7 +11,6 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
     body_function,
-    interpreted_step,
     kinematics_function,
     start_function,
     step_function,
@@ -64,9 +63,7 @@ class Plant:
         self._lookup = SurfaceLookup(surface, vehicle)
         self._constant_ground = self._lookup.constant
         always = _NOTHING if self._constant_ground is None else self._constant_ground
-        self._advance = kernel_for_one(
-            step_function(vehicle), values, engine, always=always, interpreted=interpreted_step(vehicle)
-        )
+        self._advance = kernel_for_one(step_function(vehicle), values, engine, always=always)
         # Interpreted where it is called rarely: a call costs more than its arithmetic.
         self._kinematics = kernel_for_one(kinematics_function(vehicle), values, "interpreted")
         self._wheels = kernel_for_one(wheel_function(vehicle), values, "interpreted")

@@ -91,7 +91,8 @@ class _Patch(NamedTuple):
 def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
     """Motion of a wheel in a state."""
     v = along(s.plane, s.hub)
-    winding = ca.fabs(s.omega)
+    turning = (1.0 / _BRAKE_WINDUP) * s.omega
+    winding = ca.fabs(turning)  # rate at which the windup of a brake follows the wheel [1/s]
     scrub: Num = 0.0
     if s.twin is None:
         outer, inner = _patch(wheel, s, s.deflection, v, 1.0), None
@@ -113,11 +114,9 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         travel=ca.fabs(v.x),
         omega=spin_rate,
         deflection=outer.rate,
-        brake_windup=(1.0 / _BRAKE_WINDUP) * (s.omega - winding * s.brake_windup),
+        brake_windup=turning - winding * s.brake_windup,
         twin=None if inner is None else inner.rate,
-        relaxation=Relaxation(
-            spin, outer.decay, (1.0 / _BRAKE_WINDUP) * winding, None if inner is None else inner.decay
-        ),
+        relaxation=Relaxation(spin, outer.decay, winding, None if inner is None else inner.decay),
         force=from_unit(s.plane, Vector(force.x, force.y)),
         moment_opposing=scrub + trail * s.brake_windup * force.y,
         slip_angle=ca.atan(v.y / rolling_speed(v.x)),
@@ -162,5 +161,5 @@ def _spin_relaxation(axle: Axle, on: Contact, at_once: Num) -> Num:
     circle drops out. Exact for a tyre that sticks and for one that slides completely.
     """
     tyre = axle.tyre
-    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x * at_once
-    return per_spin / (axle.wheel_inertia * tyre.relaxation_length) * (on.per_deflection * (1.0 - on.use_along))
+    per_spin = axle.wheel_radius**2 * tyre.nominal_stiffness.x / (axle.wheel_inertia * tyre.relaxation_length)
+    return (per_spin * at_once) * (on.per_deflection * (1.0 - on.use_along))

@@ -32,7 +32,7 @@ class Blocks:
             _Block(program, numbers if numbers.ndim == 1 else numbers[span], span.stop - span.start)
             for span in self._spans
         ]
-        self._n_result = len(program.body.result)
+        self._n_result = program.n_result
 
     def __call__(self, x: FloatArray, u: FloatArray, ticks: int = 1) -> FloatArray:
         """The result (n, n_result) after some ticks from states x (n, n_state) under inputs u (n, n_input)."""
@@ -49,12 +49,21 @@ class _Block:
     def __init__(self, program: Program, numbers: FloatArray, n: int) -> None:
         self._x = np.empty((program.n_state, n))
         self._u = np.empty((program.n_input, n))
-        held = np.empty((len(program.held.result), n))
-        self._result = np.empty((len(program.body.result), n))
+        self._hold: list[Callable[[], Any]] = []
+        self._tick: list[Callable[[], Any]] = []
         of_vehicles = np.ascontiguousarray(numbers.T)  # its entries: one number, or a row of them
-        arguments = [self._x, self._u, np.empty((0, n)), of_vehicles, held]
-        self._hold = _calls(program.held, arguments, held)
-        self._tick = _calls(program.body, arguments, self._result)
+        own = [of_vehicles[place] for place in program.numbers_of]
+        held = [np.empty((len(part.held.result), n)) for part in program.parts]
+        for part, c, h in zip(program.parts, own, held, strict=True):
+            results = [np.empty((size, 0)) for size in part.numbers.sizes[3:]]
+            self._hold += _calls(part.held, [self._x, self._u, np.empty((0, n)), *results, c], h)
+        values = [self._x]
+        for call in program.calls:
+            part, results = program.parts[call.part], [values[k] for k in call.results]
+            values.append(np.empty((len(part.body.result), n)))
+            arguments = [values[call.state], self._u, np.empty((0, n)), *results, own[call.part], held[call.part]]
+            self._tick += _calls(part.body, arguments, values[-1])
+        self._result = values[-1]
 
     def run(self, x: FloatArray, u: FloatArray, ticks: int) -> FloatArray:
         self._x[:] = x
@@ -72,7 +81,7 @@ class _Block:
 def _calls(tape: Tape, arguments: list[FloatArray], result: FloatArray) -> list[Callable[[], Any]]:
     """The tape as calls on its arguments' rows, with the last ones leaving the result."""
     memory = rows(tape)
-    work = np.empty((memory.n_work, result.shape[1]))
+    work = list(np.empty((memory.n_work, result.shape[1])))  # one view of each row: thousands would fill the cache
     values: list[FloatArray] = []
     calls: list[Callable[[], Any]] = []
     for k, node in enumerate(tape.nodes):

@@ -8,7 +8,8 @@ from importlib import resources
 from string import Template
 from typing import Final
 
-from vehicle.engine.program import Program
+from vehicle.engine.program import Part, Program
+from vehicle.engine.stages import with_common_reciprocals
 from vehicle.engine.tape import Constant, Entry, Node, Tape
 
 _INFIX: Final = {
@@ -25,7 +26,6 @@ _KERNEL: Final = Template("""
 #define NX $nx
 #define NU $nu
 #define NC $nc
-#define NH $nh
 #define NY $ny
 
 #ifdef OWN_NUMBERS
@@ -37,15 +37,7 @@ typedef double number;
 #endif
 #define FUNCTION static __attribute__((noinline)) void
 
-/* what stays the same from tick to tick */
-FUNCTION hold(const real *restrict u, const number *restrict c, real *restrict h) {
-$held
-}
-
-FUNCTION evaluate(const real *restrict x, const real *restrict u, const number *restrict c, const real *restrict h,
-                  real *restrict y) {
-$body
-}
+$functions
 
 /* columns of a few rows of a matrix; lanes beyond its last row repeat that */
 static void load(double *restrict to, const double *restrict from, long row, long rows, int columns) {
@@ -63,7 +55,8 @@ static void store(double *restrict to, const double *restrict from, long row, lo
 /* y (n, NY) after some ticks from x (n, NX), with inputs u (n, NU) and numbers c (NC,) or (n, NC) */
 void run(long n, long ticks, const double *x, const double *u, const double *c, double *y) {
   for (long row = 0; row < n; row += LANES) {
-    real X[NX + 1], U[NU + 1], H[NH + 1], Y[NY + 1];
+    real X[NX + 1], U[NU + 1], Y[NY + 1];
+$memory
     load((double *)X, x, row, n, NX);
     load((double *)U, u, row, n, NU);
 #ifdef OWN_NUMBERS
@@ -72,9 +65,9 @@ void run(long n, long ticks, const double *x, const double *u, const double *c, 
 #else
     const double *C = c;
 #endif
-    hold(U, C, H);
+$hold
     for (long tick = 0; tick < ticks; tick++) {
-      evaluate(X, U, C, H, Y);
+$evaluate
 #if NX == NY
       memcpy(X, Y, sizeof X);
 #endif
@@ -85,23 +78,72 @@ void run(long n, long ticks, const double *x, const double *u, const double *c, 
 """)
 
 
+# Of a part: what stays the same from tick to tick, and what it computes at every call, with the results a of others.
+_PART: Final = Template("""
+FUNCTION hold_$k(const real *restrict u, const number *restrict c, real *restrict h) {
+$held
+}
+
+FUNCTION evaluate_$k(const real *restrict x, const real *restrict u, const number *restrict c, const real *restrict h,
+                     $results real *restrict y) {
+$body
+}
+""")
+
+
 def c_source(program: Program) -> str:
     """C source of the function ``run`` of a program; the macros LANES and OWN_NUMBERS choose its variants."""
+    first = [of_part.start for of_part in program.numbers_of]
+    last = len(program.calls)
+    value = ["X", *(f"R{k}" for k in range(1, last)), "Y"]
     kernel = _KERNEL.substitute(
         nx=program.n_state,
         nu=program.n_input,
         nc=program.n_numbers,
-        nh=len(program.held.result),
-        ny=len(program.body.result),
-        held=_assignments(program.held, ["", "u", "", "c"], "h"),
-        body=_assignments(program.body, ["x", "u", "", "c", "h"], "y"),
+        ny=program.n_result,
+        functions="".join(_functions(k, part) for k, part in enumerate(program.parts)),
+        memory=_indented(
+            4,
+            [f"real H{k}[{len(part.held.result)} + 1];" for k, part in enumerate(program.parts)]
+            + [f"real {value[k]}[{_length(program, k)} + 1];" for k in range(1, last)],
+        ),
+        hold=_indented(4, [f"hold_{k}(U, C + {first[k]}, H{k});" for k in range(len(program.parts))]),
+        evaluate=_indented(
+            6,
+            [
+                f"evaluate_{call.part}({value[call.state]}, U, C + {first[call.part]}, H{call.part}, "
+                f"{''.join(f'{value[r]}, ' for r in call.results)}{value[k]});"
+                for k, call in enumerate(program.calls, start=1)
+            ],
+        ),
     )
     return (resources.files("vehicle.engine") / "lanes.h").read_text(encoding="utf-8") + kernel
 
 
+def _functions(number: int, part: Part) -> str:
+    """The functions of a part."""
+    results = [f"a{k}" for k in range(len(part.numbers.sizes) - 3)]
+    names = ["x", "u", "", *results, "c", "h"]
+    return _PART.substitute(
+        k=number,
+        results="".join(f"const real *restrict {name}, " for name in results),
+        held=_assignments(part.held, names, "h"),
+        body=_assignments(with_common_reciprocals(part.body), names, "y"),
+    )
+
+
+def _length(program: Program, call: int) -> int:
+    """Length of the result of a call, counted from 1."""
+    return len(program.parts[program.calls[call - 1].part].body.result)
+
+
+def _indented(spaces: int, lines: Iterable[str]) -> str:
+    return "\n".join(" " * spaces + line for line in lines)
+
+
 def _assignments(tape: Tape, arguments: list[str], result: str) -> str:
     values = [_value(k, node, arguments) for k, node in enumerate(tape.nodes)]
-    return "\n".join(f"  {line}" for line in _lines(tape, values, result))
+    return _indented(2, _lines(tape, values, result))
 
 
 def _lines(tape: Tape, values: list[str], result: str) -> Iterable[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, Literal, Protocol, TypeAlias, get_args
 
@@ -12,6 +11,7 @@ import numpy as np
 from vehicle.engine.arithmetic import evaluated
 from vehicle.engine.blocks import Blocks
 from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted
+from vehicle.engine.composite import AnyFunction, Composite, written_out
 from vehicle.engine.library_cache import warn_once
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import Program, program_of
@@ -31,17 +31,15 @@ class Kernel(Protocol):
 
 
 def kernel_for_one(
-    function: Any,
+    function: AnyFunction,
     numbers: FloatArray,
     engine: Engine,
     *,
     always: FloatArray = _NOTHING,
-    interpreted: Callable[[tuple[float, ...], tuple[float, ...]], Any] | None = None,
 ) -> Kernel:
-    """Kernel of a ``casadi.Function`` (state, input, numbers) for one vehicle; one per thread, as it owns its memory.
+    """Kernel of a function (state, input, numbers) for one vehicle; one per thread, as it owns its memory.
 
     ``always`` are the last entries of every input if they are constant, which saves an interpreter some operations.
-    ``interpreted`` makes a function (state, input) -> the same result, faster to interpret, of numbers and ``always``.
 
     Raises:
         ValueError: if the engine is unknown, or is "compiled" and there is no compiler.
@@ -49,22 +47,22 @@ def kernel_for_one(
     native = _native(NativeOne, function, numbers, engine)
     if native is not None:
         return native
-    known = tuple(numbers.tolist()), tuple(always.tolist())
-    return Virtual(_with_numbers(function, *known) if interpreted is None else interpreted(*known))
+    return Virtual(_with_numbers(function, tuple(numbers.tolist()), tuple(always.tolist())))
 
 
-def kernel_for_many(function: Any, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
+def kernel_for_many(function: AnyFunction, numbers: FloatArray, n: int, engine: Engine) -> Kernel:
     """Kernel for n vehicles, with common numbers (n_numbers,) or with a row for each (n, n_numbers).
 
     Raises:
         ValueError: as ``kernel_for_one``.
     """
-    native = _native(NativeMany, function, numbers, engine)
-    return native if native is not None else Blocks(_program(function), _own_numbers(function, numbers), n)
+    whole = _written_out(function)  # vectors of vehicles cost more to hand over than their operations to repeat
+    native = _native(NativeMany, whole, numbers, engine)
+    return native if native is not None else Blocks(_program(whole), _own_numbers(whole, numbers), n)
 
 
-def kernel_for_rows(function: Any, n: int, engine: Engine) -> Kernel:
-    """Kernel of a ``casadi.Function`` (state, input, nothing) for n rows; a single row uses the faster kernel for one.
+def kernel_for_rows(function: AnyFunction, n: int, engine: Engine) -> Kernel:
+    """Kernel of a function (state, input, nothing) for n rows; a single row uses the faster kernel for one.
 
     Raises:
         ValueError: as ``kernel_for_one``.
@@ -75,7 +73,9 @@ def kernel_for_rows(function: Any, n: int, engine: Engine) -> Kernel:
     return lambda x, u, ticks=1: one(x[0], u[0], ticks)[None, :]
 
 
-def _native(kind: type[NativeOne | NativeMany], function: Any, numbers: FloatArray, engine: Engine) -> Kernel | None:
+def _native(
+    kind: type[NativeOne | NativeMany], function: AnyFunction, numbers: FloatArray, engine: Engine
+) -> Kernel | None:
     """The function in compiled C; None if the engine is interpreted."""
     using = _compiler(engine)
     if using is None:
@@ -106,19 +106,36 @@ def _fall_back(engine: Engine, error: CompilerError) -> None:
 
 
 @lru_cache(maxsize=32)
-def _program(function: Any) -> Program:
+def _program(function: AnyFunction) -> Program:
     return program_of(function)
 
 
-def _own_numbers(function: Any, numbers: FloatArray) -> FloatArray:
+_written_out = lru_cache(maxsize=32)(written_out)
+
+
+def _own_numbers(function: AnyFunction, numbers: FloatArray) -> FloatArray:
     """The numbers that a program derives from a vehicle's numbers."""
+    parts = _program(function).parts
     with np.errstate(all="ignore"):
-        return evaluated(_program(function).numbers, [_NOTHING, _NOTHING, numbers])
+        of_parts = [
+            evaluated(part.numbers, [*[_NOTHING] * 2, numbers, *[_NOTHING] * (len(part.numbers.sizes) - 3)])
+            for part in parts
+        ]
+    return np.concatenate(of_parts, axis=-1)
 
 
 @lru_cache(maxsize=32)
-def _with_numbers(function: Any, numbers: tuple[float, ...], always: tuple[float, ...]) -> Any:
+def _with_numbers(function: AnyFunction, numbers: tuple[float, ...], always: tuple[float, ...]) -> Any:
     """Function of state and input with a vehicle's numbers, and the last entries of the input, inserted."""
-    x, u = (ca.SX.sym("v", function.numel_in(k)) for k in range(2))
-    known = ca.vertcat(u[: u.numel() - len(always)], *always)
-    return ca.Function(function.name(), [x, u], [ca.cse(ca.densify(function(x, known, np.array(numbers))))])
+
+    def inserted(of: Any) -> Any:
+        kind: Any = ca.MX if of.is_a("MXFunction") else ca.SX
+        x, u, _, *results = (kind.sym("v", of.numel_in(k)) for k in range(of.n_in()))
+        known = ca.vertcat(u[: u.numel() - len(always)], *always)
+        (value,) = of.call([x, known, ca.DM(numbers), *results], True, False)
+        return ca.Function(of.name(), [x, u, *results], [ca.cse(ca.densify(value))])
+
+    if not isinstance(function, Composite):
+        return inserted(function)
+    x, u = (ca.MX.sym("v", function.numel_in(k)) for k in range(2))
+    return ca.Function(function.name, [x, u], [function.shortened().of_functions(inserted).on(x, u)])

@@ -18,6 +18,8 @@
 #endif
 
 #if LANES == 1
+/* states go through memory from call to call: vector stores between scalar loads would make the processor wait */
+#pragma GCC optimize("no-tree-slp-vectorize")
 typedef double real;
 #define EACH
 #define AT(a) a

@@ -23,7 +23,7 @@ class NativeOne:
         self._library = _loaded(program, using, "LANES=1")
         self._run = self._library.run
         self._x, self._u = np.empty(program.n_state), np.empty(program.n_input)
-        self._result = np.empty(len(program.body.result))
+        self._result = np.empty(program.n_result)
         self._numbers = np.ascontiguousarray(numbers)
         memory = (self._x, self._u, self._numbers, self._result)
         addresses = [ctypes.c_void_p(array.ctypes.data) for array in memory]  # looking one up takes as long as a tick
@@ -47,7 +47,7 @@ class NativeMany:
         self._run = self._library.run
         self._run.argtypes = _ARGUMENTS
         self._numbers = np.ascontiguousarray(numbers)
-        self._n_result = len(program.body.result)
+        self._n_result = program.n_result
 
     def __call__(self, x: FloatArray, u: FloatArray, ticks: int = 1) -> FloatArray:
         """The result (n, n_result) after some ticks from states x (n, n_state) under inputs u (n, n_input)."""

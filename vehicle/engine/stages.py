@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection
 from typing import NamedTuple
 
@@ -37,15 +38,36 @@ def with_reciprocals(tape: Tape, known: Collection[int]) -> Tape:
 
     The reciprocal is then an early operation, and the product takes a fraction of a division's time.
     """
-    early, writer, number = _early(tape, known), Writer(), list[int]()
+    early = _early(tape, known)
+    return _multiplied(
+        tape, {k for k, node in enumerate(tape.nodes) if _divides(node) and not early[k] and early[_operands(node)[-1]]}
+    )
+
+
+def with_common_reciprocals(tape: Tape) -> Tape:
+    """The tape with several divisions by one number as products with one reciprocal, which suits compiled code."""
+    divisors = Counter(_operands(node)[-1] for node in tape.nodes if _divides(node))
+    return _multiplied(
+        tape, {k for k, node in enumerate(tape.nodes) if _divides(node) and divisors[_operands(node)[-1]] > 1}
+    )
+
+
+def _divides(node: Node) -> bool:
+    return isinstance(node, Operation) and node.name in ("div", "inv")
+
+
+def _multiplied(tape: Tape, divisions: Collection[int]) -> Tape:
+    """The tape with these divisions as products with a reciprocal."""
+    writer, number = Writer(), list[int]()
     for k, node in enumerate(tape.nodes):
         if isinstance(node, Operation):
             operands = tuple(number[a] for a in node.operands)
-            if node.name == "div" and not early[k] and early[node.operands[1]]:
-                reciprocal = writer.write(Operation("inv", operands[1:]))
-                node = Operation("mul", (min(operands[0], reciprocal), max(operands[0], reciprocal)))
-            else:
-                node = Operation(node.name, operands)
+            node = Operation(node.name, operands)
+            if k in divisions:
+                node = Operation("inv", operands[-1:])
+                if operands[:-1] and writer.nodes[operands[0]] != Constant(1.0):
+                    reciprocal = writer.write(node)
+                    node = Operation("mul", (min(operands[0], reciprocal), max(operands[0], reciprocal)))
         number.append(writer.write(node))
     return Tape(tape.sizes, writer.nodes, tuple(number[k] for k in tape.result))
 

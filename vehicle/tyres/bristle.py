@@ -94,7 +94,7 @@ def carcass(n: Planar, sliding: Planar, decay: Num, damping: Num, v_x: Num) -> C
     """Motion of a carcass deflected by n at v_x [m/s], with ``sliding`` from ``Tyre.sliding_rate`` [1/s]."""
     d = ca.fmax(damping, _LEAST_DAMPING)
     per_damping = 2.0 / (2.0 * d)  # 1 / d, written so that CasADi divides once and not by d at every use
-    at_once = d / (1.0 + d * decay)
+    at_once = 1.0 / (per_damping + decay)
     damped = at_once * (sliding.x - decay * n.x)
     rate_y = sliding.y - decay * n.y
     across = ca.fmax(d - (d / CREEPING_SPEED) * ca.fabs(v_x), 0.0)
@@ -105,7 +105,7 @@ def contact(felt: Planar, F_z: Num, grip: Grip) -> Contact:
     """Force of a tyre whose carcass presses with the deflection ``felt``, bounded by its limit."""
     x = felt.x
     y = grip.skew * felt.y
-    squares = grip.factor_by_limit**2
-    demand = ca.fmax((x**2 + y**2) * squares, 1.0)  # squared, over the limit; at least 1
+    over_x, over_y = grip.factor_by_limit * x, grip.factor_by_limit * y  # over the limit
+    demand = ca.fmax(over_x**2 + over_y**2, 1.0)  # squared; at least 1
     scale = (F_z * grip.factor) / ca.sqrt(demand)
-    return Contact(Planar(scale * x, scale * y), scale, x**2 * squares / demand)
+    return Contact(Planar(scale * x, scale * y), scale, over_x**2 / demand)
