@@ -22,6 +22,7 @@ from scenarios.results.log import Log
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
+from scenarios.results.run_inputs import RunInputs, run_inputs
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
 from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
@@ -77,6 +78,7 @@ def run(
         ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
+    inputs = run_inputs(scenario.model_dump(exclude_none=True))
     with ExitStack() as cleanup:
         parts = cleanup.enter_context(
             closing(
@@ -90,7 +92,7 @@ def run(
         session.run(progress)
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
-        return _result(session)
+        return _result(session, inputs)
 
 
 def run_rover(
@@ -106,6 +108,7 @@ def run_rover(
     Raises:
         ValueError: one line, if the scenario is not consistent.
     """
+    inputs = run_inputs(scenario.model_dump(exclude_none=True))
     with ExitStack() as cleanup:
         parts = assemble_rover(scenario, seed, record=record is not None)
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
@@ -126,6 +129,7 @@ def run_rover(
             frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.pictures.frames),
             manifest={"frames_sha256": session.pictures.sha256 if parts.view else "none"},
             traceback=session.traceback,
+            inputs=inputs,
         )
 
 
@@ -137,7 +141,7 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, roll_axis_height)
 
 
-def _result(session: TrailerSession) -> RunResult:
+def _result(session: TrailerSession, inputs: RunInputs) -> RunResult:
     parts = session.parts
     vehicle = parts.vehicle
     log = run_log(
@@ -178,6 +182,7 @@ def _result(session: TrailerSession) -> RunResult:
             *lift_warnings(vehicle, [row.truth for row in session.rows]),
         ),
         traceback=session.traceback,
+        inputs=inputs,
     )
 
 

@@ -32,6 +32,7 @@ from scenarios.options.surface import PATCHES, SurfaceOptions
 from scenarios.options.traffic import TrafficOptions, TrafficTable
 from scenarios.options.viso_ot import VisoOtOptions
 from scenarios.options.wind import WindOptions
+from scenarios.results.file_names import with_neighbours
 from vehicle.parameter_file import nearest, parsed_toml, read_toml
 from vehicle.user_file import MAX_NESTING, FileKind, full_path, shown
 
@@ -190,7 +191,7 @@ def _read(name_or_path: str) -> Table:
         return tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
     if not name_or_path.endswith(".toml") and not os.path.isfile(name_or_path):
         raise ValueError(f"unknown scenario '{shown(name_or_path)}'{nearest(name_or_path, scenario_names())}")
-    return read_toml(Path(name_or_path), FileKind.SCENARIO)
+    return with_neighbours(read_toml(Path(name_or_path), FileKind.SCENARIO), Path(name_or_path).parent)
 
 
 def _comes_first(setting: str) -> bool:

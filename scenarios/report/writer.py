@@ -19,6 +19,7 @@ from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.rover import RoverResult
 from scenarios.results.run_directory import added_as_a_whole, appearing_at_once, mark_complete, mark_interrupted
+from scenarios.results.run_inputs import write_inputs
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 
@@ -37,7 +38,8 @@ def write_run(
     """
     numbers = summary(result)
     with appearing_at_once(directory) as folder:
-        (folder / "scenario.toml").write_text(result.scenario_toml, encoding="utf-8")
+        scenario_toml = write_inputs(result.scenario_toml, result.inputs, folder)
+        (folder / "scenario.toml").write_text(scenario_toml, encoding="utf-8")
         write_log(result.log, folder / "signals.parquet")
         _write_json(folder / "manifest.json", manifest(result))
         _write_json(folder / "summary.json", numbers)

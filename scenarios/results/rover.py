@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from estimators.slip.reference import LaserSlip
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
 from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.run_inputs import RunInputs
 from scenarios.results.timing import Timing
 from sensors.sand.trace_rig import TraceRig
 from vehicle.frames import FloatArray
@@ -41,6 +42,7 @@ class RoverResult:
     frames: tuple[TraceFrame, ...]
     manifest: Mapping[str, str]
     traceback: str = ""  # of the exception that ended the run
+    inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
 
     @property
     def slip_error(self) -> FloatArray:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.results import metrics
 from scenarios.results.log import Log
+from scenarios.results.run_inputs import RunInputs
 from scenarios.results.swept_path import TurnArc, UnitOutline
 from scenarios.results.timing import Timing
 from vehicle.frames import FloatArray
@@ -56,6 +57,7 @@ class RunResult:
     manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
     warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     traceback: str = ""  # of the exception that ended the run
+    inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
 
     @property
     def trailer(self) -> UnitOutline:

@@ -15,16 +15,17 @@ import importlib.metadata
 import json
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+from scenarios.results.file_names import texts
 from scenarios.results.files import digest
-from scenarios.studies.own_modules import own_modules, package_folders
+from scenarios.results.own_modules import package_folders
+from scenarios.results.run_inputs import is_import_path, named_modules
 from vehicle.engine.compiler import compiler
 
-_IMPORT_PATH: Final = re.compile(r"([A-Za-z_][\w.]*):[A-Za-z_]\w*")
 _DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
 
 
@@ -45,27 +46,19 @@ def _content(node: Any) -> Any:
     if isinstance(node, list | tuple):
         return [_content(value) for value in node]
     files = _files_of(node) if isinstance(node, str) else {}
-    name = str(node).rpartition(":")[2] if isinstance(node, str) and _IMPORT_PATH.fullmatch(node) else ""
+    name = str(node).rpartition(":")[2] if isinstance(node, str) and is_import_path(node) else ""
     return [name, {key: digest(file) for key, file in files.items()}] if files else node
 
 
 def named_files(node: Any) -> set[Path]:
     """All files that values of a scenario name, and those of its own modules."""
-    return {file for text in _texts(node) for file in _files_of(text).values()}
-
-
-def _texts(node: Any) -> Iterator[str]:
-    children = node.values() if isinstance(node, Mapping) else node if isinstance(node, list | tuple) else ()
-    yield from (text for child in children for text in _texts(child))
-    if isinstance(node, str):
-        yield node
+    return {file for text in texts(node) for file in _files_of(text).values()}
 
 
 def _files_of(text: str) -> dict[str, Path]:
     """Files that a value stands for: own modules by their names, or a file of data as "data"."""
-    match = _IMPORT_PATH.fullmatch(text)
-    if match:
-        return own_modules(match[1])
+    if is_import_path(text):
+        return named_modules(text)
     try:
         return {"data": Path(text).resolve()} if Path(text).is_file() else {}
     except (OSError, ValueError, RuntimeError):  # too long, a null character, links in a circle: not a file's name

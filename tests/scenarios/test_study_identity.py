@@ -15,10 +15,10 @@ from pydantic import BaseModel
 from scenarios.options.base import tables_in
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
+from scenarios.results.own_modules import own_modules
 from scenarios.studies import identity as identities
 from scenarios.studies import opened_files
 from scenarios.studies.case import Case
-from scenarios.studies.own_modules import own_modules
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import settings_of
 
