@@ -94,10 +94,10 @@ class OffTracking:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraOffTracking:
-    """Off-tracking and the camera motion it was updated with."""
+    """Off-tracking and the camera motion that arrived with it, believed or not."""
 
     off_tracking: OffTracking
-    motion: Motion
+    motion: Motion | None  # None: no frame arrived
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

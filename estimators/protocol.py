@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from estimators.estimates import Motion
 from sensors.camera.rig import StereoCalibration
@@ -21,6 +21,13 @@ class Estimator(Protocol[Memory, MessageT_contra, EstimateT_co]):
 
     def step(self, memory: Memory, message: MessageT_contra, /) -> tuple[Memory, EstimateT_co | None]:
         """Memory after the message, and the estimate at its tick if there is a new one."""
+
+
+@runtime_checkable
+class FusesSignals(Protocol):
+    """Declaration of an estimator of stereo frames that can use the signals of the combination as well."""
+
+    fuses_signals: bool  # True: its messages are `sensors.messages.TrailerView` instead of `StereoFrame`
 
 
 class Odometry(Estimator[Memory, StereoFrame, Motion], Protocol[Memory]):

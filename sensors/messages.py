@@ -78,6 +78,21 @@ class CombinationSignals:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TrailerView:
+    """Stereo frame of a trailer with the signals of the combination since the view before."""
+
+    tick: int  # at which the frame was due
+    frame: StereoFrame | None  # may have an older tick; None: none arrived
+    signals: tuple[CombinationSignals, ...]  # oldest first
+
+
+def stereo_frame(message: object) -> StereoFrame | None:
+    """The stereo frame of a message, alone or with signals; None if it has none."""
+    frame = message.frame if isinstance(message, TrailerView) else message
+    return frame if isinstance(frame, StereoFrame) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoverView:
     """Ground image, encoders and compass of a rover at one tick: the input of slip estimation."""
 

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.estimates import Anchor, Health, OffTracking
+from estimators.off_tracking.bridge import with_bridge
 from estimators.off_tracking.hitch_path import Crossing, Tangent, crossing, tangent
 from estimators.off_tracking.motion_smoother import Moments, started, updated
 from estimators.off_tracking.pose_chain import (
@@ -80,6 +81,7 @@ class BufferMemory(NamedTuple):
     last: BodyMotion | None = None  # newest that was not lost
     withheld: Withheld = ()  # motions at standstill
     moments: Moments = ()  # of the smoother; empty: it starts with the next motion
+    reckoned: bool = False  # True: the newest samples are dead-reckoned
 
 
 class OffTrackingBuffer:
@@ -122,6 +124,20 @@ class OffTrackingBuffer:
             memory = memory._replace(samples=_bridged(memory.samples, motion))
         else:
             memory = BufferMemory((first_sample(motion.tick),))
+        return self._estimated(memory, motion)
+
+    def reckon(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:
+        """Buffer with a dead-reckoned motion from its newest sample, and the off-tracking at its end.
+
+        A later measured motion from a sample before it replaces its end and corrects the path between.
+        """
+        increment = UncertainMotion(motion.X_PC, motion.covariance)
+        start = up_to(memory.samples, motion.previous_tick)
+        samples = extended(start, motion.tick, increment, doubtful=True, keep_start=False, anchor=motion.anchor)
+        return self._estimated(BufferMemory(samples, motion, reckoned=True), motion)
+
+    def _estimated(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:
+        """Buffer without the samples that are not needed any more, and the off-tracking at its end."""
         hitch_path = self._hitch_path(memory.samples)
         estimate = _estimate(memory.samples, hitch_path, motion)
         return memory._replace(samples=memory.samples[: hitch_path.kept]), estimate
@@ -208,6 +224,8 @@ def _with_motion(memory: BufferMemory, motion: BodyMotion) -> BufferMemory:
         samples = rested(start, motion.tick, np.zeros((6, 6)), doubtful, keyframe)
         return BufferMemory(samples, replace(motion, X_PC=np.eye(4)), withheld)
     samples = extended(start, motion.tick, moved, doubtful, keep_start=False, anchor=motion.anchor)
+    if memory.reckoned:
+        samples = with_bridge(samples, memory.samples, motion.previous_tick)
     moments = memory.moments if seamless and not memory.withheld else ()
     return BufferMemory(samples, motion, moments=moments)
 

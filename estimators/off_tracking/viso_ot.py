@@ -1,4 +1,7 @@
-"""VISO-OT: off-tracking from a stereo pair on the trailer alone (de Saxe 2018, section 2).
+"""VISO-OT: off-tracking from a stereo pair on the trailer (de Saxe 2018, section 2).
+
+The paper uses the cameras alone. Where the signals of the combination are known, they bridge outages of the cameras and
+check their motions (``estimators.off_tracking.signal_fusion``); as long as the cameras work the estimates are the same.
 
 de Saxe 2018: C. de Saxe, D. Cebon, "Estimation of trailer off-tracking using visual odometry", Vehicle System
 Dynamics, 2018.
@@ -11,19 +14,29 @@ from typing import ClassVar, Generic, NamedTuple, Self
 from estimators.context import TrailerContext
 from estimators.estimates import Anchor, CameraOffTracking, Health, Motion
 from estimators.off_tracking.buffer import REVERSING, BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.signal_fusion import FusionMemory, SignalFusion
 from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import UncertainMotion, change_frame
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
+from sensors.messages import StereoFrame, TrailerView, stereo_frame
+from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray, raised
 from vehicle.option import Option, option_values
 
 
+class Towed(NamedTuple):
+    """A towed unit of a vehicle, by the data sheet."""
+
+    vehicle: Vehicle
+    unit: int
+
+
 class VisoOtMemory(NamedTuple, Generic[Memory]):
-    """Memories of odometry and buffer."""
+    """Memories of odometry, buffer and fusion."""
 
     odometry: Memory
     buffer: BufferMemory
+    fusion: FusionMemory | None = None  # None: there is no fusion
 
 
 class VisoOt(Generic[Memory]):
@@ -40,6 +53,12 @@ class VisoOt(Generic[Memory]):
             high=200.0,
             meaning="path kept behind the follow point for a trailer that reverses",
         ),
+        Option(
+            name="fusion",
+            default="signals",
+            choices=("signals", "none"),
+            meaning="bridge outages of the cameras, and check their motions, by the combination's own sensors",
+        ),
     )
 
     def __init__(
@@ -50,19 +69,28 @@ class VisoOt(Generic[Memory]):
         *,
         reversing_distance: float = REVERSING,
         smoothing: bool = False,
+        fusion: str = "signals",
         path_height: float = 0.0,
+        towed: Towed | None = None,
     ) -> None:
         """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
         Paths are those of points at ``path_height`` [m] in the body. At the height of its roll axis a body does not
-        move to the side as it rolls. The other options are those of `OffTrackingBuffer`.
+        move to the side as it rolls. ``smoothing`` and ``reversing_distance`` [m] are those of `OffTrackingBuffer`.
+        ``fusion = "signals"`` needs to know the trailer as ``towed`` unit of a vehicle; without it, and with "none",
+        the cameras are used alone.
 
         Raises:
-            ValueError: if ``follow_distance`` is not positive, or ``reversing_distance`` [m] negative.
+            ValueError: if ``follow_distance`` is not positive, ``reversing_distance`` negative, or ``towed`` is no
+                towed unit.
         """
         self._X_SC = raised(-path_height) @ calibration.X_SC
         self._odometry = odometry
         self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
+        self._fusion: SignalFusion | None = None
+        if fusion == "signals" and towed is not None:
+            self._fusion = SignalFusion(towed.vehicle, towed.unit, follow_distance, self._buffer)
+        self.fuses_signals = self._fusion is not None
 
     @classmethod
     def of(cls, context: TrailerContext) -> Self:
@@ -74,22 +102,36 @@ class VisoOt(Generic[Memory]):
             context.stereo_odometry(),
             reversing_distance=float(values["reversing_distance"]),
             smoothing=bool(values["smoothing"]),
+            fusion=str(values["fusion"]),
             path_height=context.roll_axis_height,
+            towed=Towed(context.vehicle, context.unit),
         )
 
     def init(self) -> VisoOtMemory[Memory]:
         """Memory before the first frame."""
-        return VisoOtMemory(self._odometry.init(), self._buffer.init())
+        fusion = None if self._fusion is None else self._fusion.init()
+        return VisoOtMemory(self._odometry.init(), self._buffer.init(), fusion)
 
     def step(
-        self, memory: VisoOtMemory[Memory], frame: StereoFrame
+        self, memory: VisoOtMemory[Memory], message: StereoFrame | TrailerView
     ) -> tuple[VisoOtMemory[Memory], CameraOffTracking | None]:
-        """Memory with the frame in it, and the off-tracking at its capture; None for the first frame."""
-        odometry, motion = self._odometry.step(memory.odometry, frame)
-        if motion is None:
-            return VisoOtMemory(odometry, memory.buffer), None
-        buffer, off_tracking = self._buffer.step(memory.buffer, body_motion(self._X_SC, motion))
-        return VisoOtMemory(odometry, buffer), CameraOffTracking(off_tracking=off_tracking, motion=motion)
+        """Memory with the message in it, and the off-tracking at its tick; None for the first one.
+
+        Frames alone are used without fusion.
+        """
+        odometry, frame, motion = memory.odometry, stereo_frame(message), None
+        if frame is not None:
+            odometry, motion = self._odometry.step(odometry, frame)
+        body = None if motion is None else body_motion(self._X_SC, motion)
+        fusion, buffer, off_tracking = memory.fusion, memory.buffer, None
+        if self._fusion is not None and fusion is not None and isinstance(message, TrailerView):
+            fusion, buffer, off_tracking = self._fusion.step(fusion, buffer, message.tick, body, message.signals)
+        elif body is not None:
+            buffer, off_tracking = self._buffer.step(buffer, body)
+        memory = VisoOtMemory(odometry, buffer, fusion)
+        if off_tracking is None:
+            return memory, None
+        return memory, CameraOffTracking(off_tracking=off_tracking, motion=motion)
 
 
 def body_motion(X_SC: FloatArray, motion: Motion) -> BodyMotion:

@@ -24,7 +24,7 @@ from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 
 # assumed: gyros and angle sensors send every 20 ms; processing a message takes as long
-_SIGNALS = Schedule.at_rate(50.0, latency=0.02)
+SIGNALS = Schedule.at_rate(50.0, latency=0.02)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,4 +79,4 @@ class SignalsOfCombination:
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
         """Sensors of the combination, shared with the trailer's steering law."""
-        return OpenedSensor(sensor=context.signals, schedule=_SIGNALS)
+        return OpenedSensor(sensor=context.signals, schedule=SIGNALS)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, cast
 
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
-from estimators.protocol import Odometry
-from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
+from estimators.protocol import FusesSignals, Odometry
+from scenarios.assembly.mount import SIGNALS, Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.fault import with_faults
+from sensors.messages import StereoFrame
 from sensors.sensor import Message, Sensor, check_receives
+from sensors.trailer_view import TrailerViewSensor
 from vehicle.clock import Schedule
 from vehicle.combination.truth import Truth
 from vehicle.option import Parameter, check_options
@@ -26,6 +28,7 @@ class Sensing:
 
     sensor: Sensor[Truth, Message]
     schedule: Schedule
+    period: int  # between two of its messages [ticks]
     estimator: OffTrackingSource
     cameras: Cameras | None  # None: the estimator receives no stereo images
 
@@ -79,12 +82,22 @@ def opened_sensing(context: MountContext) -> Sensing:
     estimator = constructed("off_tracking", scenario.off_tracking, lambda: part.of(known))
     check_made("off_tracking", scenario.off_tracking, estimator, ("init", "step"))
     check_receives(f"off_tracking = {scenario.off_tracking}", estimator, opened.sensor)
-    return Sensing(
+    sensing = Sensing(
         sensor=_with_faults(opened, context),
         schedule=opened.schedule,
+        period=opened.schedule.period,
         estimator=Rectified(estimator, cameras.rectifier) if cameras and cameras.rectifier else estimator,
         cameras=cameras,
     )
+    fuses = isinstance(estimator, FusesSignals) and estimator.fuses_signals
+    return _with_signals(sensing, context) if fuses and cameras else sensing
+
+
+def _with_signals(sensing: Sensing, context: MountContext) -> Sensing:
+    """The same with views of the trailer, frames and signals, instead of frames alone."""
+    camera = cast("Sensor[Truth, StereoFrame]", sensing.sensor)  # what cameras of a stereo odometry send
+    views = TrailerViewSensor(camera, sensing.schedule, context.signals, SIGNALS)
+    return replace(sensing, sensor=views, schedule=views.schedule)
 
 
 def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:

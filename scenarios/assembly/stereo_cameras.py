@@ -19,7 +19,7 @@ from sensors.camera.lens import UNDISTORTED, mount_rotation
 from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_for
 from sensors.camera.rig import StereoCalibration
 from sensors.camera.stereo_camera import StereoCamera
-from sensors.messages import StereoFrame
+from sensors.messages import StereoFrame, TrailerView
 
 MemoryT = TypeVar("MemoryT")
 EstimateT = TypeVar("EstimateT")
@@ -28,16 +28,22 @@ EstimateT = TypeVar("EstimateT")
 class Rectified(Generic[MemoryT, EstimateT]):
     """An estimator that receives raw stereo frames rectified."""
 
-    def __init__(self, estimator: Estimator[MemoryT, StereoFrame, EstimateT], rectifier: Rectifier) -> None:
+    def __init__(
+        self, estimator: Estimator[MemoryT, StereoFrame | TrailerView, EstimateT], rectifier: Rectifier
+    ) -> None:
         self._estimator, self._rectifier = estimator, rectifier
 
     def init(self) -> MemoryT:
         """Memory before the first frame."""
         return self._estimator.init()
 
-    def step(self, memory: MemoryT, frame: StereoFrame) -> tuple[MemoryT, EstimateT | None]:
+    def step(self, memory: MemoryT, message: StereoFrame | TrailerView) -> tuple[MemoryT, EstimateT | None]:
         """Step of the estimator with the rectified frame."""
-        return self._estimator.step(memory, self._rectifier.step(frame))
+        if isinstance(message, StereoFrame):
+            return self._estimator.step(memory, self._rectifier.step(message))
+        if message.frame is not None:
+            message = replace(message, frame=self._rectifier.step(message.frame))
+        return self._estimator.step(memory, message)
 
 
 class StereoCameras:

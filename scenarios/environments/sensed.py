@@ -10,6 +10,7 @@ from estimators.estimates import Health
 from estimators.protocol import Estimator
 from scenarios.loop.channel import Channel
 from scenarios.loop.stopwatch import Stopwatch
+from sensors.messages import TrailerView
 from sensors.sensor import Message, Sensor, Stamped
 from vehicle.clock import TICK, Schedule
 
@@ -52,8 +53,9 @@ class SensedChannel(Generic[TruthT, ImageT, EstimateT]):
     def look(self, truth: TruthT) -> None:
         """Sample the sensor if it is due, and receive the estimates that are due."""
         message = self._channel.sample(truth, truth.tick)
-        if isinstance(message, self._image_type):
-            self.image = message
+        image = message.frame if isinstance(message, TrailerView) else message
+        if isinstance(image, self._image_type):
+            self.image = image
         known = len(self._channel.delivered)
         self._channel.deliver(truth.tick)
         for estimate in self._channel.delivered[known:]:

@@ -106,6 +106,7 @@ class SensedTrailer:
             image_type=StereoFrame,
             health=lambda estimate: as_estimate(estimate).off_tracking.health,
         )
+        self._period = source.schedule.period if use_cameras else sensing.period  # between two images
         self._follow_distance = follow_distance
         self._tick = 0  # of the newest look
         self._signal_features: tuple[float, ...] = ()
@@ -126,9 +127,9 @@ class SensedTrailer:
         ``truth_behind(tick, back)`` is the truth at a tick, at a distance behind the start [m]. The cameras' clock
         begins with it. Returns the tick at which the start is reached; its frame is not captured yet.
         """
-        period = self._channel.schedule.period
+        period = self._period
         arrival = period * math.ceil(distance_to_fill(self._follow_distance) / (speed * period * TICK))
-        for tick in range(0, arrival, period):
+        for tick in range(0, arrival, self._channel.schedule.period):
             self._channel.look(truth_behind(tick, speed * (arrival - tick) * TICK))
         return arrival
 

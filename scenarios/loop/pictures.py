@@ -12,7 +12,7 @@ from scenarios.assembly.mount import Cameras
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
-from sensors.messages import ColourImage, RoverView, StereoFrame
+from sensors.messages import ColourImage, RoverView, StereoFrame, stereo_frame
 from sensors.sand.trace_camera import TraceCamera
 from sensors.sensor import Stamped
 from vehicle.combination.truth import Truth
@@ -76,17 +76,18 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
 
     def see(self, channel: int, message: object, truth: Truth) -> None:
         """Hash every frame; record and keep those of the chosen channel."""
-        if not isinstance(message, StereoFrame):
+        frame = stereo_frame(message)
+        if frame is None:
             return
-        self._digest.update(message.left.tobytes())
-        self._digest.update(message.right.tobytes())
+        self._digest.update(frame.left.tobytes())
+        self._digest.update(frame.right.tobytes())
         if channel != self._channel:
             return
         if self._recorder:
-            self._recorder.add(message, self._truths[message.tick].bodies[self._unit])
+            self._recorder.add(frame, self._truths[frame.tick].bodies[self._unit])
         if self._keep and self._cameras:
             rectified = self._cameras.rectified
-            self._kept.append((message.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(message)))))
+            self._kept.append((frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame)))))
 
 
 class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):

@@ -47,6 +47,7 @@ def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
         sensing=Sensing(
             sensor=ExactPose(last),
             schedule=_ESTIMATES,
+            period=_ESTIMATES.period,
             estimator=ReferenceOffTracking(geometry.follow_distance),
             cameras=None,
         ),

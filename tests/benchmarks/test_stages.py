@@ -47,7 +47,7 @@ def test_physics(benchmark: BenchmarkFixture, parts: Assembly, ticks: int) -> No
 @pytest.mark.parametrize("name", ["roundabout", "constant-slip"])
 def test_stereo_pair(benchmark: BenchmarkFixture, name: str) -> None:
     """Rendering, read-back, grey conversion and noise of one pair; all threads' processor time goes into the notes."""
-    parts = assemble(load_scenario(name), seed=1)
+    parts = assemble(load_scenario(name, ["viso_ot.fusion=none"]), seed=1)
     truth = parts.plant.observe(parts.plant.initial_state(parts.course.start, parts.scenario.speed), 0)
     before, pairs = time.process_time(), 0
 

@@ -13,7 +13,7 @@ import pytest
 
 from estimators.context import OffTrackingEstimator, RoverContext, SlipEstimator, TrailerContext
 from estimators.estimates import CameraOffTracking, Health, Motion, OffTracking, SlipAngle
-from estimators.protocol import Estimator, Odometry
+from estimators.protocol import Estimator, FusesSignals, Odometry
 from scenarios.assembly.rover import rover_geometry
 from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SLIP_ESTIMATOR, resolve
@@ -21,7 +21,7 @@ from scenarios.options.scenario import load_scenario
 from sensors.camera.rig import StereoCalibration
 from sensors.instruments.navigation import ExactPose
 from sensors.instruments.rover_navigation import ExactSlip
-from sensors.messages import StereoFrame
+from sensors.messages import StereoFrame, TrailerView, stereo_frame
 from sensors.sand.rig import nominal_rig
 from sensors.sand.sequence import Labelled, labelled_sequence
 from vehicle.combination.plant import VehicleCommand
@@ -52,19 +52,25 @@ def driven(*settings: str) -> Drive:
     state = parts.plant.initial_state(parts.course.start, parts.scenario.speed)
     last = parts.trailers[-1]
     frames: list[StereoFrame] = []
-    poses, signals = [], []
+    poses, signals, views = [], [], []
     for tick in range(0, 100 * FRAMES, SIGNALS):
         truth = parts.plant.observe(state, tick)
         signals.append(last.signals.sample(truth))
-        if tick % 100 == 0:
-            frame = last.sensing.sensor.sample(truth)
-            assert isinstance(frame, StereoFrame)
+        message = last.sensing.sensor.sample(truth) if last.sensing.schedule.due(tick) else None
+        if isinstance(message, TrailerView):
+            views.append(message)
+        if (frame := stereo_frame(message)) is not None:
             frames.append(frame)
             poses.append(ExactPose(last.unit).sample(truth))
         state = parts.plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
     parts.close()
     camera: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor
-    messages: dict[str, list[Any]] = {camera: frames, "reference_pose": poses, "combination_signals": signals}
+    messages: dict[str, list[Any]] = {
+        camera: frames,
+        "reference_pose": poses,
+        "combination_signals": signals,
+        "views": views,
+    }
     return Drive(parts, parts.cameras.calibration, messages)
 
 
@@ -114,7 +120,9 @@ def off_tracking(
         options={},
         sensor=parts.trailers[-1].sensing.sensor,
     )
-    return part.of(context), source.messages[part.sensor]
+    estimator = part.of(context)
+    fuses = isinstance(estimator, FusesSignals) and estimator.fuses_signals
+    return estimator, source.messages["views" if fuses else part.sensor]
 
 
 @pytest.fixture(params=sorted(SLIP_ESTIMATOR))

@@ -190,6 +190,8 @@ def test_a_step_is_pure_and_its_memory_travels(drive: list[StereoFrame]) -> None
     _, again = other.step(remembered, drive[24])
     assert first is not None
     assert again is not None
+    assert first.motion is not None
+    assert again.motion is not None
     assert first.off_tracking.value == again.off_tracking.value
     np.testing.assert_array_equal(first.motion.covariance, again.motion.covariance)
 
@@ -200,6 +202,7 @@ def test_the_motion_in_the_message_is_that_of_the_front_camera(drive: list[Stere
     memory, _ = system.step(system.init(), drive[0])
     _, estimate = system.step(memory, drive[1])
     assert estimate is not None
+    assert estimate.motion is not None
     moved = planar(CALIBRATION.X_SC @ estimate.motion.X_PC @ inverse(CALIBRATION.X_SC))
     truth = planar(inverse(DRIVE[0]) @ DRIVE[1])
     assert (moved.x, moved.y) == pytest.approx((truth.x, truth.y), abs=1e-3)  # noise of half a pixel over 100 features

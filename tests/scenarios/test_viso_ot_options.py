@@ -16,10 +16,10 @@ def test_options_are_the_keywords_of_the_estimator_with_the_same_defaults() -> N
     """The scenario hands them on as they are; a renamed one would only show with cameras."""
     keywords = inspect.signature(VisoOt.__init__).parameters.values()
     defaults = {word.name: word.default for word in keywords if word.kind is word.KEYWORD_ONLY}
-    del defaults["path_height"]  # follows from the vehicle
+    del defaults["path_height"], defaults["towed"]  # follow from the vehicle
     assert VisoOtOptions().model_dump() == defaults
     told = load_scenario("roundabout", ["viso_ot.smoothing=true", "viso_ot.reversing_distance=35"]).viso_ot
-    assert told.model_dump() == {"smoothing": True, "reversing_distance": 35.0}
+    assert told.model_dump() == {"smoothing": True, "reversing_distance": 35.0, "fusion": "signals"}
 
 
 def test_options_are_refused_where_nothing_would_use_them() -> None:

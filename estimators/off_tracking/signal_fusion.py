@@ -1,0 +1,262 @@
+"""Fusion of camera motions with the signals of the combination: bridging of outages, and a mutual check.
+
+An error-state Kalman filter whose memory is the path buffer. Its reference is the last pose that the camera measured
+and that was believed. From there `DeadReckoning` gives the pose now, with its covariance and its covariance with the
+parameters (slip, gyro biases, scale of the wheel speed). A camera motion is believed if it agrees with dead reckoning
+(chi-square test on yaw, x and y); then it moves the reference, and the innovation corrects the parameters.
+
+- A healthy motion goes into the buffer as it is: the camera is far more precise than the signals. A degraded one is
+  weighted with dead reckoning.
+- Without a motion that is believed the path goes on by dead reckoning. Its error is one link of the buffer's chain,
+  from the reference to now, so that constant errors add up as they do in truth. A new link begins after every follow
+  distance, so that the standard deviation of the off-tracking stays finite for ever.
+- The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
+  frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
+- A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
+  asks for parameters that are out of the question, no motion is believed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.estimates import Anchor, Health, OffTracking
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
+from estimators.off_tracking.signal_history import REMEMBERED, extended_history
+from estimators.rigid_motion import rotation_vector
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle
+from vehicle.frames import FloatArray, inverse, so3_exp, transform
+
+# A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
+# The largest of 3000 healthy motions on roads of class A to E, forwards and backwards, was 30.
+_GATE = 33.0
+_MEMORY = 0.25  # weight of a motion in the running mean of the test: the last four motions
+# The running mean, per component, is 1 at most if all errors are as stated. Above the first limit a motion is degraded,
+# above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
+_DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
+_IMPOSSIBLE = 5.0  # the camera may ask for parameters up to this distance from their prior [its standard deviations]
+_LONGEST_LINK = REMEMBERED  # of a bridge, at standstill [ticks]
+_PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
+# Rocking of the body on its tyres and springs between two frames, 1 sigma: on rough roads, at a stop and when the
+# driver steers fast. It returns, so it does not add up; dead reckoning knows nothing of it.
+_ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
+# What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
+_OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
+
+
+class Known(NamedTuple):
+    """Pose of the path, and the parameters of dead reckoning from there."""
+
+    tick: int
+    parameters: Parameters
+
+
+class FusionMemory(NamedTuple):
+    """Signals, the reference, and the beginning of the bridge's newest link."""
+
+    history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
+    reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
+    link: Known | None
+    misfit: float = 1.0
+    distrusted: bool = False  # True: the camera has disagreed for long
+
+
+class _Test(NamedTuple):
+    """Comparison of a camera motion with dead reckoning over the same stretch."""
+
+    reckoned: Reckoned
+    innovation: FloatArray  # (3,) yaw [rad], x and y [m]
+    gain: FloatArray  # (p, 3) of the parameters
+    covariance: FloatArray  # (3, 3) of the innovation
+    score: float  # chi-square, 3 degrees of freedom
+
+
+class SignalFusion:
+    """Path of one trailer from camera motions and the signals of the combination."""
+
+    def __init__(self, vehicle: Vehicle, unit: int, follow_distance: float, buffer: OffTrackingBuffer) -> None:
+        """For the ``unit`` of a vehicle with its follow point ``follow_distance`` [m] behind its hitch.
+
+        Raises:
+            ValueError: if the unit is not towed.
+        """
+        self._reckoning = DeadReckoning(vehicle, unit)
+        self._follow_distance, self._buffer = follow_distance, buffer
+
+    def init(self) -> FusionMemory:
+        """Memory before the first message."""
+        return FusionMemory(self._reckoning.no_history(), None, None)
+
+    def step(
+        self,
+        memory: FusionMemory,
+        path: BufferMemory,
+        tick: int,
+        motion: BodyMotion | None,
+        signals: tuple[CombinationSignals, ...],
+    ) -> tuple[FusionMemory, BufferMemory, OffTracking | None]:
+        """Memory, path and off-tracking at ``tick``, with the motion that arrived, if any, and the new signals.
+
+        The motion may end before ``tick``; dead reckoning adds the rest.
+        """
+        start = memory.reference or Known(tick if motion is None else motion.previous_tick, self._reckoning.prior())
+        rows = [self._reckoning.row(message) for message in signals]
+        history = extended_history(memory.history, rows, start.tick, tick)
+        memory = memory._replace(history=history, reference=start, link=memory.link or start)
+        estimate = None
+        if motion is not None and motion.health is not Health.LOST:
+            before = memory
+            memory, believed = self._judged(memory, path, motion)
+            if believed is not None:
+                if path.reckoned:  # its end at the motion's gives the closing error
+                    _, path, _ = self._bridged(before, path, motion.tick) or (before, path, None)
+                path, estimate = self._buffer.step(path, believed)
+        if estimate is None or estimate.tick < tick:
+            bridged = self._bridged(memory, path, tick)
+            if bridged is not None:
+                return bridged
+        if estimate is None and path.samples:
+            path, estimate = self._buffer.step(path, _lost(path, tick))
+        return memory, path, estimate
+
+    def _bridged(
+        self, memory: FusionMemory, path: BufferMemory, tick: int
+    ) -> tuple[FusionMemory, BufferMemory, OffTracking] | None:
+        """Path extended to ``tick`` by dead reckoning; None without signals."""
+        link = memory.link
+        assert link is not None
+        X_OS = {sample.tick: sample.X_OS for sample in path.samples}
+        newest = path.samples[0].tick if path.samples else link.tick
+        if link.tick not in X_OS:  # a new path, or one that was cut in reverse
+            link = link._replace(tick=newest)
+        reckoned = self._reckoning.reckoned(memory.history, link.tick, tick, link.parameters)
+        if reckoned is None or tick <= newest:
+            return None
+        X_PC = inverse(X_OS[newest]) @ X_OS[link.tick] @ reckoned.X if X_OS else reckoned.X
+        covariance = _spatial(reckoned.covariance)
+        path, estimate = self._buffer.reckon(
+            path,
+            BodyMotion(
+                tick=tick,
+                previous_tick=newest,
+                X_PC=X_PC,
+                covariance=covariance,
+                health=Health.DEGRADED,
+                anchor=Anchor(tick=link.tick, X_AC=reckoned.X, covariance=covariance),
+            ),
+        )
+        if reckoned.distance >= self._follow_distance or tick - link.tick >= _LONGEST_LINK:
+            grown = link.parameters._replace(covariance=link.parameters.covariance + reckoned.walked)
+            link = Known(tick, self._reckoning.forgotten(grown, 0.0, 0.0))
+        return memory._replace(link=link), path, estimate
+
+    def _judged(
+        self, memory: FusionMemory, path: BufferMemory, motion: BodyMotion
+    ) -> tuple[FusionMemory, BodyMotion | None]:
+        """Memory with the parameters corrected, and the motion as the path gets it; None: it is not believed."""
+        reference = memory.reference
+        assert reference is not None
+        continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
+        test = self._tested(memory, motion)
+        if test is None:  # no signals
+            known = Known(motion.tick, reference.parameters)
+            return (memory._replace(reference=known, link=known), motion) if continues else (memory, None)
+        misfit = memory.misfit + _MEMORY * (min(test.score, _GATE) / 3.0 - memory.misfit)
+        distrusted = misfit > (_TRUSTED_AGAIN if memory.distrusted else _DISTRUSTED)
+        memory = memory._replace(misfit=misfit, distrusted=distrusted)
+        if distrusted or test.score > _GATE:
+            return memory, None
+        longer = _from_reference(path, motion, reference.tick)
+        if longer is not None:
+            spanning = self._tested(memory, longer)
+            if spanning is not None and spanning.score <= _GATE:
+                test, motion, continues = spanning, longer, True
+        parameters = self._corrected(reference.parameters, test, motion)
+        if not continues or self._reckoning.deviation(parameters) > _IMPOSSIBLE:
+            return memory, None
+        if motion.health is Health.DEGRADED and motion.anchor is None:
+            motion = _weighted(motion, test)
+        elif misfit > _DOUBTED:
+            motion = _doubted(motion, misfit)
+        known = Known(motion.tick, parameters)
+        return memory._replace(reference=known, link=known), motion
+
+    def _tested(self, memory: FusionMemory, motion: BodyMotion) -> _Test | None:
+        """Comparison of the motion with dead reckoning; None without signals."""
+        assert memory.reference is not None
+        parameters = memory.reference.parameters
+        reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
+        if reckoned is None:
+            return None
+        yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
+        innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
+        S = reckoned.covariance + motion.covariance[np.ix_(_PLANAR, _PLANAR)]
+        gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
+        score = float(innovation @ np.linalg.solve(S + _ROCKING, innovation))
+        return _Test(reckoned, innovation, gain, S, score)
+
+    def _corrected(self, parameters: Parameters, test: _Test, motion: BodyMotion) -> Parameters:
+        """Parameters at the end of the motion."""
+        mean = parameters.mean + test.gain @ test.innovation
+        covariance = parameters.covariance - test.gain @ test.covariance @ test.gain.T
+        duration = (motion.tick - motion.previous_tick) * TICK
+        return self._reckoning.forgotten(Parameters(mean, covariance), test.reckoned.distance, duration)
+
+
+def _from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
+    """The motion from the reference instead, through a keyframe that is as old; None if there is none."""
+    anchor = motion.anchor
+    if motion.previous_tick == reference or anchor is None or anchor.tick > reference:
+        return None
+    X_OS = {sample.tick: sample.X_OS for sample in path.samples}
+    if anchor.tick not in X_OS or reference not in X_OS:
+        return None
+    X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
+    R = np.kron(np.eye(2), X_PA[:3, :3])
+    covariance = R @ anchor.covariance @ R.T
+    return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
+
+
+def _weighted(motion: BodyMotion, test: _Test) -> BodyMotion:
+    """The motion with its yaw, x and y weighted with those of dead reckoning."""
+    P = test.reckoned.covariance
+    gain = np.linalg.solve(test.covariance, P).T
+    turn, x, y = (test.reckoned.pose + gain @ test.innovation).tolist()
+    own = float(rotation_vector(motion.X_PC[:3, :3])[2])
+    X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
+    X_PC[2, 3] = motion.X_PC[2, 3]
+    covariance = np.diag(np.diag(motion.covariance))
+    covariance[np.ix_(_PLANAR, _PLANAR)] = P - gain @ P
+    return replace(motion, X_PC=X_PC, covariance=0.5 * (covariance + covariance.T))
+
+
+def _doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
+    """The motion, degraded, with its covariances multiplied by the misfit."""
+    anchor = motion.anchor
+    if anchor is not None:
+        anchor = replace(anchor, covariance=misfit * anchor.covariance)
+    return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
+
+
+def _spatial(covariance: FloatArray) -> FloatArray:
+    """Covariance (6, 6) of a motion from that of its yaw, x and y."""
+    spatial = _OUT_OF_PLANE.copy()
+    spatial[np.ix_(_PLANAR, _PLANAR)] = covariance
+    return spatial
+
+
+def _lost(path: BufferMemory, tick: int) -> BodyMotion:
+    """A motion without information from the newest sample of the path."""
+    return BodyMotion(
+        tick=tick,
+        previous_tick=path.samples[0].tick,
+        X_PC=np.eye(4),
+        covariance=np.diag(np.full(6, np.inf)),
+        health=Health.LOST,
+    )

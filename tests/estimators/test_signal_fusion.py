@@ -1,0 +1,257 @@
+"""Fusion of camera motions with signals: outages are bridged, and wrong motions are not believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Anchor, Health, OffTracking
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.signal_fusion import FusionMemory, SignalFusion
+from sensors.messages import CombinationSignals
+from tests.estimators.towed_drive import FOLLOW, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
+from vehicle.frames import so3_exp, transform
+
+BUFFER = OffTrackingBuffer(FOLLOW)
+FUSION = SignalFusion(VEHICLE, 1, FOLLOW, BUFFER)
+WRONG = Errors(scale=0.01, gyro=math.radians(0.2), articulation=math.radians(0.2), noise=1.0)
+Memory = tuple[FusionMemory, BufferMemory]
+Spoilt = Callable[[int, BodyMotion], BodyMotion | None]
+Messages = Sequence[CombinationSignals]
+
+
+def as_it_is(tick: int, motion: BodyMotion) -> BodyMotion:
+    return motion
+
+
+def all_of_them(messages: Messages) -> Messages:
+    return messages
+
+
+def without(dark: Container[int]) -> Spoilt:
+    """No frames at these ticks."""
+    return lambda tick, motion: None if tick in dark else motion
+
+
+def winding(t: float) -> float:
+    """Yaw rate of a tractor at 3 m/s on curves of 12 m radius, left and right [rad/s]."""
+    return 0.25 * math.sin(0.35 * t)
+
+
+def slipping(t: float) -> float:
+    """Slip that varies slowly with the lateral acceleration and on its own [rad]."""
+    return 0.006 - 0.02 * 3.0 * winding(t) + 0.003 * math.sin(0.9 * t)
+
+
+@pytest.fixture(scope="module")
+def drive() -> TowedDrive:
+    return towed_drive(40.0, lambda t: 3.0, winding, slipping, WRONG, seed=3)
+
+
+@pytest.fixture(scope="module")
+def exact(drive: TowedDrive) -> dict[int, OffTracking]:
+    """Off-tracking from exact motions."""
+    memory, results = BUFFER.init(), {}
+    ticks = sorted(drive.bodies)
+    for since, until in pairwise(ticks):
+        memory, results[until] = BUFFER.step(memory, drive.motion(since, until, std=0.0))
+    return results
+
+
+def run(
+    drive: TowedDrive,
+    spoilt: Spoilt = as_it_is,
+    signals: Callable[[Messages], Messages] = all_of_them,
+) -> dict[int, OffTracking]:
+    """Estimates of a drive; ``spoilt`` changes a frame's motion. None: no frame arrives, and the next spans the gap."""
+    fusion, path, results = FUSION.init(), BUFFER.init(), {}
+    good, last = 0, -1
+    for tick in sorted(drive.bodies):
+        motion = None
+        if tick > good:
+            motion = spoilt(tick, drive.motion(good, tick))
+            good = tick if motion is not None else good
+        arrived = tuple(signals(drive.between(last, tick)))
+        last = tick
+        fusion, path, estimate = FUSION.step(fusion, path, tick, motion, arrived)
+        if estimate is not None:
+            results[tick] = estimate
+    return results
+
+
+def errors(estimates: dict[int, OffTracking], exact: dict[int, OffTracking], ticks: Sequence[int]) -> np.ndarray:
+    return np.array([estimates[tick].value - exact[tick].value for tick in ticks])
+
+
+def filled(exact: dict[int, OffTracking]) -> list[int]:
+    return [tick for tick, one in exact.items() if one.health is Health.OK]
+
+
+def test_as_long_as_the_camera_works_nothing_changes(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
+    """The signals are a hundred times worse; to weight them would only cost."""
+    estimates = run(drive)
+    for tick in filled(exact):
+        assert estimates[tick].value == exact[tick].value
+        assert estimates[tick].health is Health.OK
+        assert estimates[tick].std < 0.02  # [m]
+
+
+def test_outages_of_two_seconds_are_bridged_within_the_stated_uncertainty(
+    drive: TowedDrive, exact: dict[int, OffTracking]
+) -> None:
+    """Gyro off by 0.2 deg/s and speed by 1 %: unlearnt, 0.1 m of yaw and 0.06 m along the path in two seconds."""
+    ends, ratios, returned = [], [], []
+    for first in (8000, 10_500):
+        begins = range(first, 36_000, 6000)
+        dark = {tick for begin in begins for tick in range(begin + FRAME, begin + 2001, FRAME)}
+        estimates = run(drive, without(dark))
+        assert all(estimates[tick].health is Health.DEGRADED for tick in dark)
+        for begin in begins:
+            end = begin + 2000
+            ends += list(errors(estimates, exact, [end]))
+            returned += list(errors(estimates, exact, [end + FRAME * k for k in (1, 10, 30)]))
+            assert estimates[end + FRAME].std < 0.03  # [m]
+        ratios += list(errors(estimates, exact, sorted(dark)) / [estimates[tick].std for tick in sorted(dark)])
+    assert np.sqrt(np.mean(np.square(ends))) < 0.03  # [m] dead reckoning that learns nothing has 0.042 on roundabouts
+    assert np.mean(np.abs(ratios) < 2.5) > 0.95
+    assert np.max(np.abs(returned)) < 0.01  # [m] the path within the gap is corrected as well
+
+
+def test_without_a_camera_it_goes_on_for_ever(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
+    """Degraded, never lost, with a standard deviation that grows and then stays."""
+    estimates = run(drive, without(range(100_000)))
+    ticks = [tick for tick in filled(exact) if tick > 20_000]
+    stds = np.array([estimates[tick].std for tick in ticks])
+    assert all(estimates[tick].health is Health.DEGRADED for tick in ticks)
+    assert np.all(np.abs(errors(estimates, exact, ticks)) < 2.5 * stds)
+    assert np.all((stds > 0.05) & (stds < 1.5))  # [m]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        pytest.param(transform(np.eye(3), np.array([0.0, 0.05, 0.0])), id="5 cm to the side"),
+        pytest.param(transform(so3_exp(np.array([0.0, 0.0, 0.01])), np.zeros(3)), id="turned by 0.6 deg"),
+        pytest.param(transform(np.eye(3), np.array([-0.3, 0.0, 0.0])), id="standing"),
+    ],
+)
+def test_confident_motions_that_contradict_the_signals_are_not_believed(
+    drive: TowedDrive, exact: dict[int, OffTracking], wrong: np.ndarray
+) -> None:
+    """For a second, each stated to a millimetre, as of a vehicle mistaken for the world."""
+
+    def spoilt(tick: int, motion: BodyMotion) -> BodyMotion:
+        return replace(motion, X_PC=motion.X_PC @ wrong) if 20_000 < tick <= 21_000 else motion
+
+    estimates = run(drive, spoilt)
+    ticks = [tick for tick in filled(exact) if tick > 20_000]
+    ratios = errors(estimates, exact, ticks) / [estimates[tick].std for tick in ticks]
+    assert np.abs(ratios).max() < 2.5
+    assert all(estimates[tick].health is Health.DEGRADED for tick in range(20_100, 21_001, FRAME))
+    assert np.abs(errors(estimates, exact, ticks)).max() < 0.15  # [m]; believed, it would be 0.5 m and more
+
+
+def test_a_camera_that_is_wrong_for_long_is_never_called_good(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
+    """Distances 10 % too long throughout: as of a camera that is turned."""
+
+    def spoilt(tick: int, motion: BodyMotion) -> BodyMotion:
+        X_PC = motion.X_PC.copy()
+        X_PC[:3, 3] *= 1.1
+        return replace(motion, X_PC=X_PC)
+
+    estimates = run(drive, spoilt)
+    ticks = [tick for tick in filled(exact) if tick > 10_000]
+    assert all(estimates[tick].health is Health.DEGRADED for tick in ticks)
+    assert np.all(np.abs(errors(estimates, exact, ticks)) < 2.5 * np.array([estimates[tick].std for tick in ticks]))
+
+
+def test_a_keyframe_from_before_the_outage_corrects_the_bridge(
+    drive: TowedDrive, exact: dict[int, OffTracking]
+) -> None:
+    """The odometry goes on from a frame of the outage, and measures the frames after it from its old keyframe."""
+    fusion, path = FUSION.init(), BUFFER.init()
+    estimates: dict[int, OffTracking] = {}
+    begin, end = 20_000, 21_500
+    for tick in sorted(drive.bodies)[1:260]:
+        motion: BodyMotion | None = drive.motion(tick - FRAME, tick)
+        if begin < tick <= end:
+            motion = None
+        elif tick > end and motion is not None:
+            anchored = drive.motion(begin, tick)
+            motion = replace(motion, anchor=Anchor(tick=begin, X_AC=anchored.X_PC, covariance=anchored.covariance))
+        fusion, path, estimate = FUSION.step(fusion, path, tick, motion, drive.between(tick - FRAME, tick))
+        if estimate is not None:
+            estimates[tick] = estimate
+    late = [tick for tick in estimates if tick > end]
+    assert np.abs(errors(estimates, exact, late)).max() < 0.005  # [m]
+    assert max(estimates[tick].std for tick in late) < 0.02  # [m]
+
+
+def test_a_delayed_frame_is_brought_up_to_date(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
+    """Frames arrive three captures late; the estimate is that of now."""
+    fusion, path = FUSION.init(), BUFFER.init()
+    late: list[float] = []
+    for tick in sorted(drive.bodies)[:300]:
+        motion = drive.motion(tick - 4 * FRAME, tick - 3 * FRAME) if tick >= 4 * FRAME else None
+        fusion, path, estimate = FUSION.step(fusion, path, tick, motion, drive.between(tick - FRAME, tick))
+        assert estimate is None or estimate.tick == tick
+        if estimate is not None and tick in filled(exact):
+            late.append(estimate.value - exact[tick].value)
+            assert abs(late[-1]) < 2.5 * estimate.std
+    assert np.sqrt(np.mean(np.square(late))) < 0.015  # [m] dead reckoning of 0.3 s
+
+
+def test_without_signals_an_outage_is_bridged_at_the_last_velocity(drive: TowedDrive) -> None:
+    """As without fusion: lost at once, and a new path after a second; no frozen signals are trusted either."""
+    frozen: list[CombinationSignals] = []
+
+    def freezing(messages: Messages) -> Messages:
+        out = []
+        for message in messages:
+            if message.tick > 19_000:
+                frozen.append(frozen[-1] if frozen else message)
+                out.append(replace(frozen[0], tick=message.tick))
+            else:
+                out.append(message)
+        return out
+
+    def gone(messages: Messages) -> Messages:
+        return [message for message in messages if message.tick <= 19_000]
+
+    for signals in (freezing, gone):
+        estimates = run(drive, without(range(20_100, 20_501)), signals)
+        assert all(estimates[tick].health is Health.LOST for tick in range(20_100, 20_501, FRAME))
+        assert all(estimates[tick].health is Health.OK for tick in range(20_600, 30_000, FRAME))
+
+
+def test_standing_through_an_outage_keeps_the_path() -> None:
+    """Nineteen seconds in the dark at traffic lights: no drift, however wrong the gyros are."""
+
+    def speed(t: float) -> float:
+        return min(3.0, max(0.0, 10.0 - t)) if t < 40.0 else min(3.0, t - 40.0)
+
+    drive = towed_drive(50.0, speed, lambda t: 0.1 * speed(t), errors=WRONG, seed=4)
+    estimates = run(drive, without(range(15_001, 34_001)))
+    assert estimates[15_000].value == pytest.approx(estimates[34_000].value, abs=1e-9)
+    assert estimates[34_000].std < 0.05  # [m]
+    assert estimates[34_100].health is Health.OK
+
+
+def test_reversing_through_an_outage_keeps_the_path_behind() -> None:
+    """Six metres back in the dark: the path ahead is removed, and the rest is still known to centimetres."""
+    drive = towed_drive(
+        34.0, lambda t: 3.0 * math.tanh(24.0 - t), lambda t: 0.1 * math.tanh(24.0 - t), errors=WRONG, seed=5
+    )
+    exact_memory, memory_results = BUFFER.init(), {}
+    ticks = sorted(drive.bodies)
+    for since, until in pairwise(ticks):
+        exact_memory, memory_results[until] = BUFFER.step(exact_memory, drive.motion(since, until, std=0.0))
+    estimates = run(drive, without(range(25_001, 27_001)))
+    during = range(25_100, 27_001, FRAME)
+    assert np.abs(errors(estimates, memory_results, during)).max() < 0.05  # [m]
+    assert all(estimates[tick].health is Health.DEGRADED for tick in during)
