@@ -23,7 +23,7 @@ from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 
 _FALLEN: Final = math.radians(30.0)  # body roll; laden heavy vehicles lose their balance at 5 to 12 deg
-_HELD: Final = 8.0  # [s] a level is held; the slowest fall out of balance takes half of that
+_HELD: Final = 16.0  # [s] a level is held; bodies whose axles have lifted swing once in 10 s, and a fall takes 4 s
 _RESTING: Final = 1e-4  # [rad] change of the rolls in a second below which it stands
 _CRUISE_GAIN: Final = 2.0  # acceleration demand per speed error [1/s]
 
@@ -78,7 +78,7 @@ class _Run:
         """Ground truth after standing at a level; None if it falls."""
         plant = self.plant(level)
         truth = plant.observe(state, tick)
-        before, last, leaning = self.rolls(truth, level), 0.0, 0.0
+        rolls = [self.rolls(truth, level)]  # once a second
         for k in range(1, round(_HELD / TICK / PERIOD) + 1):
             try:
                 state = self.step(plant, state, truth, level)
@@ -88,12 +88,19 @@ class _Run:
             if self.fallen(truth, level):
                 return None
             if k * PERIOD % round(1.0 / TICK) == 0:
-                now = self.rolls(truth, level)
-                if np.abs(now - before).max() < _RESTING:
+                rolls.append(self.rolls(truth, level))
+                if np.abs(rolls[-1] - rolls[-2]).max() < _RESTING:
                     return truth
-                last, leaning = leaning, float(np.abs(now).max() - np.abs(before).max())
-                before = now
-        return None if leaning > max(last, _RESTING) else truth  # near the threshold it falls slowly, ever faster
+        return None if falls(np.abs(rolls).max(axis=1)) else truth
+
+
+def falls(leans: FloatArray) -> bool:
+    """True if the largest lean of the bodies, one a second, ends beyond all before and grows ever faster.
+
+    Near the threshold a combination falls slowly. One that stands on few axles swings about its equilibrium for long.
+    """
+    last, leaning = np.diff(leans)[-2:]
+    return bool(leans[-1] > leans[:-1].max() and leaning > max(float(last), _RESTING))
 
 
 def driven(vehicle: Vehicle, ramp: Ramp) -> Tipping:

@@ -9,6 +9,7 @@ Only the data are shared with the model: neither its equations of roll nor its l
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import casadi as ca
@@ -25,14 +26,20 @@ _AT_REST: Final = 1e-3  # [N, N m] largest slope of the energy in a minimum
 _FALLEN: Final = 0.6  # [rad]
 
 
-def rollover_by_energy(vehicle: Vehicle) -> float:
-    """Lateral acceleration [m/s2] beyond which the combination tips."""
+def rollover_by_energy(vehicle: Vehicle, *, on_table: bool = False) -> float:
+    """Lateral acceleration [m/s2] beyond which the combination tips; on a tilt table its slope times g.
+
+    On the table the weight across it is less than in a turn, and with it the roll that it causes, and the load that
+    holds a fifth wheel's plate down.
+    """
     energy, start = _energy(vehicle)
-    x = _minimum(energy, start, 0.0, len(vehicle.units))
+    x = _minimum(energy, start, np.array([0.0, _g]), len(vehicle.units))
     assert x is not None
     low, step = 0.0, _STEP
     while step > _RESOLUTION:
-        found = _minimum(energy, x, low + step, len(vehicle.units))
+        level = low + step
+        share = 1.0 / math.hypot(1.0, level / _g) if on_table else 1.0
+        found = _minimum(energy, x, share * np.array([level, _g]), len(vehicle.units))
         if found is None:
             step *= 0.5
         else:
@@ -40,17 +47,20 @@ def rollover_by_energy(vehicle: Vehicle) -> float:
     return low
 
 
-def _minimum(energy: Any, x: FloatArray, acceleration: float, bodies: int) -> FloatArray | None:
-    """Minimum of the energy near x by Newton's method with line search; None if the bodies fall over."""
+def _minimum(energy: Any, x: FloatArray, field: FloatArray, bodies: int) -> FloatArray | None:
+    """Minimum of the energy near x by Newton's method with line search; None if the bodies fall over.
+
+    ``field`` is the acceleration to the side and the one downward [m/s2].
+    """
     for _ in range(_ITERATIONS):
-        value, slope, curvature = (np.array(part) for part in energy(x, acceleration))
+        value, slope, curvature = (np.array(part) for part in energy(x, field))
         if np.abs(slope).max() < _AT_REST:
             return x if np.linalg.eigvalsh(curvature)[0] > 0.0 else None
         values, directions = np.linalg.eigh(curvature)
         damped = np.maximum(np.abs(values), 1e3)  # [N m/rad] downhill where the energy curves the other way
         step = -(directions @ ((directions.T @ slope.ravel()) / damped))
         size = 1.0
-        while float(energy(x + size * step, acceleration)[0]) > value.item() and size > 1e-6:
+        while float(energy(x + size * step, field)[0]) > value.item() and size > 1e-6:
             size *= 0.5
         x = x + size * step
         if np.abs(x[:bodies]).max() > _FALLEN:
@@ -59,18 +69,18 @@ def _minimum(energy: Any, x: FloatArray, acceleration: float, bodies: int) -> Fl
 
 
 def _energy(vehicle: Vehicle) -> tuple[Any, FloatArray]:
-    """Function (unknowns, acceleration) -> energy [J], its gradient and Hessian; and the unknowns at rest."""
+    """Function (unknowns, field) -> energy [J], its gradient and Hessian; and the unknowns at rest."""
     loads, couplings = _static_loads(vehicle)
     roll = [ca.SX.sym(f"roll_{i}") for i in range(len(vehicle.units))]
     angles, heights, rest = list[ca.SX](), list[ca.SX](), list[float]()
-    a_y, total = ca.SX.sym("a_y"), ca.SX(0.0)
+    field, total = ca.SX.sym("field", 2), ca.SX(0.0)
     hitch: tuple[Any, Any] = (0.0, 0.0)  # place of the hitch behind the unit at hand, to the left and up [m]
     for i, unit in enumerate(vehicle.units):
         supports: list[tuple[float, float, Any, Any]] = []  # load, height on the body, place to the left and up
         if i > 0:
             height = vehicle.units[i - 1].hitch_height or 0.0
             supports.append((couplings[i], height, *hitch))
-            total += _fifth_wheel(unit, couplings[i], roll[i] - roll[i - 1])
+            total += _fifth_wheel(unit, field[1] / _g * couplings[i], roll[i] - roll[i - 1])
         for axle, load in zip(unit.axles, loads[i], strict=True):
             assert axle.suspension is not None
             angle, rise = ca.SX.sym("angle"), ca.SX.sym("rise")
@@ -92,12 +102,12 @@ def _energy(vehicle: Vehicle) -> tuple[Any, FloatArray]:
             return left, up
 
         left, up = place(unit.cg_height)
-        total += unit.mass * (_g * up + a_y * left)
+        total += unit.mass * (field[1] * up + field[0] * left)
         hitch = place(unit.hitch_height) if unit.hitch_height is not None else (0.0, 0.0)
     x = ca.vertcat(*roll, *angles, *heights)
     hessian, gradient = ca.hessian(total, x)
     start = np.concatenate([np.zeros(len(roll) + len(angles)), rest])
-    return ca.Function("energy", [x, a_y], [total, gradient, hessian]), start
+    return ca.Function("energy", [x, field], [total, gradient, hessian]), start
 
 
 def _suspension(unit: Unit, axle: Axle) -> float:
@@ -111,7 +121,7 @@ def _suspension(unit: Unit, axle: Axle) -> float:
     return stiffness / front / (1.0 / front + 1.0 / frame)
 
 
-def _fifth_wheel(unit: Unit, load: float, twist: ca.SX) -> ca.SX:
+def _fifth_wheel(unit: Unit, load: ca.SX, twist: ca.SX) -> ca.SX:
     """Energy of the fifth wheel: a spring up to separation, constant moment over the lash, a spring again."""
     if unit.coupling is None:
         return ca.SX(0.0)

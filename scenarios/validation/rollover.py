@@ -18,7 +18,10 @@ _QUICK: Final = ("eu_tractor_semitrailer", "b_double", "a_double", "rigid_truck"
 _OTHERS: Final = ("desaxe_field_combination", "us_5_axle", "wb67", "uk_longer_semitrailer", "rigid_truck_8x4")
 _LOADS: Final = ("full", "half")
 _ENERGY: Final = "minimum of the potential energy, finite angles, unilateral tyre springs; 2 %: small angles"
-_TABLE: Final = "the roll-plane equations in a steady turn; 3 %: on the table the weight across the ground is less"
+_TABLE: Final = (
+    "minimum of the potential energy on the slope; 4 %: the plant's axles roll as under their load on the level (2 %), "
+    "and at 1° per second the bodies swing past their equilibrium (2 %)"
+)
 _CURVE: Final = "the tilt table; 8 %: in the curve axles share side forces by slip, and units have different radii"
 
 
@@ -65,11 +68,11 @@ def _audited(threshold: float) -> Check:
 
 
 def _on_the_plant(vehicle: Vehicle) -> tuple[Check, ...]:
-    static = static_rollover(vehicle).threshold / GRAVITY
+    slope = rollover_by_energy(vehicle, on_table=True) / GRAVITY
     tilted = tilt(vehicle).figures["rollover_threshold_g"]
     curved = closing_curve(vehicle).figures["curve_rollover_g"]
     return (
-        Check(f"{vehicle.name}: on the tilt table", tilted, "g", target=static, tolerance=0.03 * static, source=_TABLE),
+        Check(f"{vehicle.name}: on the tilt table", tilted, "g", target=slope, tolerance=0.04 * slope, source=_TABLE),
         Check(
             f"{vehicle.name}: in a closing curve", curved, "g", target=tilted, tolerance=0.08 * tilted, source=_CURVE
         ),

@@ -49,6 +49,34 @@ def test_the_axle_is_in_equilibrium(tractor_semitrailer: Vehicle, body: float, s
         assert abs(float(spring.tyres) * angle) > 0.5 * T * W  # the lifted wheel is clear of the ground
 
 
+@given(body=st.floats(-0.2, 0.2), rate=st.floats(0.01, 0.3))
+def test_dampers_act_while_the_wheels_stand(tractor_semitrailer: Vehicle, body: float, rate: float) -> None:
+    """Moment at one angle, rolling up less rolling down: twice that of the data's dampers, or none with a side lifted.
+
+    A lifted axle follows its body, so that its springs and dampers do not move. The dampers take energy in between.
+    """
+    springs = springs_of(tractor_semitrailer)[1]
+
+    def moment(sign: float) -> float:
+        whole = 0.0
+        for axle in springs.axles:
+            lean = body + sign * float(springs.time) * rate
+            excess = np.clip(2.0 * float(axle.transfer(lean, 0.0)), -axle.weight, axle.weight)
+            whole += float(axle.body_moment(body, 0.0, float(excess)))
+        return whole
+
+    damped = 2.0 * float(springs.damping * springs.inertia) * rate
+    lifts = [abs(2.0 * float(axle.transfer(abs(body), 0.0))) / float(axle.weight) for axle in springs.axles]
+    reach = float(springs.time) * rate * float(springs.axles[0].transfer(2.0, 0.0)) / float(springs.axles[0].weight)
+    loss = moment(-1.0) - moment(+1.0)
+    if max(lifts) < 1.0 - reach:
+        assert loss == pytest.approx(damped)
+    elif min(lifts) > 1.0 + reach:
+        assert loss == pytest.approx(0.0, abs=1e-9 * damped)
+    else:
+        assert -1e-9 * damped <= loss <= damped * (1.0 + 1e-9)
+
+
 def test_fifth_wheel_separates_at_its_edge_and_catches_after_the_lash(tractor_semitrailer: Vehicle) -> None:
     """K twist up to load times half the width, then that over the lash of 2 deg, then K again; both ways alike."""
     springs = springs_of(tractor_semitrailer)[1]

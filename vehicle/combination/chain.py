@@ -241,9 +241,10 @@ def _carried(
     for k, wheel in axles:
         axle_load = chain.axles[wheel.unit][wheel.axle_in_unit]
         spring = springs[wheel.unit].axles[wheel.axle_in_unit]
-        lean = bodies[wheel.unit].leans[wheel.axle_in_unit]
-        left, right = wheel_loads(axle_load, spring.transfer(lean, s.side_force[k]))
-        moments[wheel.unit].append(spring.body_moment(lean, s.side_force[k], right - left))
+        body = bodies[wheel.unit]
+        left, right = wheel_loads(axle_load, spring.transfer(body.leans[wheel.axle_in_unit], s.side_force[k]))
+        angle = body.angles[wheel.axle_in_unit]
+        moments[wheel.unit].append(spring.body_moment(angle, s.side_force[k], right - left))
         loads += [left, right]
     return _Carried(loads, chain, moments)
 

@@ -7,7 +7,8 @@ A massless axle with the angle a on its tyres carries the body with the angle ph
 ground. The suspension's moment is K (phi - a). About the ground, the side force F of the tyres, the load W and this
 moment are carried by the tyres: K (phi - a) + h F + W h a = K_t a, at most W T / 2 of the load W on the track T. Then
 one side has lifted, and the moment stays while the axle follows the body. So axles lift one after the other, and only
-the others still resist.
+the others still resist. Dampers act like an additional angle of the body, as far as that changes the wheels' loads: an
+axle that has lifted moves with its body.
 
 The moment on the body about its centre of gravity, + rolls its left side up: (H - h) (F + W phi) of each axle, the same
 of the hitches' forces, less the springs' moments. The side forces act without the lateral motion of the body over its
@@ -63,22 +64,32 @@ class AxleSpring(NamedTuple):
     def transfer(self, lean: Num, force: Num) -> Num:
         """Load moved from left to right [N] by the angle of the body over the road [rad] and side force [N].
 
-        On both wheels; more than half the load means that one has lifted.
+        The angle is the ``lean``, which has the dampers in it. More than half the load means that a side has lifted.
         """
         per_moment = self.tyres * self.swing / self.track
         return (per_moment * self.suspension) * lean + (per_moment * self.height) * force
 
-    def body_moment(self, lean: Num, force: Num, right_less_left: Num) -> Num:
+    def body_moment(self, angle: Num, force: Num, right_less_left: Num) -> Num:
         """Moment on the body about its centre of gravity [N m], from its angle, the side force and the wheels' loads.
 
-        The body's weight is not in it.
+        The angle is that over the road [rad]: dampers act through the wheels' loads alone, so that they are gone when a
+        side has lifted. The body's weight is not in it.
         """
-        follow = self.suspension / (self.suspension - self.weight * self.height)
         return (
-            (self.lever + follow * self.height) * force
-            + (follow * self.weight * self.height) * lean
-            - (follow * 0.5 * self.track) * right_less_left
+            (self.lever + self._follow * self.height) * force
+            + (self._follow * self.weight * self.height) * angle
+            - (self._follow * 0.5 * self.track) * right_less_left
         )
+
+    @property
+    def through_wheels(self) -> Num:
+        """Moment of the wheels' loads on the body over its lean [N m/rad]; the ``stiffness`` without the weight."""
+        return self._follow * self.suspension * self.tyres * self.swing
+
+    @property
+    def _follow(self) -> Num:
+        """Angle of the axle over that of the body while a side has lifted [-]."""
+        return self.suspension / (self.suspension - self.weight * self.height)
 
 
 class UnitSprings(NamedTuple):
@@ -93,8 +104,8 @@ class UnitSprings(NamedTuple):
 
     @property
     def time(self) -> Num:
-        """Damping over stiffness [s]."""
-        return self.damping * self.inertia / self.stiffness
+        """Lean over rate of roll [s]: dampers act as a larger angle, through the wheels' loads."""
+        return self.damping * self.inertia / sum(axle.through_wheels for axle in self.axles)
 
     def hitch_moment(self, twist: Num, load: Num) -> Num:
         """Moment [N m] through the front hitch, twisted by an angle [rad] under its load [N]."""

@@ -39,7 +39,8 @@ class Ride(NamedTuple):
     offset: Attitude  # rest attitude on this road, less the attitude [m, rad]
     rate: Attitude  # of the attitude [m/s, rad/s]
     felt: Attitude  # acceleration upward, specific forces forward and left that go with pitch and roll [m/s2]
-    leans: tuple[Num, ...]  # of the body over each axle that its springs and dampers feel [rad]; () without suspensions
+    angles: tuple[Num, ...]  # of the body over the road at each axle [rad]; () without suspensions
+    leans: tuple[Num, ...]  # the same with the dampers, as their moment is that of a larger angle
 
 
 def settled(vehicle: Vehicle, specific_x: Sequence[Num], specific_y: Sequence[Num]) -> list[tuple[Attitude, Attitude]]:
@@ -83,10 +84,11 @@ def rides(
         if of_roll is None:
             gradient, frequency = unit.roll_swing
             roll = -1.0 / gradient * (offset.roll - ratio / (math.tau * frequency) * rate.roll)
-            motions.append(Ride(offset, rate, Attitude(heave, pitch, roll), ()))
+            motions.append(Ride(offset, rate, Attitude(heave, pitch, roll), (), ()))
         else:
-            lean = s.roll[i] + of_roll.time * rate.roll
-            motions.append(Ride(offset, rate, Attitude(heave, pitch, 0.0), tuple(lean - road for road in roads[i])))
+            angles, damped = tuple(s.roll[i] - road for road in roads[i]), of_roll.time * rate.roll
+            leans = tuple(angle + damped for angle in angles)
+            motions.append(Ride(offset, rate, Attitude(heave, pitch, 0.0), angles, leans))
     return motions
 
 
