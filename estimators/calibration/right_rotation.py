@@ -7,6 +7,7 @@ scene.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import cv2
@@ -26,24 +27,28 @@ class RightRotation(NamedTuple):
     yaw: float  # about y (down): + to its right [rad]
     pitch: float  # about x (right): + up [rad]
 
+    def named(self) -> Iterator[tuple[str, float]]:
+        """Names and angles [rad]."""
+        yield from zip(self._fields, self, strict=True)
+
     def matrix(self) -> FloatArray:
         """R_ClCr (3, 3)."""
         return mount_rotation(*self)
 
 
-def homography(calibration: StereoCalibration, rotation: RightRotation) -> FloatArray:
+def homography(calibration: StereoCalibration, R_ClCr: FloatArray) -> FloatArray:
     """Homography (3, 3) from the image of the rotated camera to the calibrated one: de Saxe 2018, eq. 8."""
     f, cx, cy = calibration.focal_length, calibration.cx, calibration.cy
     K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
     K_inverse = np.array([[1.0 / f, 0.0, -cx / f], [0.0, 1.0 / f, -cy / f], [0.0, 0.0, 1.0]])
-    turned: FloatArray = K @ rotation.matrix() @ K_inverse
+    turned: FloatArray = K @ R_ClCr @ K_inverse
     return turned
 
 
-def straightened(calibration: StereoCalibration, image: GreyImage, rotation: RightRotation) -> GreyImage:
+def straightened(calibration: StereoCalibration, image: GreyImage, R_ClCr: FloatArray) -> GreyImage:
     """Right image warped to the calibrated attitude; edge pixels are repeated."""
     size = (calibration.width, calibration.height)
-    H = homography(calibration, rotation)
+    H = homography(calibration, R_ClCr)
     # linear: OpenCV's cubic kernel shifts features by up to 0.04 px, and takes four times as long
     warped = cv2.warpPerspective(image, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(warped, dtype=np.uint8)

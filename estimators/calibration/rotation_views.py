@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.calibration.mount_state import PairGeometry
 from estimators.calibration.right_rotation import RightRotation, homography, moved
+from estimators.displaced_right import as_calibrated, displaced, right_position
 from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS, LEVELS_NEAR, disparity_guess, track
@@ -48,6 +50,7 @@ class View(NamedTuple):
     right: Points  # (n, 2) in the raw right image [px]
     variance: FloatArray  # (n, 2) of u and v from left to right [px2]
     planes: FloatArray  # (n, 3) around the points: n . X = 1 [1/m]
+    geometry: PairGeometry
 
 
 class Images(NamedTuple):
@@ -56,53 +59,87 @@ class Images(NamedTuple):
     left: Points  # (n, 2) [px]
     right: Points  # (n, 2) in the raw right image [px]
     variance: FloatArray  # (n, 3) of u left, mean v, u right [px2]
+    geometry: PairGeometry
+
+    def straight(self, calibration: StereoCalibration, rotation: RightRotation) -> FloatArray:
+        """Right images (n, 2) of a camera as calibrated."""
+        return straight(calibration, self.left, self.right, self.geometry, rotation)
+
+
+def straight(
+    calibration: StereoCalibration, left: Points, right: Points, geometry: PairGeometry, rotation: RightRotation
+) -> FloatArray:
+    """Images (n, 2) in a camera as calibrated of points with these left and raw right images."""
+    turned = moved(homography(calibration, geometry.attitude(rotation)), right)
+    return as_calibrated(calibration, left, turned, geometry.shift)
+
+
+def raw(
+    calibration: StereoCalibration, left: Points, right: FloatArray, geometry: PairGeometry, rotation: RightRotation
+) -> Points:
+    """Raw right images (n, 2) of points with these left and straight right images."""
+    seen = displaced(calibration, left, right, geometry.shift)
+    return moved(homography(calibration, geometry.attitude(rotation).T), seen).astype(np.float32)
 
 
 def new_view(
-    calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, doubt: float, rng: np.random.Generator
+    calibration: StereoCalibration,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    rotation: RightRotation,
+    doubt: float,
+    rng: np.random.Generator,
 ) -> View:
     """View of a frame; ``doubt`` is the standard deviation of the rotation [rad]."""
-    left, right = _pairs(calibration, frame, rotation, doubt)
-    straight = moved(homography(calibration, rotation), right)
-    disparity = np.maximum(left[:, 0] - straight[:, 0], _AHEAD)
+    left, right = _pairs(calibration, frame, geometry, rotation, doubt)
+    as_straight = straight(calibration, left, right, geometry, rotation)
+    disparity = np.maximum(left[:, 0] - as_straight[:, 0], _AHEAD)
     planes = local_planes(calibration, left, disparity, rng)
     image = frame.left.astype(np.float32)
-    to_right = np.array([-calibration.baseline, 0.0, 0.0])
+    to_right = -right_position(calibration, geometry.shift)
     patches = warped_patches(image, left, warps(np.eye(3), to_right, planes, rays_through(calibration, left)))
     matched = _patch_matches(patches, frame.right, right)
     kept = (matched.correlation > _LEAST_CORRELATION) & (_longest(matched.points - right) < _MOVED)
     variance = matched.variance[kept].astype(np.float64) + _FINEST**2
-    return View(image, left[kept], matched.points[kept], variance, planes[kept])
+    return View(image, left[kept], matched.points[kept], variance, planes[kept], geometry)
 
 
 def rematched(
-    calibration: StereoCalibration, view: View, frame: StereoFrame, X_PC: FloatArray, rotation: RightRotation
+    calibration: StereoCalibration,
+    view: View,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    X_PC: FloatArray,
+    rotation: RightRotation,
 ) -> tuple[Images, Images]:
-    """Images of common points in the view and in a later frame at about ``X_PC`` from it."""
-    H = homography(calibration, rotation)
+    """Images of common points in the view and in a later frame, with its geometry, at about ``X_PC`` from it."""
     X_CP = inverse(X_PC)
     R, t = X_CP[:3, :3], X_CP[:3, 3]
-    rays, inverse_depth = bearings(calibration, view.left, moved(H, view.right))
+    rays, inverse_depth = bearings(
+        calibration, view.left, straight(calibration, view.left, view.right, view.geometry, rotation)
+    )
     heads = rays @ R.T + inverse_depth[:, None] * t
     z = images(calibration, heads, inverse_depth)
     shown = np.flatnonzero(_inside(calibration, z) & (heads[:, 2] > _NEAREST * inverse_depth) & (heads[:, 2] > 0.0))
     predicted = z[shown].astype(np.float32)
     centres, planes, rays = view.left[shown], view.planes[shown], rays[shown]
-    to_right = np.array([calibration.baseline, 0.0, 0.0])
+    to_right = right_position(calibration, geometry.shift)
     patches = [warped_patches(view.image, centres, warps(R, p, planes, rays)) for p in (t, t - to_right)]
     left = _patch_matches(patches[0], frame.left, predicted[:, :2])
     shift = left.points - predicted[:, :2]
-    guess = moved(_inverse(H), predicted[:, [2, 1]] + shift).astype(np.float32)
+    guess = raw(calibration, predicted[:, :2] + shift, predicted[:, [2, 1]] + shift, geometry, rotation)
     right = _patch_matches(patches[1], frame.right, guess)
     kept = (left.correlation > _LEAST_CORRELATION) & (right.correlation > _LEAST_CORRELATION)
     kept &= (_longest(shift) < _GATE) & (_longest(right.points - guess) < _MOVED)
+    kept &= np.isfinite(straight(calibration, left.points, right.points, geometry, rotation)).all(axis=1)
     index = shown[kept]
     # the view's left image defines its points, up to sampling; the mean of two rows has half the variance
     own, across = np.full(len(index), _FINEST**2), view.variance[index]
     a, b = left.variance[kept] + _FINEST**2, right.variance[kept] + _FINEST**2
-    first = Images(view.left[index], view.right[index], np.column_stack([own, 0.25 * across[:, 1], across[:, 0]]))
+    stereo = np.column_stack([own, 0.25 * across[:, 1], across[:, 0]])
+    first = Images(view.left[index], view.right[index], stereo, view.geometry)
     variance = np.column_stack([a[:, 0], 0.25 * (a[:, 1] + b[:, 1]), b[:, 0]]).astype(np.float64)
-    return first, Images(left.points[kept], right.points[kept], variance)
+    return first, Images(left.points[kept], right.points[kept], variance, geometry)
 
 
 def bearings(calibration: StereoCalibration, left: Points, straight: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -121,17 +158,21 @@ def images(calibration: StereoCalibration, heads: FloatArray, inverse_depth: Flo
 
 
 def _pairs(
-    calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, doubt: float
+    calibration: StereoCalibration,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    rotation: RightRotation,
+    doubt: float,
 ) -> tuple[Points, Points]:
     """Corners in the left and the raw right image that track there and back."""
     corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
-    H = homography(calibration, rotation)
-    guess = moved(_inverse(H), corners - disparity_guess(calibration, corners)).astype(np.float32)
+    guess = raw(calibration, corners, corners - disparity_guess(calibration, corners), geometry, rotation)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)
-    apart = corners - moved(H, right)
+    apart = corners - straight(calibration, corners, right, geometry, rotation)
     doubtful = 3.0 * doubt * calibration.focal_length
     kept = found & found_again & (_longest(back - corners) < _CLOSURE)
+    # not a number near the epipole of a displaced camera: neither comparison holds
     kept &= (np.abs(apart[:, 1]) < _SAME_ROW + doubtful) & (apart[:, 0] > _FARTHEST - doubtful)
     return corners[kept], right[kept]
 
@@ -147,11 +188,6 @@ def _inside(calibration: StereoCalibration, z: FloatArray) -> NDArray[np.bool_]:
     """Mask (n,) of images z (n, 3) whose patches lie inside both pictures."""
     high = np.array([calibration.width, calibration.height, calibration.width]) - 1 - MARGIN
     return np.asarray(((z > MARGIN) & (z < high)).all(axis=1), dtype=np.bool_)
-
-
-def _inverse(H: FloatArray) -> FloatArray:
-    """Inverse of a homography (3, 3)."""
-    return np.asarray(np.linalg.inv(H), dtype=np.float64)
 
 
 def _longest(shift: NDArray[np.floating]) -> NDArray[np.floating]:

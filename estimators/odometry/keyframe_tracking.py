@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.displaced_right import image_shift, right_position, right_shift
 from estimators.odometry.keyframes import FINEST, Keyframe
 from estimators.odometry.local_planes import rays_through, warps
 from estimators.odometry.pose import Observations, own_covariance, refined
@@ -64,10 +65,14 @@ def tracked(
     candidates = _candidates(calibration, keyframes, X_CK)
     number = np.repeat(np.arange(len(candidates)), [len(candidate.feature) for candidate in candidates])
     z = np.concatenate([candidate.z for candidate in candidates])
-    left_patches, right_patches = _patches(calibration, candidates, X_CK[number])
+    of_right = right_shift(frame)
+    position = right_position(calibration, of_right)
+    left_patches, right_patches = _patches(calibration, candidates, X_CK[number], position)
     left = match_patches(templates(left_patches), frame.left.astype(np.float32), z[:, :2])
     shift = left.points - z[:, :2]
-    right = match_patches(templates(right_patches), frame.right.astype(np.float32), z[:, [2, 1]] + shift)
+    guess, displacement = z[:, [2, 1]] + shift, _displacement(calibration, candidates, X_CK, of_right)
+    right = match_patches(templates(right_patches), frame.right.astype(np.float32), guess + displacement)
+    right = right._replace(points=right.points - displacement)
     found = (np.minimum(left.correlation, right.correlation) > _LEAST_CORRELATION) & (np.abs(shift).max(axis=1) < _GATE)
     apart = left.points - right.points
     found &= (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > _LEAST_DISPARITY)
@@ -98,13 +103,23 @@ def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X
     return candidates[::-1]
 
 
+def _displacement(
+    calibration: StereoCalibration, candidates: Sequence[_Candidates], X_CK: FloatArray, shift: FloatArray | None
+) -> Float32Array:
+    """Image shifts (n, 2) of the points by the displacement of the right camera [px]; the points are near X_CK."""
+    if shift is None:
+        return np.zeros(2, np.float32)
+    points = [c.keyframe.points[c.feature] @ X[:3, :3].T + X[:3, 3] for c, X in zip(candidates, X_CK, strict=True)]
+    return np.asarray(image_shift(calibration, np.concatenate(points), shift), dtype=np.float32)
+
+
 def _patches(
-    calibration: StereoCalibration, candidates: Sequence[_Candidates], X_CK: FloatArray
+    calibration: StereoCalibration, candidates: Sequence[_Candidates], X_CK: FloatArray, p_ClCr: FloatArray
 ) -> tuple[Float32Array, Float32Array]:
-    """Patches (n, 289) predicted for the left and the right image, from poses (n, 4, 4)."""
+    """Patches (n, 289) predicted for the left and the right image, from poses (n, 4, 4), the right camera at p_ClCr."""
     centres = np.concatenate([candidate.keyframe.centres[candidate.feature] for candidate in candidates])
     planes = np.concatenate([candidate.keyframe.planes[candidate.feature] for candidate in candidates])
-    t_sides = np.stack([X_CK[:, :3, 3], X_CK[:, :3, 3] - calibration.X_ClCr[:3, 3]])
+    t_sides = np.stack([X_CK[:, :3, 3], X_CK[:, :3, 3] - p_ClCr])
     bent = warps(X_CK[:, :3, :3], t_sides, planes, rays_through(calibration, centres))
     (u_left, u_right), (v_left, v_right) = warped_positions(centres, bent)
     left, right, end = [], [], 0

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.displaced_right import as_calibrated, right_position, right_shift
 from estimators.odometry.corners import Points, detect_corners
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS_NEAR, stereo_pairs, track
@@ -45,17 +46,18 @@ def new_keyframe(
 ) -> Keyframe:
     """Keyframe from a frame at pose ``X_OK``."""
     left, right = _stereo_pairs(calibration, frame)
-    planes = local_planes(calibration, left, (left[:, 0] - right[:, 0]).astype(np.float64), rng)
+    shift = right_shift(frame)
+    disparity = left[:, 0] - as_calibrated(calibration, left, right, shift)[:, 0]
+    planes = local_planes(calibration, left, disparity.astype(np.float64), rng)
     image = frame.left.astype(np.float32)
-    bent = warps(np.eye(3), np.array([-calibration.baseline, 0.0, 0.0]), planes, rays_through(calibration, left))
+    bent = warps(np.eye(3), -right_position(calibration, shift), planes, rays_through(calibration, left))
     matched = match_patches(templates(warped_patches(image, left, bent)), frame.right.astype(np.float32), right)
-    apart = left - matched.points
+    straight = as_calibrated(calibration, left, matched.points, shift)
+    apart = left - straight
     kept = (matched.correlation > _LEAST_CORRELATION) & (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > 0.0)
     kept &= np.abs(matched.points - right).max(axis=1, initial=0.0) < _MOVED
     chosen = rng.permutation(np.flatnonzero(kept))
-    z = np.column_stack([left[:, 0], 0.5 * (left[:, 1] + matched.points[:, 1]), matched.points[:, 0]]).astype(
-        np.float64
-    )
+    z = np.column_stack([left[:, 0], 0.5 * (left[:, 1] + straight[:, 1]), straight[:, 0]]).astype(np.float64)
     u, v = (matched.variance + _FINEST_STEREO**2).T
     points = triangulate(calibration, z[chosen])
     variance = np.column_stack([np.full(len(u), _OWN**2), 0.5 * v, u])[chosen]

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.displaced_right import as_calibrated, displaced, right_shift
 from estimators.odometry.corners import Points
 from estimators.odometry.local_planes import rays_through
 from estimators.stereo_geometry import NEAREST, project, triangulate
@@ -52,9 +53,9 @@ def track(
 
 def stereo_pairs(calibration: StereoCalibration, frame: StereoFrame, corners: Points) -> tuple[Points, Points]:
     """Corners of the left image that are also found in the right one, with their positions in both."""
-    guess = corners - disparity_guess(calibration, corners).astype(np.float32)
-    right, found = track(frame.left, frame.right, corners, guess, LEVELS)
-    kept = found & same_row(corners, right)
+    guess, shift = corners - disparity_guess(calibration, corners).astype(np.float32), right_shift(frame)
+    right, found = track(frame.left, frame.right, corners, displaced(calibration, corners, guess, shift), LEVELS)
+    kept = found & same_row(corners, as_calibrated(calibration, corners, right, shift))
     return corners[kept], right[kept]
 
 
@@ -89,15 +90,18 @@ def match(
     previous left to previous right lies.
     """
     left_P, right_P = stereo_pairs(calibration, previous, corners)
-    z_P = _images(left_P, right_P)
+    z_P = _images(left_P, as_calibrated(calibration, left_P, right_P, right_shift(previous)))
     guess = moved(calibration, z_P, X_PC)
     left_C, found = track(previous.left, current.left, left_P, guess[:, :2], LEVELS)
     disparity = np.stack([guess[:, 0] - guess[:, 2], np.zeros(len(guess), np.float32)], axis=1)
-    right_C, found_right = track(current.left, current.right, left_C, left_C - disparity, LEVELS_NEAR)
+    shift = right_shift(current)
+    right_guess = displaced(calibration, left_C, left_C - disparity, shift)
+    right_C, found_right = track(current.left, current.right, left_C, right_guess, LEVELS_NEAR)
     closed, found_again = track(current.right, previous.right, right_C, right_P, LEVELS_NEAR)
-    kept = found & found_right & found_again & same_row(left_C, right_C)
+    straight_C = as_calibrated(calibration, left_C, right_C, shift)
+    kept = found & found_right & found_again & same_row(left_C, straight_C)
     kept &= np.linalg.norm(closed - right_P, axis=1) < _CLOSURE
-    return Matches(z_P[kept], _images(left_C, right_C)[kept])
+    return Matches(z_P[kept], _images(left_C, straight_C)[kept])
 
 
 def moved(calibration: StereoCalibration, z_P: FloatArray, X_PC: FloatArray) -> NDArray[np.float32]:

@@ -67,8 +67,9 @@ def opened_sensing(context: MountContext) -> Sensing:
     if cameras and cameras.epipolar:
         motions, calibration = resolve("odometry", scenario.odometry, ODOMETRY), cameras.calibration
         odometry = constructed("odometry", scenario.odometry, lambda: motions(calibration))
-    if odometry and cameras and scenario.rig.self_calibration:
-        odometry = SelfCalibratedOdometry(cameras.calibration, odometry)
+    if odometry and cameras:
+        correcting = scenario.rig.self_calibration
+        odometry = SelfCalibratedOdometry(cameras.calibration, odometry, correcting=correcting)
     known = TrailerContext(
         vehicle=context.nominal,
         unit=context.unit,

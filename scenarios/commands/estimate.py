@@ -90,8 +90,12 @@ def off_tracking(
     ] = None,
     self_calibration: Annotated[
         bool,
-        typer.Option("--self-calibration", help="Estimate the rotation of the right camera and correct its images."),
-    ] = False,
+        typer.Option(
+            "--self-calibration/--no-self-calibration",
+            help="Estimate the rotation of the right camera and correct its images; without it, a rotation is only "
+            "watched, and degrades the estimates.",
+        ),
+    ] = True,
     out: Annotated[
         Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
@@ -197,8 +201,7 @@ def _source(recording: Recording, odometry: str | None, *, self_calibration: boo
     name = odometry or str(Scenario.model_fields["odometry"].default)
     kind = resolve("--odometry", name, ODOMETRY)
     motions = constructed("--odometry", name, lambda: kind(recording.calibration))
-    if self_calibration:
-        motions = SelfCalibratedOdometry(recording.calibration, motions)
+    motions = SelfCalibratedOdometry(recording.calibration, motions, correcting=self_calibration)
     estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
     source: OffTrackingSource = estimator(
         recording.calibration, recording.follow_distance, motions, path_height=recording.roll_axis_height
@@ -234,10 +237,11 @@ def _print(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...]) ->
 
 
 def _remarks(numbers: dict[str, Any]) -> list[str]:
-    """Assumptions, notes and the first dropped images, one line each."""
+    """Warnings, assumptions, notes and the first dropped images, one line each."""
     frames = numbers.get("dropped_frames", [])
     dropped = [f"Frame {entry['frame']} dropped: {entry['reason']}" for entry in frames]
     dropped += [f"Image {entry['image']} dropped: {entry['reason']}" for entry in numbers.get("dropped_images", [])]
     more = [f"... and {len(dropped) - _SHOWN} more, see summary.json"] if len(dropped) > _SHOWN else []
     assumed = [f"Assumed: {line}" for line in numbers.get("assumed", [])]
-    return [*assumed, *(f"Note: {line}" for line in numbers.get("notes", [])), *dropped[:_SHOWN], *more]
+    warnings = [f"Warning: {line}" for line in numbers.get("warnings", [])]
+    return [*warnings, *assumed, *(f"Note: {line}" for line in numbers.get("notes", [])), *dropped[:_SHOWN], *more]

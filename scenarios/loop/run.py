@@ -18,6 +18,7 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
+from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.log import Log
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
@@ -179,6 +180,7 @@ def _result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         warnings=(
             *data_sheet(vehicle).warnings,
             *_steer_warnings(parts, log),
+            *_camera_warnings(session),
             *lift_warnings(vehicle, [row.truth for row in session.rows]),
         ),
         traceback=session.traceback,
@@ -203,6 +205,15 @@ def _steer_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:
         return ()
     return steer_warnings(
         log, axles, parts.course.centreline, np.column_stack([log[f"x_{tractor}"], log[f"y_{tractor}"]])
+    )
+
+
+def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
+    """Warnings about the cameras of all trailers."""
+    return tuple(
+        f"{trailer.trailer.name}: {line}"
+        for trailer in session.trailers
+        for line in calibration_warnings([e.motion for e in trailer.estimates], "set rig.self_calibration=true")
     )
 
 

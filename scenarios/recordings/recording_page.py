@@ -48,6 +48,8 @@ def report_page(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> st
 
 
 def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iterator[Section]:
+    if numbers["warnings"]:
+        yield Section("Warnings", content=[Items(numbers["warnings"])])
     if estimation.recording.assumed:
         yield Section("Assumed values", _ASSUMED, [Items(estimation.recording.assumed)])
     if len(log) > 1:

@@ -11,6 +11,7 @@ import numpy as np
 from scenarios.recordings.drift import KITTI_EVERY, KITTI_LENGTHS, drift
 from scenarios.recordings.estimation import Estimation
 from scenarios.results import metrics
+from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.log import LOST, Log
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -30,9 +31,16 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
         "self_calibration": _self_calibration(log),
         "timing": _timing(estimation, log),
         "dropped_frames": [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped],
+        "warnings": list(warnings(estimation)),
         "assumed": list(recording.assumed),
         "notes": list(recording.notes),
     }
+
+
+def warnings(estimation: Estimation) -> tuple[str, ...]:
+    """What is doubtful about the cameras, a line each."""
+    motions = [frame.motion for frame in estimation.frames]
+    return calibration_warnings(motions, "leave out --no-self-calibration")
 
 
 def error_of_estimate(log: Log) -> FloatArray:
@@ -102,7 +110,7 @@ def _drift(
 
 
 def _self_calibration(log: Log) -> dict[str, float | int | None]:
-    """Last estimate of the right camera's rotation [deg]; empty without self-calibration."""
+    """Last estimate of the right camera's rotation [deg] and delay [ms]; empty without one."""
     rotation: dict[str, float | int | None] = {}
     for name in ("roll", "yaw", "pitch"):
         for end in ("", "_std"):
@@ -110,6 +118,11 @@ def _self_calibration(log: Log) -> dict[str, float | int | None]:
             known = values[np.isfinite(values)]
             if known.size:
                 rotation[f"{name}{end}_deg"] = _number(math.degrees(known[-1]))
+    for end in ("", "_std"):
+        values = log[f"right_delay{end}"] if f"right_delay{end}" in log else np.empty(0)
+        known = values[np.isfinite(values)]
+        if known.size:
+            rotation[f"delay{end}_ms"] = _number(1e3 * known[-1])
     return rotation
 
 

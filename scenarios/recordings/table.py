@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.calibration.self_calibration import SelfCalibratedMotion
+from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
 from estimators.estimates import Health
 from scenarios.recordings.estimation import Estimation, FrameEstimate
 from scenarios.results.log import HEALTH, HEALTH_WORDS, Log, Signal
@@ -40,6 +40,8 @@ _ROTATION: Final = (
     Signal("right_roll_std", "rad", "standard deviation of right_roll"),
     Signal("right_yaw_std", "rad", "standard deviation of right_yaw"),
     Signal("right_pitch_std", "rad", "standard deviation of right_pitch"),
+    Signal("right_delay", "s", "time by which the right image is taken after the left one"),
+    Signal("right_delay_std", "s", "standard deviation of right_delay"),
 )
 _COLUMNS: Final = {
     "m": "_m",
@@ -84,7 +86,8 @@ def _motion(frame: FrameEstimate) -> tuple[float, ...]:
 def _rotation(frame: FrameEstimate) -> tuple[float, ...]:
     if not isinstance(frame.motion, SelfCalibratedMotion):
         return (math.nan,) * len(_ROTATION)
-    return (*frame.motion.right_rotation, *frame.motion.right_rotation_std)
+    motion = frame.motion
+    return (*motion.right_rotation, *motion.right_rotation_std, motion.right_delay, motion.right_delay_std)
 
 
 def csv_text(log: Log) -> str:

@@ -56,7 +56,7 @@ class Straightened:
 
     def step(self, memory: Any, frame: StereoFrame) -> tuple[Any, Any]:
         """Step of the odometry with the corrected frame."""
-        right = straightened(self._calibration, frame.right, self._rotation)
+        right = straightened(self._calibration, frame.right, self._rotation.matrix())
         stepped: tuple[Any, Any] = self._odometry.step(memory, dataclasses.replace(frame, right=right))
         return stepped
 

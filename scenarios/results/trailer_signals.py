@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.driver import DriverCommand
 from controllers.trailer import SteerCommand
-from estimators.calibration.self_calibration import SelfCalibratedMotion
+from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
@@ -139,18 +139,22 @@ def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack
 
 def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:
     table = np.full((len(index), len(_ESTIMATE)), np.nan)
-    rotations, calibrated = np.full((len(index), 6), np.nan), False
+    rotations, delays, calibrated = np.full((len(index), 6), np.nan), np.full((len(index), 2), np.nan), False
     for estimate in trailer.estimates:
         if estimate.off_tracking.tick in index:
             table[index[estimate.off_tracking.tick]] = _estimate_values(estimate, trailer.X_SC)
         motion = estimate.motion
         if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
             rotations[index[motion.tick]], calibrated = (*motion.right_rotation, *motion.right_rotation_std), True
+            delays[index[motion.tick]] = motion.right_delay, motion.right_delay_std
     yield from zip(_ESTIMATE, table.T, strict=True)
     for k, meaning in enumerate(_ROTATIONS) if calibrated else ():
         name = f"right_camera_{meaning.split()[0]}"
         yield Signal(name, "rad", f"right camera, since its calibration: {meaning}"), rotations[:, k]
         yield Signal(f"{name}_std", "rad", "its standard deviation"), rotations[:, 3 + k]
+    if calibrated:
+        yield Signal("right_camera_delay", "s", "right camera: exposure after the left one"), delays[:, 0]
+        yield Signal("right_camera_delay_std", "s", "its standard deviation"), delays[:, 1]
 
 
 def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:

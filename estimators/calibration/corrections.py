@@ -1,0 +1,62 @@
+"""Corrections of a pair by the estimated state of its right camera: when they change, and how they are applied."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
+from estimators.calibration.right_rotation import RightRotation, straightened
+from estimators.displaced_right import DisplacedFrame
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
+
+# Changes that are applied, at the cost of a restart of the odometry: of roll, yaw and pitch, and of the delay
+# [standard deviations].
+_WORTH, _WORTH_DELAY = np.array([2.5, 1.0, 2.5]), 2.0
+LEAST_ANGLES = np.radians([0.01, 0.0025, 0.01])  # least roll, yaw, pitch that matter: 1 mm of off-tracking [rad]
+_LEAST_DELAY = 3e-4  # least delay that matters: a displacement of 5 mm at 60 km/h [s]
+_LATE = 4.0  # delay that is compensated [standard deviations]: most pairs are simultaneous
+_SOUND = 2.0  # below it a delay is compensated no longer [standard deviations]
+
+
+class Corrections(NamedTuple):
+    """Rotation and delay of the right camera that are removed from its images."""
+
+    rotation: RightRotation
+    delay: float  # [s]
+
+
+NONE = Corrections(RightRotation(0.0, 0.0, 0.0), 0.0)
+
+
+def of_rotation(state: MountState, applied: Corrections) -> Corrections:
+    """Corrections with the estimated rotation, or those of before if the change is not worth a restart."""
+    off = np.abs(state.mean[:3] - applied.rotation)
+    worth = (off > np.maximum(_WORTH * state.std[:3], LEAST_ANGLES)).any()
+    return applied._replace(rotation=state.rotation) if worth else applied
+
+
+def of_delay(state: MountState, applied: Corrections) -> Corrections:
+    """Corrections with the estimated delay, if it is significant, or those of before as for the rotation."""
+    delay, std = float(state.mean[DELAY]), float(state.std[DELAY])
+    limit = _SOUND if applied.delay else _LATE
+    delay = delay if abs(delay) > max(limit * std, _LEAST_DELAY) else 0.0
+    worth = abs(delay - applied.delay) > max(_WORTH_DELAY * std, _LEAST_DELAY)
+    return applied._replace(delay=delay) if worth else applied
+
+
+def corrected(
+    calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, geometry: PairGeometry
+) -> StereoFrame:
+    """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither."""
+    if not any(rotation) and geometry.shift is None:
+        return frame
+    right = straightened(calibration, frame.right, geometry.attitude(rotation))
+    if geometry.shift is None:
+        return replace(frame, right=right)
+    return DisplacedFrame(
+        tick=frame.tick, left=frame.left, right=right, colour=frame.colour, right_shift=geometry.shift
+    )

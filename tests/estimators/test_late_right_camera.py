@@ -1,0 +1,251 @@
+"""Right cameras that expose late, or are knocked: what single pairs tell of them, and what becomes of the motions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from estimators.calibration.epipolar import EpipolarFit, fitted_to_rays
+from estimators.calibration.mount_state import (
+    DELAY,
+    LENS,
+    OFFSET,
+    YAW,
+    MountState,
+    Twist,
+    initial,
+    innovation,
+    is_surprising,
+    reopened,
+    with_fit,
+    with_information,
+)
+from estimators.calibration.right_rotation import RightRotation, homography
+from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
+from estimators.calibration.self_calibration import SelfCalibratedOdometry
+from estimators.displaced_right import DisplacedFrame, as_calibrated, displaced, image_shift
+from estimators.estimates import Health
+from estimators.odometry.circular import CircularOdometry
+from estimators.odometry.keyframe import KeyframeOdometry
+from estimators.odometry.viso2 import Viso2Odometry
+from estimators.protocol import Odometry
+from estimators.rigid_motion import stretched
+from sensors.camera.rig import StereoCalibration
+from sensors.messages import StereoFrame
+from tests.estimators.stereo_scene import Drive, Scene
+from vehicle.frames import FloatArray, inverse
+
+KNOCKED = RightRotation(*np.radians([0.9, -1.0, 0.8]).tolist())
+SHIFTS = [np.array([0.03, 0.01, -0.14]), np.array([0.0, 0.0, 0.12]), np.array([0.02, -0.01, -0.8])]  # [m]
+SPEED = Twist(np.zeros(3), np.array([0.0, 0.0, -5.0]), 0.0)
+DELAY_S = 0.05  # of the drive below: 0.25 m at 5 m/s [s]
+FRAMES = 9
+
+
+def points(rng: np.random.Generator, n: int = 300) -> FloatArray:
+    """Points (n, 3) in the left camera: ground 3 m below, and things."""
+    rays = rng.uniform([-1.0, -0.2, 1.0], [1.0, 0.33, 1.0], (n, 3))
+    depth = np.where(rays[:, 1] > 0.05, 3.0 / np.maximum(rays[:, 1], 0.05), rng.uniform(6.0, 60.0, n))
+    return rays * depth[:, None]
+
+
+def rays(p: FloatArray) -> FloatArray:
+    return p[:, :2] / p[:, 2:]
+
+
+@pytest.mark.parametrize("shift", SHIFTS)
+@pytest.mark.parametrize("rotation", [RightRotation(0.0, 0.0, 0.0), KNOCKED])
+def test_one_pair_tells_rotation_and_displacement(
+    calibration: StereoCalibration, rotation: RightRotation, shift: FloatArray
+) -> None:
+    """From a start at zero; a seventh of the points is matched wrongly, and some of these are near the truth."""
+    rng = np.random.default_rng(2)
+    p = points(rng)
+    q = rays((p - [calibration.baseline, 0.0, 0.0] - shift) @ rotation.matrix())
+    q[::7] += rng.normal(0.0, 0.05, q[::7].shape)
+    found = fitted_to_rays(calibration, rays(p), q, np.zeros(4), np.array([*shift[:2], 0.0]))
+    assert found is not None
+    np.testing.assert_allclose(found.values, [*rotation, shift[2]], atol=2e-4)
+
+
+def test_its_standard_deviation_is_that_of_the_rows(calibration: StereoCalibration) -> None:
+    """Independent errors of 0.1 px in all coordinates: normalised errors have a root mean square of one."""
+    ratios, sigma = [], 0.1 / calibration.focal_length
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        p = points(rng)
+        r, q = (rays(p - [x, 0.0, 0.0]) + sigma * rng.standard_normal((len(p), 2)) for x in (0.0, calibration.baseline))
+        found = fitted_to_rays(calibration, r, q, np.zeros(4), np.zeros(3))
+        assert found is not None
+        ratios.append(found.values / np.sqrt(np.diag(found.covariance)))
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert np.all((rms > 0.7) & (rms < 1.4))  # 40 samples: 0.11; robust weights cost a tenth
+
+
+def test_points_that_share_no_epipolar_geometry_tell_nothing(calibration: StereoCalibration) -> None:
+    """Random matches, and too few of them."""
+    rng = np.random.default_rng(3)
+    r, q = rng.uniform(-0.3, 0.3, (2, 200, 2))
+    assert fitted_to_rays(calibration, r, q, np.zeros(4), np.zeros(3)) is None
+    assert fitted_to_rays(calibration, r[:20], r[:20] - [0.05, 0.0], np.zeros(4), np.zeros(3)) is None
+
+
+@pytest.mark.parametrize("shift", SHIFTS)
+def test_displaced_images_are_those_of_the_displaced_camera(calibration: StereoCalibration, shift: FloatArray) -> None:
+    """There and back, against projections; near the epipole nothing is said."""
+    p = points(np.random.default_rng(4))
+    p = p[p[:, 2] - shift[2] > 3.0]
+
+    def pixels(position: FloatArray) -> FloatArray:
+        return calibration.focal_length * rays(p - position) + [calibration.cx, calibration.cy]
+
+    left, b = pixels(np.zeros(3)), np.array([calibration.baseline, 0.0, 0.0])
+    calibrated, late = pixels(b), pixels(b + shift)
+    np.testing.assert_allclose(displaced(calibration, left, calibrated, shift), late, atol=1e-8)
+    np.testing.assert_allclose(image_shift(calibration, p, shift), late - calibrated, atol=1e-8)
+    back = as_calibrated(calibration, left, late, shift)
+    known = np.isfinite(back).all(axis=1)
+    np.testing.assert_allclose(back[known], calibrated[known], atol=1e-8)
+    assert known.mean() > 0.6
+    np.testing.assert_array_equal(as_calibrated(calibration, left, calibrated, None), calibrated)
+
+
+def fit(roll: float = 0.0, yaw: float = 0.0, pitch: float = 0.0, shift: float = 0.0) -> EpipolarFit:
+    """A fit with these angles [deg] and displacement [m], as exact as they are on rendered frames."""
+    std = np.array([*np.radians([0.001, 0.004, 0.001]), 1e-3])
+    return EpipolarFit(np.array([*np.radians([roll, yaw, pitch]), shift]), np.diag(std**2), 0.1)
+
+
+def updated(state: MountState, seen: EpipolarFit, twist: Twist = SPEED) -> MountState:
+    return with_fit(state, innovation(state, seen, twist, 0.5), 1.0)
+
+
+def test_a_lens_error_looks_like_yaw_until_motion_tells_them_apart() -> None:
+    """0.2 deg in the rows of 30 pairs leave yaw uncertain by 0.1 deg; once it is known, a knock shows at once."""
+    state = initial()
+    for _ in range(30):
+        state = updated(state, fit(yaw=0.2))
+    assert np.degrees(state.std[YAW]) > 0.1
+    exact = np.diag([0.0, np.radians(0.002) ** -2, 0.0])
+    state = with_information(state, exact, exact @ (np.zeros(3) - state.mean[:3]))
+    assert np.degrees(state.mean[[YAW, LENS]]) == pytest.approx([0.0, 0.2], abs=0.01)
+    assert is_surprising(state, innovation(state, fit(yaw=0.5), SPEED, 0.5))
+    state = updated(reopened(state), fit(yaw=0.5))
+    assert np.degrees(state.mean[YAW]) == pytest.approx(0.3, abs=0.02)
+    assert np.degrees(state.std[YAW]) < 0.05
+
+
+def test_speed_tells_a_delay_from_an_offset() -> None:
+    """10 ms at 5 and at 10 m/s beside a constant 3 mm."""
+    state = initial()
+    for k in range(40):
+        v = -5.0 - 5.0 * (k % 2)
+        state = updated(state, fit(shift=0.01 * v + 0.003), SPEED._replace(velocity=np.array([0.0, 0.0, v])))
+    assert state.mean[DELAY] == pytest.approx(0.01, abs=3e-4)
+    assert state.mean[OFFSET] == pytest.approx(0.003, abs=2e-3)
+
+
+def test_a_standing_camera_learns_nothing_of_a_delay() -> None:
+    """Nothing moves between the exposures."""
+    state = initial()
+    for _ in range(20):
+        state = updated(state, fit(), SPEED._replace(velocity=np.zeros(3)))
+    assert state.std[DELAY] == pytest.approx(initial().std[DELAY])
+
+
+@pytest.fixture(scope="module")
+def late(drive: Drive) -> Drive:
+    """The first frames of the drive, their right images exposed late."""
+    scene, rng, calibration = Scene(drive.calibration), np.random.default_rng(5), drive.calibration
+    frames = []
+    for k, frame in enumerate(drive.frames[:FRAMES]):
+        onwards = stretched(inverse(drive.bodies[k]) @ drive.bodies[k + 1], DELAY_S / 0.1)
+        X_WC = drive.bodies[k] @ onwards @ calibration.X_SC
+        frames.append(replace(frame, right=scene.view(X_WC @ calibration.X_ClCr, rng)))
+    return replace(drive, frames=frames)
+
+
+def run(odometry: Odometry[Any], frames: Sequence[StereoFrame]) -> list[SelfCalibratedMotion]:
+    memory, motions = odometry.init(), []
+    for frame in frames:
+        memory, motion = odometry.step(memory, frame)
+        if isinstance(motion, SelfCalibratedMotion):
+            motions.append(motion)
+    return motions
+
+
+@pytest.mark.parametrize("kind", [KeyframeOdometry, CircularOdometry])
+def test_a_late_right_camera_is_noticed_and_compensated(late: Drive, kind: Any) -> None:
+    """0.25 m between the exposures: from the second motion on the delay is known and the motions are right."""
+    motions = run(SelfCalibratedOdometry(late.calibration, kind(late.calibration), correcting=False), late.frames)
+    assert motions[0].health is Health.LOST
+    assert motions[-1].right_delay == pytest.approx(DELAY_S, abs=2e-3)
+    found = [motion for motion in motions[1:] if motion.health is not Health.LOST]
+    assert len(found) == len(motions) - 1
+    assert np.abs(late.errors(found)[3:, 3:]).max() < 0.05  # of 0.5 m, with 0.25 m between the exposures
+    assert np.mean(np.abs(late.normalised(found)) < 2.5) > 0.95
+
+
+def test_an_odometry_that_cannot_compensate_is_lost(late: Drive) -> None:
+    """Better no motion than a wrong one."""
+    viso2 = Viso2Odometry(late.calibration)
+    motions = run(SelfCalibratedOdometry(late.calibration, viso2), late.frames[:4])
+    assert all(motion.health is Health.LOST for motion in motions)
+
+
+def knocked(frame: StereoFrame, calibration: StereoCalibration, rotation: RightRotation) -> StereoFrame:
+    """The frame with its right camera turned."""
+    H = homography(calibration, rotation.matrix().T)
+    size = (calibration.width, calibration.height)
+    right = cv2.warpPerspective(frame.right, H, size, borderMode=cv2.BORDER_REPLICATE)
+    return replace(frame, right=np.asarray(right, dtype=np.uint8))
+
+
+def test_a_degree_in_every_angle_is_found_from_the_start(drive: Drive) -> None:
+    """The first pair applies what it shows; after a metre and a half the rotation is known to 0.01 deg."""
+    frames = [knocked(frame, drive.calibration, KNOCKED) for frame in drive.frames[:6]]
+    motions = run(SelfCalibratedOdometry(drive.calibration, CircularOdometry(drive.calibration)), frames)
+    assert all(motion.health is not Health.LOST for motion in motions)
+    assert np.abs(np.degrees(np.array(motions[-1].right_rotation) - KNOCKED)).max() < 0.01
+    assert np.abs(drive.errors(motions)[3:, 3:]).max() < 3e-3
+
+
+def test_a_knock_costs_one_frame(drive: Drive) -> None:
+    """The first pair after it contradicts the estimate and is lost; the second one confirms it."""
+    calibration = drive.calibration
+    frames = [knocked(f, calibration, KNOCKED) if k >= 8 else f for k, f in enumerate(drive.frames[:12])]
+    motions = run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration)), frames)
+    assert [motion.health is Health.LOST for motion in motions] == [k == 7 for k in range(11)]
+    assert motions[8].previous_tick == frames[8].tick
+    assert np.abs(np.degrees(np.array(motions[-1].right_rotation) - KNOCKED)).max() < 0.05
+    assert np.abs(drive.normalised(motions[8:])).max() < 3.0
+
+
+def test_a_calibration_that_is_only_watched_is_refuted(drive: Drive) -> None:
+    """0.09 deg of yaw: degraded after the first metre, with the error covered; a degree: lost."""
+    calibration = drive.calibration
+
+    def watched(yaw_deg: float) -> list[SelfCalibratedMotion]:
+        rotation = RightRotation(0.0, float(np.radians(yaw_deg)), 0.0)
+        frames = [knocked(frame, calibration, rotation) for frame in drive.frames[:8]]
+        return run(SelfCalibratedOdometry(calibration, CircularOdometry(calibration), correcting=False), frames)
+
+    assert not any(motion.miscalibrated for motion in watched(0.0))
+    slightly = watched(0.09)[3:]
+    assert all(motion.miscalibrated and motion.health is Health.DEGRADED for motion in slightly)
+    assert np.mean(np.abs(drive.normalised(slightly)) < 2.5) > 0.95
+    assert all(motion.health is Health.LOST for motion in watched(-1.0))
+
+
+def test_a_displaced_pair_keeps_its_displacement_through_changes(late: Drive) -> None:
+    """Odometries change frames with ``replace``."""
+    frame = late.frames[0]
+    pair = DisplacedFrame(tick=0, left=frame.left, right=frame.right, right_shift=SHIFTS[0])
+    changed = replace(pair, tick=1)
+    assert isinstance(changed, DisplacedFrame)
+    np.testing.assert_array_equal(changed.right_shift, SHIFTS[0])
