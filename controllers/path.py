@@ -105,6 +105,20 @@ class Path:
             headings.append(self.knots[i].psi + u * (segment.start_curvature + 0.5 * sharpness * u))
         return headings
 
+    def poses(self, stations: FloatArray) -> FloatArray:
+        """Positions [m] and headings [rad] at arc lengths (n,) [m], as from ``pose``, shape (n, 3)."""
+        knots, begins = np.array(self.knots[:-1]), np.array(self.stations)
+        length, start, end = np.array(self.segments).T
+        k = np.clip(np.searchsorted(begins, stations, side="right") - 1, 0, len(length) - 1)
+        inside = np.clip(stations, 0.0, self.length)
+        beyond, u, sharpness = stations - inside, inside - begins[k], ((end - start) / length)[k]
+        distances = u[:, None] * _NODES
+        headings = knots[k, 2, None] + distances * (start[k, None] + 0.5 * sharpness[:, None] * distances)
+        psi = knots[k, 2] + u * (start[k] + 0.5 * sharpness * u)
+        x = knots[k, 0] + u * (np.cos(headings) @ _WEIGHTS) + beyond * np.cos(psi)
+        y = knots[k, 1] + u * (np.sin(headings) @ _WEIGHTS) + beyond * np.sin(psi)
+        return np.stack([x, y, psi], axis=1)
+
     def curvature(self, s: float) -> float:
         """Curvature at the arc length s [m], + left [1/m]; at a jump, the value ahead."""
         if not 0.0 <= s < self.length:

@@ -18,6 +18,7 @@ import numpy as np
 from controllers.path import Path, Segment, arc, line
 from scenarios.results.swept_path import TurnArc
 from vehicle.frames import FloatArray, Pose2
+from vehicle.surface import FrictionMap, RoadRelief
 
 Direction = Literal["left", "right"]
 _SIDE: Final[dict[Direction, float]] = {"left": 1.0, "right": -1.0}
@@ -45,8 +46,11 @@ class Course:
     reference: tuple[float, float]  # the guided point in T [m]
     start: Pose2  # X_WT
     surface_centre: tuple[float, float] | None  # apex of a conical cross-fall [m]; None: a plane
-    centreline: FloatArray  # (n, 2) of the road: path of the tractor's rear axle, extended at both ends [m]
-    road_half_width: float  # [m]
+    centreline: FloatArray  # (n, 2) middle of the road, extended at both ends [m]: path of the tractor's rear axle
+    road_half_width: float | FloatArray  # everywhere, or (n,) at the points of the centre line [m]
+    relief: RoadRelief | None = None  # heights and banks of the road; None: level
+    friction: FrictionMap | None = None  # of the road, in place of the scenario's
+    deviation: float | None = None  # largest distance of the points of a file from the path [m]
 
     @property
     def length(self) -> float:

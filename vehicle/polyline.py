@@ -26,6 +26,14 @@ def dense(points: FloatArray, spacing: float) -> tuple[FloatArray, float]:
     return resampled(points, stations), float(stations[1])
 
 
+def sides(line: FloatArray, half_width: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Left and right edge (n, 2) of a strip around a line (n, 2) [m]; its half width is one number or (n,) [m]."""
+    along = np.gradient(line, axis=0)
+    along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]  # repeated points have no direction
+    left = np.reshape(half_width, (-1, 1)) * np.column_stack([-along[:, 1], along[:, 0]])
+    return line + left, line - left
+
+
 def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:
     """Indices of points (n, 2) about ``spacing`` [m] of arc length apart."""
     along = arc_length(points)

@@ -29,6 +29,7 @@ class FileKind(Enum):
     SIGNALS = "a file of signals", 512 * _MB
     CHECKPOINT = "a checkpoint of a training", 64 * _MB
     RECORD = "a record of an earlier command", 64 * _MB
+    ROAD = "a file of a road or path", 32 * _MB
 
     def __init__(self, noun: str, limit: int) -> None:
         self.noun, self.limit = noun, limit
@@ -41,6 +42,8 @@ MAX_FRAMES: Final = 100_000  # of a recording
 MAX_FIELD: Final = 131_072  # characters between two commas of a table: the limit of the csv module
 MAX_NESTING: Final = 32  # of tables and lists in each other, and of the parts of a dotted key
 MAX_MEMBERS: Final = 1_000  # of an archive
+MAX_ELEMENTS: Final = 2 * _MB  # of an XML file
+MAX_POINTS: Final = 200_000  # of a path
 
 _UNUSUAL: Final = (
     (stat.S_ISDIR, "a folder"),

@@ -150,7 +150,7 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
     options, roughness = scenario.surface, None
     if options.roughness != "none" or options.potholes > 0.0:
         profile_rng, holes_rng = rng.spawn(2)  # separate streams: neither depends on the other
-        line, half_width = course.centreline, course.road_half_width
+        line, half_width = course.centreline, float(np.min(course.road_half_width))
         roughness = Roughness(
             profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
             potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
@@ -158,10 +158,11 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
     wind = scenario.wind
     return Surface(
         gust=Gust(speed=wind.speed, start=wind.start, length=wind.length, edge=wind.edge) if wind.speed else None,
-        friction=ground_friction(options, course.centreline),
+        friction=ground_friction(options, course.centreline, course.friction),
         cross_fall=options.cross_fall,
         grade=options.grade,
         centre=course.surface_centre,
+        relief=course.relief,
         roughness=roughness,
     )
 

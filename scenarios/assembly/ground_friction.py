@@ -14,17 +14,18 @@ from vehicle.surface import Friction, FrictionImage, PatchedFriction, SplitFrict
 from vehicle.surface.friction import Patch
 
 
-def ground_friction(options: SurfaceOptions, centreline: FloatArray) -> Friction:
-    """The friction of the ground around a road with that centreline (n, 2) [m].
+def ground_friction(options: SurfaceOptions, centreline: FloatArray, measured: Friction | None = None) -> Friction:
+    """The friction of the ground around a road with that centreline (n, 2) [m]; ``measured`` replaces the uniform one.
 
     Raises:
         ValueError: one line, if the image cannot be read.
     """
-    friction: Friction = options.friction
+    friction: Friction = options.friction if measured is None else measured
     left, right = options.friction_left, options.friction_right
     if left is not None or right is not None:
-        left, right = (options.friction if side is None else side for side in (left, right))
-        friction = SplitFriction(left, right, line=centreline)
+        friction = SplitFriction(
+            friction if left is None else left, friction if right is None else right, line=centreline
+        )
     if options.friction_image is not None:
         friction = FrictionImage(
             _image_values(options.friction_image, options.friction_image_black, options.friction_image_white),

@@ -90,7 +90,7 @@ def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np
         road_half_width=half_width,
         surface=surface,
         scenery_density=options.scenery_density,
-        clearance=max(_SCENERY_CLEARANCE, half_width),
+        clearance=max(_SCENERY_CLEARANCE, float(np.max(half_width))),
         sun_azimuth=None if azimuth is None else math.radians(azimuth),
         sun_elevation=None if elevation is None else math.radians(elevation),
         overcast=options.overcast,

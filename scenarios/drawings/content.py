@@ -15,7 +15,7 @@ from scenarios.drawings import shapes
 from scenarios.drawings.shapes import Drawing, Shape, unit_layer
 from scenarios.results.swept_path import UnitOutline, placed, placed_wheels
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length, rows_every
+from vehicle.polyline import arc_length, rows_every, sides
 from vehicle.user_file import shown
 
 EVERY: Final = 5.0  # distance between the drawn places of the vehicle, by default [m]
@@ -42,7 +42,7 @@ class DrivenPath:
     front_axle_x: float  # foremost steered axle of the tractor [m]
     course: FloatArray | None = None  # (m, 2) path of the guided point [m]
     road: FloatArray | None = None  # (m, 2) middle of the road [m]
-    road_half_width: float = math.nan  # [m]
+    road_half_width: float | FloatArray = math.nan  # everywhere, or (m,) at the points of its middle [m]
 
 
 def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:
@@ -69,7 +69,7 @@ def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:
 
 
 def _shapes(driven: DrivenPath, every: float) -> Iterator[Shape]:
-    if driven.road is not None and math.isfinite(driven.road_half_width):
+    if driven.road is not None and np.isfinite(driven.road_half_width).all():
         yield from _areas(_road_area(driven.road, driven.road_half_width), shapes.ROAD)
         yield Shape(layer=shapes.ROAD_CENTRE, points=driven.road, closed=False)
     yield from _areas(_swept_area(driven), shapes.SWEPT)
@@ -125,7 +125,11 @@ def _moved(poses: FloatArray) -> FloatArray:
     return rows
 
 
-def _road_area(centre: FloatArray, half_width: float) -> Any:
+def _road_area(centre: FloatArray, half_width: float | FloatArray) -> Any:
+    if isinstance(half_width, np.ndarray):
+        left, right = sides(centre, half_width)
+        pieces = np.stack([left[:-1], left[1:], right[1:], right[:-1]], axis=1)
+        return _shapely().union_all(_shapely().convex_hull(_shapely().polygons(pieces))).simplify(_SMOOTH)
     return _shapely().LineString(centre).buffer(half_width, cap_style="flat").simplify(_SMOOTH)
 
 

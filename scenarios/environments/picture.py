@@ -47,7 +47,7 @@ class TopView:
         picture = blank(_SIZE, _SIZE)
         x, y, psi = poses[0]
         centre = np.array([x - _BACK * np.cos(psi), y - _BACK * np.sin(psi)])
-        width = round(2.0 * course.road_half_width * _SCALE)
+        width = round(2.0 * float(np.max(course.road_half_width)) * _SCALE)
         curve(picture, _pixels(course.centreline, centre), _ROAD, width)
         curve(picture, _pixels(course.path.points(0.5), centre), TRUE, 1)
         for unit, pose, angles in zip(self._units, poses, steer, strict=True):

@@ -111,7 +111,7 @@ class CourseJudge:
         tractor = parts.vehicle.units[0]
         # A tractor on another part of the road, after a crossing or the wrong exit, is not on its course any more. On
         # the right part of the road every point of the tractor is nearer to the path than this.
-        self._astray = parts.course.road_half_width + tractor.front_x - tractor.rear_x  # [m]
+        self._astray = float(np.max(parts.course.road_half_width)) + tractor.front_x - tractor.rear_x  # [m]
         self._recorded = RecordedDrive(parts.trace) if parts.trace else None
         self._parts = parts
         self._station = 0.0  # of the guided point along the course [m]

@@ -36,8 +36,13 @@ class Referee:
     Trailers may leave the road: a long one cuts in by metres on a roundabout and may use its inside.
     """
 
-    def __init__(self, vehicle: Vehicle, road: FloatArray | None = None, road_half_width: float = math.inf) -> None:
-        """Create a referee; ``road`` is a centre line (n, 2) [m] with points no farther apart than the road is wide."""
+    def __init__(
+        self, vehicle: Vehicle, road: FloatArray | None = None, road_half_width: float | FloatArray = math.inf
+    ) -> None:
+        """Create a referee; ``road`` is a centre line (n, 2) [m] with points no farther apart than the road is wide.
+
+        Its half width is one number, or (n,) at the points of the line [m].
+        """
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
         self._road = None if road is None else KDTree(road)
@@ -72,8 +77,9 @@ class Referee:
         x, y, psi = truth.poses[0].tolist()
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        distance, _ = self._road.query(wheels)
-        return bool(np.any(distance > self._half_width))
+        distance, nearest = self._road.query(wheels)
+        limit = self._half_width[nearest] if isinstance(self._half_width, np.ndarray) else self._half_width
+        return bool(np.any(distance > limit))
 
 
 def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:

@@ -171,6 +171,7 @@ def _result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         road_half_width=parts.course.road_half_width,
         circle_centre=parts.course.surface_centre,
         arcs=parts.course.arcs,
+        path_deviation=parts.course.deviation,
         timing=session.stopwatch.timing(session.tick * TICK),
         frames=_camera_frames(session),
         manifest={

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 
 from pydantic import Field
 
 from scenarios import courses
-from scenarios.options.base import Options, option, quantity
+from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.roads.path_file import read_path
+from scenarios.roads.road_course import Fit, Guided, road_course
 from vehicle.combination.description import Unit
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
+_SHORTEST: Final = 10.0  # path of a combination [m]
 
 
 class CourseOptions(Options):
@@ -181,6 +186,41 @@ class SegmentsOptions(CourseOptions):
         return courses.turns(front_x=tractor.front_x, width=tractor.width, sequence=table, entry=self.entry)
 
 
+class _FileOptions(CourseOptions):
+    """Keys of the courses from files."""
+
+    file: FullPath = option("File of the course.")
+    guided: Guided = option(
+        "Point that follows the path: the middle of the first steered axle, the middle of the front, or the front "
+        "corner on the outer side of the path's tighter bends.",
+        "steered_axle",
+    )
+    smoothing: float = quantity(8.0, "m", 1.0, 200.0, "Length of bends that are smoothed out as noise of the points.")
+    tolerance: float = quantity(0.1, "m", 0.001, 10.0, "Largest distance of a point from the smooth path.")
+    width: float = quantity(9.0, "m", 2.5, 100.0, "Width of the road where the file does not say.")
+    heights: bool = option("Drive over the heights and banks of the file; false: on level ground.", True)
+
+    @property
+    def fit(self) -> Fit:
+        """How the path is fitted to the points."""
+        return Fit(
+            source=f"course.file = {self.file}", smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST
+        )
+
+
+class PathOptions(_FileOptions):
+    """Along the points of a file: CSV with x, y (and z, bank, left_width, right_width, friction), GPX or GeoJSON."""
+
+    kind: Literal["path"] = option("Kind of the course.")
+
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Build the course for a tractor at a set speed [m/s]."""
+        points = read_path(Path(self.file))
+        if not self.heights:
+            points = replace(points, heights=None, banks=None)
+        return road_course(points, self.fit, tractor, self.guided, self.width)
+
+
 def outer_wall(tractor: Unit) -> float:
     """Lateral distance from the centre line to the outer walls of the tractor's first steered tyres [m]."""
     return 0.5 * (tractor.steered_axles[0].track + _TYRE_WIDTH)
@@ -195,6 +235,7 @@ COURSES: Final = (
     LaneChangeOptions,
     StraightOptions,
     SegmentsOptions,
+    PathOptions,
 )
 if TYPE_CHECKING:
     CourseTable = CourseOptions

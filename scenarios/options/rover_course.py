@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 
 from pydantic import Field
 
 from controllers.path import Path, Segment, arc, line
-from scenarios.options.base import Options, option, quantity
+from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.roads.path_file import read_path
+from scenarios.roads.road_course import Fit, fitted_path
 from vehicle.frames import Pose2
 
 _START: Final = Pose2(0.0, 0.0, 0.0)
 _RAMP: Final = 0.3  # length of a curvature ramp: the wheels have 4 s at 8 cm/s to turn [m]
+_SHORTEST: Final = 0.5  # path of a file [m]
+_LONGEST: Final = 200.0  # as of the straight [m]
+_TIGHTEST: Final = 1.0 - 1e-2  # radius, as of the arc, less what a fit may be tighter [m]
 
 
 class RoverCourseOptions(Options):
@@ -62,6 +68,31 @@ class RoverArcOptions(RoverCourseOptions):
         return Path(_START, (line(self.straight), *_turn(self.radius, math.radians(self.turn_deg))))
 
 
+class RoverPathOptions(RoverCourseOptions):
+    """Along the points of a file: CSV with x and y, GPX or GeoJSON; heights are those of ``surface``."""
+
+    kind: Literal["path"] = option("Kind of the path.")
+    file: FullPath = option("File of the path.")
+    smoothing: float = quantity(0.5, "m", 0.05, 20.0, "Length of bends that are smoothed out as noise of the points.")
+    tolerance: float = quantity(0.02, "m", 0.001, 1.0, "Largest distance of a point from the smooth path.")
+
+    def path(self) -> Path:
+        """Build the path of R's origin; it starts at W's origin along x."""
+        source = f"course.file = {self.file}"
+        fit = Fit(source=source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)
+        fitted = fitted_path(read_path(FilePath(self.file)), fit)[0].path
+        if fitted.length > _LONGEST:
+            raise ValueError(f"{source}: the path is {fitted.length:.4g} m long: must be at most {_LONGEST:g} m")
+        bends = [abs(segment.start_curvature) for segment in fitted.segments]
+        tightest = bends.index(max(bends))
+        if bends[tightest] > 1.0 / _TIGHTEST:
+            raise ValueError(
+                f"{source}: at {fitted.stations[tightest]:.2f} m the path has a radius of {1.0 / bends[tightest]:.2f} "
+                f"m: must be at least {_TIGHTEST:g} m"
+            )
+        return Path(_START, fitted.segments)
+
+
 def _turn(radius: float, turn: float) -> tuple[Segment, ...]:
     """A turn by ``turn`` [rad] in all: ramp, arc, ramp."""
     curvature = math.copysign(1.0 / radius, turn)
@@ -71,7 +102,7 @@ def _turn(radius: float, turn: float) -> tuple[Segment, ...]:
     return (Segment(ramp, 0.0, curvature), *middle, Segment(ramp, curvature, 0.0))
 
 
-ROVER_COURSES: Final = (RoverStraightOptions, RoverFigureOfEightOptions, RoverArcOptions)
+ROVER_COURSES: Final = (RoverStraightOptions, RoverFigureOfEightOptions, RoverArcOptions, RoverPathOptions)
 if TYPE_CHECKING:
     RoverCourseTable = RoverCourseOptions
 else:

@@ -15,7 +15,7 @@ from scenarios.results.log import LOST
 from scenarios.results.run_result import RunResult, error_of_estimate
 from scenarios.results.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length, rows_every
+from vehicle.polyline import arc_length, rows_every, sides
 
 _ROAD = "#eef0f2"
 _DASHED = (0, (3, 2))
@@ -48,12 +48,10 @@ def _combination(ax: Axes, result: RunResult, poses: list[FloatArray]) -> None:
         ax.add_collection(PolyCollection(list(tyres), facecolor=plots.INK, linewidth=0.0, zorder=3))
 
 
-def _band(centre_line: FloatArray, half_width: float) -> FloatArray:
+def _band(centre_line: FloatArray, half_width: float | FloatArray) -> FloatArray:
     """Outline of a road, shape (2 n, 2)."""
-    along = np.gradient(centre_line, axis=0)
-    along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]  # repeated points have no direction
-    left = half_width * np.column_stack([-along[:, 1], along[:, 0]])
-    return np.concatenate([centre_line + left, (centre_line - left)[::-1]])
+    left, right = sides(centre_line, half_width)
+    return np.concatenate([left, right[::-1]])
 
 
 def off_tracking(result: RunResult) -> Figure:

@@ -20,7 +20,7 @@ from scenarios.results.metrics import peak
 from scenarios.results.run_result import RunResult
 from scenarios.results.swept_path import placed, placed_wheels
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length
+from vehicle.polyline import arc_length, sides
 
 _ROAD, _SWEPT, _BODY = (236, 239, 241), (207, 224, 241), (250, 251, 252)
 _KEY = 36  # [px] height of the key at the top
@@ -98,10 +98,16 @@ class _PlanView:
 
     def _road(self, picture: canvas.Picture, centre: FloatArray) -> None:
         near = np.hypot(*(self.result.road - centre).T) < self._reach
+        half_width = self.result.road_half_width
+        if isinstance(half_width, np.ndarray):
+            rows = np.flatnonzero(near[1:])
+            left, right = (self._pixels(side, centre) for side in sides(self.result.road, half_width))
+            for piece in np.stack([left[rows], left[rows + 1], right[rows + 1], right[rows]], axis=1):
+                canvas.fill(picture, piece, _ROAD)
+            return
         for leg in np.split(self.result.road, np.flatnonzero(np.diff(near.astype(np.int8))) + 1):
-            pixels = self._pixels(leg, centre)
             if len(leg) > 1 and np.hypot(*(leg - centre).T).min() < self._reach:
-                canvas.curve(picture, pixels, _ROAD, max(1, round(2.0 * self.result.road_half_width * self.scale)))
+                canvas.curve(picture, self._pixels(leg, centre), _ROAD, max(1, round(2.0 * half_width * self.scale)))
 
     def _swept(self, picture: canvas.Picture, centre: FloatArray, rows: NDArray[np.intp]) -> None:
         for unit, poses in zip(self.result.units, self.poses, strict=True):

@@ -33,6 +33,8 @@ def _trailer_summary(result: RunResult) -> Summary:
         "odometry": _odometry(result),
         "timing": timing_numbers(result.timing),
     }
+    if result.path_deviation is not None:
+        numbers["course"] = {"path_deviation_m": number(result.path_deviation)}
     return numbers | ({"trailers": trailer_summaries(result)} if len(result.trailers) > 1 else {})
 
 

@@ -41,9 +41,9 @@ def patched(rng: np.random.Generator, road: RoadMap, per_100_m2: float) -> RoadM
     return replace(road, gravel=np.where(road.edge_distance < 0.0, wear, road.gravel).astype(np.float32))
 
 
-def grain_fields(rng: np.random.Generator, line: Centreline, landscape: Landscape, road_half_width: float) -> Instances:
+def grain_fields(rng: np.random.Generator, line: Centreline, landscape: Landscape) -> Instances:
     """Beds of ripe grain on a lattice, clear of the road and within reach of it."""
-    nearest = road_half_width + _VERGE + np.sqrt(0.5) * _BED
+    nearest = line.greatest_half_width + _VERGE + np.sqrt(0.5) * _BED
     low, high = line.points.min(axis=0) - nearest - _REACH, line.points.max(axis=0) + nearest + _REACH
     axes = [np.arange(low[i], high[i], _BED) for i in range(2)]
     places = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)

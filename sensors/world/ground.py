@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay, cKDTree
 from sensors.textures import NoiseArray, fractal_noise
 from sensors.world.shapes import FaceArray, Mesh
 from vehicle.frames import FloatArray
-from vehicle.polyline import dense
+from vehicle.polyline import arc_length, dense
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
@@ -80,21 +80,36 @@ def ground_height(surface: Surface, xy: FloatArray) -> FloatArray:
 
 
 class Centreline:
-    """The road's centreline as dense points, for distances from it."""
+    """The road's centreline as dense points, for distances from it and from the road's edges."""
 
-    def __init__(self, polyline: FloatArray) -> None:
+    def __init__(self, polyline: FloatArray, half_width: float | FloatArray = 0.0) -> None:
+        """Centreline through points (n, 2) of a road; its half width is one number, or (n,) at the points [m]."""
         self.points, self.spacing = dense(polyline, _SPACING)  # (n, 2), [m]
+        self.half_width: float | FloatArray = half_width  # at the dense points
+        if isinstance(half_width, np.ndarray):
+            along = arc_length(polyline)
+            self.half_width = np.interp(np.linspace(0.0, along[-1], len(self.points)), along, half_width)
+        self.greatest_half_width = float(np.max(half_width))  # [m]
         self._tree = cKDTree(self.points)
 
     def distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
         """Distance [m] of xy (..., 2) from the centreline; infinite beyond ``up_to`` [m]."""
         return np.asarray(self._tree.query(xy, distance_upper_bound=up_to)[0], dtype=np.float64)
 
-    def offset(self, by: float) -> FloatArray:
+    def edge_distance(self, xy: FloatArray, up_to: float = np.inf) -> FloatArray:
+        """Distance [m] of xy (..., 2) from the road's edge, negative on the road; at most ``up_to`` from its middle."""
+        if not isinstance(self.half_width, np.ndarray):
+            return np.asarray(np.minimum(self.distance(xy, up_to), up_to) - self.half_width, dtype=np.float64)
+        distance, nearest = self._tree.query(xy, distance_upper_bound=up_to)
+        half_width: FloatArray = np.append(self.half_width, self.greatest_half_width)[nearest]  # the last: none is near
+        return np.asarray(np.minimum(distance, up_to) - half_width, dtype=np.float64)
+
+    def offset(self, by: float | FloatArray) -> FloatArray:
         """Points (n, 2) ``by`` metres to the left of the centreline's points."""
         tangent = np.gradient(self.points, axis=0)
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-        return self.points + by * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        offset: FloatArray = self.points + np.reshape(by, (-1, 1)) * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        return offset
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,19 +124,18 @@ class RoadMap:
     lushness: NoiseArray  # (ny, nx) of the grass, 0..1
 
 
-def road_map(
-    rng: np.random.Generator, centreline: Centreline, road_half_width: float, low: FloatArray, high: FloatArray
-) -> RoadMap:
+def road_map(rng: np.random.Generator, centreline: Centreline, low: FloatArray, high: FloatArray) -> RoadMap:
     """Map of a road along a centreline, without shadows, that covers the box from ``low`` to ``high`` [m]."""
     cell = max(_MAP_CELL, float((high - low).max()) / _MAP_SIDE)
     nx, ny = (scipy.fft.next_fast_len(int(side / cell) + 2, real=True) for side in high - low)
     nodes = np.stack(np.meshgrid(low[0] + cell * np.arange(nx), low[1] + cell * np.arange(ny)), axis=-1)
-    reach = road_half_width + _MAP_REACH
-    edge_distance = np.minimum(centreline.distance(nodes, up_to=reach), reach) - road_half_width
+    reach = centreline.greatest_half_width + _MAP_REACH
+    edge_distance = centreline.edge_distance(nodes, up_to=reach)
     blotches = fractal_noise(rng, (ny, nx), 1.0, (cell / 12.0, 0.4))
     lushness = 0.5 + 0.19 * fractal_noise(rng, (ny, nx), 1.1, (cell / 60.0, cell / 1.5))
     off_road = 0.40 + 0.13 * blotches + 0.2 * (0.5 - lushness) + 0.42 * np.clip(1.4 - edge_distance, 0.0, 1.0)
-    wheels = np.clip(1.0 - np.abs(np.abs(edge_distance + road_half_width) - 1.0) / 0.6, 0.0, 1.0)
+    middle = edge_distance + centreline.greatest_half_width  # distance from it, of a road of one width
+    wheels = np.clip(1.0 - np.abs(np.abs(middle) - 1.0) / 0.6, 0.0, 1.0)
     worn = 0.5 + 0.15 * blotches + 0.15 * wheels
     return RoadMap(
         origin=low,

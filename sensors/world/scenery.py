@@ -123,13 +123,13 @@ class Site:
         )
 
 
-def kerbs(site: Site, road_half_width: float) -> Instances:
+def kerbs(site: Site) -> Instances:
     """Kerb stones along the outline of the road, without those inside another arm of the road."""
     stone = things.kerb_stone()
     places, yaws = [np.empty((0, 2))], [np.empty(0)]
     for side in (1.0, -1.0):
-        ends = _equidistant(site.centreline.offset(side * road_half_width), things.KERB_LENGTH)
-        outside = site.centreline.distance(ends) > road_half_width - 0.02
+        ends = _equidistant(site.centreline.offset(side * site.centreline.half_width), things.KERB_LENGTH)
+        outside = site.centreline.edge_distance(ends) > -0.02
         on_outline = outside[1:] & outside[:-1]
         chord = np.diff(ends, axis=0)
         yaw = np.arctan2(chord[:, 1], chord[:, 0])

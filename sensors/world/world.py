@@ -59,7 +59,7 @@ def build_world(
     *,
     rng: np.random.Generator,
     centreline: FloatArray,
-    road_half_width: float,
+    road_half_width: float | FloatArray,
     surface: Surface,
     scenery_density: float,
     clearance: float,
@@ -74,7 +74,7 @@ def build_world(
     Args:
         rng: of everything random.
         centreline: polyline (n, 2) of the road's middle [m]; it may meet and cross itself.
-        road_half_width: [m].
+        road_half_width: everywhere, or (n,) at the points of the centreline [m].
         surface: shape of the ground up to 100 m beyond the centreline's bounding box.
         scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
         clearance: distance from the centreline within which only kerb stones stand [m].
@@ -90,16 +90,16 @@ def build_world(
     _check(centreline, road_half_width, scenery_density, clearance)
     low, high = centreline.min(axis=0), centreline.max(axis=0)
     landscape = Landscape(rng, surface, low, high)
-    line = Centreline(centreline)
+    line = Centreline(centreline, road_half_width)
     chance = rng.uniform(0.0, 2.0 * np.pi)
     light = daylight(chance, azimuth=sun_azimuth, elevation=sun_elevation, overcast=overcast)
     scenery: list[Instances] = []
     if scenery_density > 0.0:
         site = Site(rng, line, landscape, clearance, scenery_density)
-        scenery = [kerbs(site, road_half_width), *planted(site)]
+        scenery = [kerbs(site), *planted(site)]
     if grain:
-        scenery.append(grain_fields(rng, line, landscape, road_half_width))
-    road = road_map(rng, line, road_half_width, low - _MAP_MARGIN, high + _MAP_MARGIN)
+        scenery.append(grain_fields(rng, line, landscape))
+    road = road_map(rng, line, low - _MAP_MARGIN, high + _MAP_MARGIN)
     if tarmac_patches > 0.0:
         road = patched(rng, road, tarmac_patches)
     return World(
@@ -115,15 +115,18 @@ def build_world(
     )
 
 
-def _check(centreline: FloatArray, road_half_width: float, scenery_density: float, clearance: float) -> None:
+def _check(
+    centreline: FloatArray, road_half_width: float | FloatArray, scenery_density: float, clearance: float
+) -> None:
     if centreline.ndim != 2 or centreline.shape[1] != 2 or len(centreline) < 2:
         raise ValueError(f"centreline of shape {centreline.shape} must be (n, 2) with n >= 2 points [m]")
-    if road_half_width <= 0.0:
-        raise ValueError(f"road_half_width = {road_half_width} m must be positive")
+    narrowest, widest = float(np.min(road_half_width)), float(np.max(road_half_width))
+    if narrowest <= 0.0:
+        raise ValueError(f"road_half_width = {narrowest} m must be positive")
     if not 0.0 <= scenery_density <= _MAX_DENSITY:
         raise ValueError(f"scenery_density = {scenery_density} must be between 0 and {_MAX_DENSITY:g}")
-    if clearance < road_half_width:
-        raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {road_half_width} m")
+    if clearance < widest:
+        raise ValueError(f"clearance = {clearance} m must be at least road_half_width = {widest} m")
 
 
 def _shadows(road: RoadMap, scenery: list[Instances], sun: FloatArray) -> NDArray[np.float32]:

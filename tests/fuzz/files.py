@@ -31,6 +31,11 @@ def trailer(*pairs: str) -> tuple[str, ...]:
     return run("lane-change", *SHORT, *pairs)
 
 
+def along(file: str) -> tuple[str, ...]:
+    """Arguments of a short run along a file's path."""
+    return run("lane-change", "course.kind=path", f"course.file={file}", "off_tracking=truth", "speed_kmh=20")
+
+
 def rover(*pairs: str) -> tuple[str, ...]:
     """Arguments of a short run of a rover."""
     return run("rover-slope", *SHORT_ROVER, *pairs)
@@ -127,6 +132,9 @@ FILES: Final[Sequence[Read]] = (
     Read("study", FileKind.STUDY, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
     Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
     Read("drive", FileKind.TABLE, "ground", ("drive.csv",), "text", (trailer("driver.trace=drive.csv"),)),
+    Read("path", FileKind.TABLE, "ground", ("path.csv",), "text", (along("path.csv"),)),
+    Read("track", FileKind.ROAD, "ground", ("path.gpx",), "text", (along("path.gpx"),)),
+    Read("line", FileKind.ROAD, "ground", ("path.geojson",), "json", (along("path.geojson"),)),
     Read(
         "height table", FileKind.TABLE, "ground", ("heights.csv",), "text", (rover("surface.height_map=heights.csv"),)
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import shutil
 from collections.abc import Callable, Iterable, Mapping
@@ -75,6 +76,17 @@ def _ground(folder: Path) -> None:
     rows = [f"{0.5 * k},{3 * math.sin(k):.3f},{10 + k % 3},0.1" for k in range(20)]
     (folder / "drive.csv").write_text(
         "\n".join(["time_s,steer_deg,speed_kmh,acceleration", *rows, ""]), encoding="utf-8"
+    )
+    path = [(x, 0.001 * x * x) for x in range(30)]
+    (folder / "path.csv").write_text(
+        "\n".join(["x,y,z,bank,left_width,right_width,friction", *(f"{x},{y},0.1,0.01,4,5,0.7" for x, y in path)]),
+        encoding="utf-8",
+    )
+    earth = [(0.1 + 1.5e-5 * x, 52.2 + 9e-6 * y) for x, y in path]
+    points = "".join(f'<trkpt lon="{lon:.9f}" lat="{lat:.9f}"><ele>30</ele></trkpt>' for lon, lat in earth)
+    (folder / "path.gpx").write_text(f"<gpx><trk><trkseg>{points}</trkseg></trk></gpx>", encoding="utf-8")
+    (folder / "path.geojson").write_text(
+        json.dumps({"type": "LineString", "coordinates": [[lon, lat, 30.0] for lon, lat in earth]}), encoding="utf-8"
     )
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")

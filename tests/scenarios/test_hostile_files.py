@@ -28,6 +28,7 @@ from scenarios.recordings.rover_reader import open_rover_recording
 from scenarios.recordings.sequence import LAYOUTS, find_sequence
 from scenarios.recordings.trajectory import read_kitti_poses
 from scenarios.results.log import read_log
+from scenarios.roads.path_file import read_path
 from scenarios.studies.study import load_study
 from scenarios.training.curve import read_curve
 from scenarios.training.plan import Plan
@@ -100,6 +101,9 @@ OPENED: Final[dict[str, tuple[str, Callable[[Path], object]]]] = {
         lambda path: ground_friction(SurfaceOptions(friction_image=str(path)), np.zeros((2, 2))),
     ),
     "trace": ("drive.csv", read_trace),
+    "path": ("path.csv", read_path),
+    "track": ("path.gpx", read_path),
+    "line": ("path.geojson", read_path),
     "heights": ("heights.npy", lambda path: load_height_map(str(path), 0.1)),
     "heights as text": ("heights.csv", lambda path: load_height_map(str(path), 0.1)),
     "network": ("network.npz", load_network),

@@ -240,14 +240,14 @@ def test_figure_of_eight_comes_back_to_where_it_was() -> None:
 
 def test_grain_stands_beside_the_tarmac_and_patches_lie_on_it() -> None:
     """Beds of crop keep off the tarmac's whole width; mended places change nothing beside it."""
-    line = Centreline(np.array([[0.0, 0.0], [60.0, 0.0]]))
+    line = Centreline(np.array([[0.0, 0.0], [60.0, 0.0]]), 20.0)
     low, high = np.array([-40.0, -60.0]), np.array([100.0, 60.0])
     landscape = Landscape(np.random.default_rng(1), Surface(friction=0.8), low, high)
-    grain = grain_fields(np.random.default_rng(2), line, landscape, 20.0)
+    grain = grain_fields(np.random.default_rng(2), line, landscape)
     assert len(grain.poses) > 100
     clear = line.distance(grain.poses[:, :2, 3]) - grain.thing.radius
     assert clear.min() > 20.0 - 0.5  # ears at the corners reach a little further
-    road = road_map(np.random.default_rng(3), line, 20.0, low, high)
+    road = road_map(np.random.default_rng(3), line, low, high)
     mended = patched(np.random.default_rng(4), road, 6.0)
     on_it = road.edge_distance < 0.0
     assert np.array_equal(mended.gravel[~on_it], road.gravel[~on_it])

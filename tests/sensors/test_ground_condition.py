@@ -141,8 +141,8 @@ def test_friction_decides_the_look(bare_world: World, friction: float, look: int
 def test_every_pothole_is_found_from_all_around_it() -> None:
     """Each node of the map near a hole names it: its middle, its radius and its depth."""
     rng = np.random.default_rng(0)
-    line = Centreline(np.array([[0.0, 0.0], [40.0, 0.0]]))
-    road = road_map(rng, line, 4.0, np.array([-20.0, -20.0]), np.array([60.0, 20.0]))
+    line = Centreline(np.array([[0.0, 0.0], [40.0, 0.0]]), 4.0)
+    road = road_map(rng, line, np.array([-20.0, -20.0]), np.array([60.0, 20.0]))
     holes = Potholes(np.array([5.0, 30.1]), np.array([1.0, -2.2]), np.array([0.9, 0.4]), np.array([0.08, 0.03]))
     table = condition_of(Surface(friction=0.8, roughness=Roughness(potholes=holes)), road).holes
     assert table is not None

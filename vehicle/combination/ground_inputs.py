@@ -32,7 +32,7 @@ class SurfaceLookup:
 
     def __init__(self, surface: Surface, vehicle: Vehicle) -> None:
         self._surface = surface
-        self._is_plane = surface.centre is None
+        self._is_plane = surface.is_plane
         self._is_uniform, self._is_smooth = surface.is_uniform, surface.is_smooth
         self._at = Kinematics(*slices(kinematics_sizes(vehicle)))
         self._inputs = GroundInputs(*slices(ground_input_sizes(vehicle)))

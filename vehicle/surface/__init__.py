@@ -4,6 +4,7 @@ from vehicle.surface.friction import (
     Friction,
     FrictionImage,
     FrictionMap,
+    LineFriction,
     PatchedFriction,
     SplitFriction,
     circle,
@@ -11,6 +12,7 @@ from vehicle.surface.friction import (
 )
 from vehicle.surface.ground import Surface
 from vehicle.surface.gust import Gust
+from vehicle.surface.relief import RoadRelief
 from vehicle.surface.roughness import (
     ROAD_CLASSES,
     Potholes,
@@ -26,8 +28,10 @@ __all__ = [
     "FrictionImage",
     "FrictionMap",
     "Gust",
+    "LineFriction",
     "PatchedFriction",
     "Potholes",
+    "RoadRelief",
     "RoughProfile",
     "Roughness",
     "SplitFriction",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,7 @@ LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres 
 _SPACING = 0.1  # of the points that represent a line: at R = 10 m their error is s^2/8R = 0.1 mm [m]
 
 
+@runtime_checkable  # pydantic checks tables that hold courses
 class FrictionMap(Protocol):
     """Friction coefficient for every position."""
 
@@ -77,6 +78,28 @@ class SplitFriction:
         along = self._tangents[nearest]
         left: NDArray[np.bool_] = along[..., 0] * (y - from_line[..., 1]) > along[..., 1] * (x - from_line[..., 0])
         return left
+
+
+class LineFriction:
+    """Friction that changes along a line, such as a measured road; the nearest point of the line decides.
+
+    Args:
+        values: friction coefficients (n,) at the points.
+        line: points (n, 2) in W [m].
+
+    Raises:
+        ValueError: if a friction is out of range.
+    """
+
+    def __init__(self, values: FloatArray, line: FloatArray) -> None:
+        for name, value in (("lowest of values", values.min()), ("highest of values", values.max())):
+            check_friction(name, float(value))
+        self._values, self._tree = values, cKDTree(line)
+
+    def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Friction coefficient [-] at x, y [m] of one shape."""
+        friction: FloatArray = self._values[self._tree.query(np.stack([x, y], axis=-1))[1]]
+        return friction
 
 
 class FrictionImage:

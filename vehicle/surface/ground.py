@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
 from vehicle.surface.gust import Gust
+from vehicle.surface.relief import RoadRelief
 from vehicle.surface.roughness import Roughness
 
 _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]
@@ -21,7 +22,8 @@ class Surface:
 
     Without a ``centre`` the ground is a plane that rises along W's x by ``grade`` and falls to the right (-y) by
     ``cross_fall``. With one, the cross-fall is conical and falls away from the centre: the adverse camber of a
-    roundabout. ``height`` and ``gradient`` are those of the smooth ground, and ``roughness_at`` the height above it.
+    roundabout. A ``relief`` is added to either. ``height`` and ``gradient`` are those of the smooth ground, and
+    ``roughness_at`` the height above it.
     """
 
     friction: Friction  # peak friction coefficient of tyre and ground [-]
@@ -30,6 +32,7 @@ class Surface:
     centre: tuple[float, float] | None = None  # [m]
     roughness: Roughness | None = None
     gust: Gust | None = None  # wind across the road
+    relief: RoadRelief | None = None  # heights and banks of a road
 
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)
@@ -43,6 +46,11 @@ class Surface:
         return isinstance(self.friction, int | float)
 
     @property
+    def is_plane(self) -> bool:
+        """True if the smooth ground is a plane."""
+        return self.centre is None and self.relief is None
+
+    @property
     def is_smooth(self) -> bool:
         """True if the road has neither roughness nor potholes."""
         return self.roughness is None
@@ -50,6 +58,11 @@ class Surface:
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height of the smooth ground [m] at x, y [m] in W, of any shape."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        height = self._even_height(x, y)
+        return height if self.relief is None else height + self.relief.height(x, y)
+
+    def _even_height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Height of the plane or cone."""
         if self.centre is None:
             return self.grade * x + self.cross_fall * y
         distance = np.sqrt((x - self.centre[0]) ** 2 + (y - self.centre[1]) ** 2 + _APEX_RADIUS**2)
@@ -58,6 +71,11 @@ class Surface:
     def gradient(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Slope (dz/dx, dz/dy) [-] of the smooth ground at x, y [m]; shape (..., 2)."""
         x, y = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
+        slope = self._even_gradient(x, y)
+        return slope if self.relief is None else slope + self.relief.gradient(x, y)
+
+    def _even_gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Slope of the plane or cone."""
         if self.centre is None:
             return np.stack([np.full_like(x, self.grade), np.full_like(x, self.cross_fall)], axis=-1)
         d_x, d_y = x - self.centre[0], y - self.centre[1]

@@ -1,0 +1,1 @@
+"""Courses from files: points of a path, and OpenDRIVE roads."""

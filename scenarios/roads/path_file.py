@@ -1,0 +1,161 @@
+"""Points of a path from a file: CSV of x and y, a GPX track or route, or a GeoJSON line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from scenarios.roads.tangent_plane import tangent_plane
+from vehicle.frames import FloatArray
+from vehicle.parameter_file import nearest
+from vehicle.table_file import Column, open_table
+from vehicle.user_file import MAX_NESTING, MAX_POINTS, FileKind, read_text, shown
+from vehicle.xml_file import Element, read_xml
+
+_COLUMNS: Final = {
+    "x": Column("x", 1e8, "m"),  # any projected coordinates of the earth
+    "y": Column("y", 1e8, "m"),
+    "z": Column("z", 1e4, "m"),
+    "bank": Column("bank", 0.2, "m/m"),  # a plane's limit, surface.cross_fall
+    "left_width": Column("left_width", 100.0, "m"),
+    "right_width": Column("right_width", 100.0, "m"),
+    "friction": Column("friction", 1.5, "-"),
+}
+_LATITUDE, _LONGITUDE = Column("latitude", 90.0, "deg"), Column("longitude", 180.0, "deg")
+_HEIGHT: Final = Column("elevation", 1e4, "m")
+_READABLE: Final = ".csv, .gpx, .geojson or .json"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathPoints:
+    """Points of a path in a plane, and what is known of the road there; None where the file does not say."""
+
+    places: FloatArray  # (n, 2) [m]
+    heights: FloatArray | None = None  # (n,) [m]
+    banks: FloatArray | None = None  # (n,) rise of the road to the left [-]
+    widths: FloatArray | None = None  # (n, 2) of the road to the left and right of the path [m]
+    friction: FloatArray | None = None  # (n,) [-]
+
+
+def read_path(path: Path) -> PathPoints:
+    """Points of a path; the ending of the file's name decides its format.
+
+    Raises:
+        ValueError: one line naming file, place, value and limit.
+    """
+    reader = {".csv": _read_csv, ".gpx": _read_gpx, ".geojson": _read_geojson, ".json": _read_geojson}.get(
+        path.suffix.lower()
+    )
+    if reader is None:
+        raise ValueError(f"{path}: the name of a file of a path must end with {_READABLE}")
+    points = reader(path)
+    count = len(points.places)
+    if not 2 <= count <= MAX_POINTS:
+        raise ValueError(f"{path}: has {count} points: a path must have 2 to {MAX_POINTS}")
+    return points
+
+
+def _read_csv(path: Path) -> PathPoints:
+    table = open_table(path)
+    for name in table.names:
+        if name not in _COLUMNS:
+            raise ValueError(
+                f"{path}: unknown column '{name}'{nearest(name, _COLUMNS)} (the first line names the columns, with "
+                "commas between them)"
+            )
+    wanted = tuple(dict.fromkeys(("x", "y", *table.names)))
+    numbers = table.numbers([_COLUMNS[name] for name in wanted])
+    columns = dict(zip(wanted, numbers.T, strict=True))
+    sides = [name for name in ("left_width", "right_width") if name in columns]
+    if len(sides) == 1:
+        raise ValueError(f"{path}: has a column '{sides[0]}' only: give left_width and right_width, or neither")
+    for name, low in (("left_width", 0.0), ("right_width", 0.0), ("friction", 0.05)):
+        if name in columns and len(numbers) and columns[name].min() < low:
+            line = int(np.argmin(columns[name])) + 2
+            raise ValueError(f"{path}: line {line}: {name} = {columns[name].min():g} must be at least {low:g}")
+    return PathPoints(
+        places=np.column_stack([columns["x"], columns["y"]]),
+        heights=columns.get("z"),
+        banks=columns.get("bank"),
+        widths=np.column_stack([columns[side] for side in sides]) if sides else None,
+        friction=columns.get("friction"),
+    )
+
+
+def _read_gpx(path: Path) -> PathPoints:
+    root = read_xml(path, "gpx")
+    tracks, routes = root.all("trk"), root.all("rte")
+    if len(tracks) + len(routes) != 1:
+        raise ValueError(f"{path}: has {len(tracks)} tracks and {len(routes)} routes: must be one of them")
+    segments = [*routes, *(segment for track in tracks for segment in track.all("trkseg"))]
+    points = [point for segment in segments for point in segment.children if point.name in ("trkpt", "rtept")]
+    return _on_earth(path, [_gpx_point(path, point) for point in points])
+
+
+def _gpx_point(path: Path, point: Element) -> tuple[float, float, float | None]:
+    place = f"{path}: line {point.line}"
+    missing = next((name for name in ("lat", "lon") if name not in point.attributes), None)
+    if missing:
+        raise ValueError(f"{place}: a point has no attribute '{missing}'")
+    height = point.first("ele")
+    return (
+        _LONGITUDE.number(point.attributes["lon"], place),
+        _LATITUDE.number(point.attributes["lat"], place),
+        None if height is None else _HEIGHT.number(height.text, place),
+    )
+
+
+def _read_geojson(path: Path) -> PathPoints:
+    text = read_text(path, FileKind.ROAD)
+    try:
+        table = json.loads(text)
+    except RecursionError:
+        raise ValueError(f"{path}: tables and lists must be nested at most {MAX_NESTING} deep") from None
+    except ValueError as error:  # also an integer of thousands of digits
+        raise ValueError(f"{path}: not JSON: {shown(str(error))}") from None
+    lines = list(_lines(table))
+    if len(lines) != 1:
+        raise ValueError(f"{path}: has {len(lines)} lines (geometries of type LineString): must be one")
+    positions = lines[0].get("coordinates")
+    if not isinstance(positions, list):
+        raise ValueError(f"{path}: the line has no list of coordinates")
+    return _on_earth(path, [_position(path, k, position) for k, position in enumerate(positions, start=1)])
+
+
+def _lines(node: Any) -> Iterator[dict[str, Any]]:
+    """All lines of a GeoJSON object: itself, or those in its features."""
+    features = node.get("features", [node]) if isinstance(node, dict) else []
+    for feature in features if isinstance(features, list) else []:
+        geometry = feature.get("geometry", feature) if isinstance(feature, dict) else None
+        if isinstance(geometry, dict) and geometry.get("type") == "LineString":
+            yield geometry
+
+
+def _position(path: Path, number: int, position: Any) -> tuple[float, float, float | None]:
+    place = f"{path}: point {number}"
+    if not isinstance(position, list) or len(position) < 2:
+        raise ValueError(f"{place}: {shown(repr(position), 40)} must be a list of longitude, latitude and height")
+    longitude, latitude, *height = (repr(value) for value in position[:3])
+    return (
+        _LONGITUDE.number(longitude, place),
+        _LATITUDE.number(latitude, place),
+        _HEIGHT.number(height[0], place) if height else None,
+    )
+
+
+def _on_earth(path: Path, points: Sequence[tuple[float, float, float | None]]) -> PathPoints:
+    """Points by longitude, latitude [deg] and height [m], which all of them or none must have."""
+    if not points:
+        return PathPoints(places=np.empty((0, 2)))
+    known = [height for *_, height in points if height is not None]
+    if known and len(known) < len(points):
+        raise ValueError(f"{path}: {len(known)} of {len(points)} points have a height: give it for all or none")
+    heights = np.array(known) if known else np.zeros(len(points))
+    plan = np.array([point[:2] for point in points])
+    places = tangent_plane(plan[:, 1], plan[:, 0], np.full(len(points), heights.mean()))
+    return PathPoints(places=places, heights=heights if known else None)
