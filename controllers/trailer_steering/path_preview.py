@@ -41,6 +41,9 @@ _OLDEST = 2000  # age at which an estimate is useless and the axles keep their a
 _REACH = 0.75  # half window of the fit to the path at the follow point [m]
 _CROSSOVER = 3.5  # upper limit: age of the estimate, steering and tyres leave no phase above [rad/s]
 _SLIP_TIME = 0.2  # two estimates; slip measured from a single one is too noisy at speed [s]
+# Least time of the slip's low-pass over the speed: four times the lag with which tyres turn a trailer, 1/(4.6 g).
+# A quicker one takes that lag of the own steering for slip, and steers against it: trailers of 8 m weave at 22 km/h.
+_SLIP_YAW = 4.0 * 0.022  # [s2/m]
 _MOST_BIAS = 0.1  # of the integral; the remaining slip is never larger [rad]
 # Distance of the axles behind the hitch below which the loop slows down with its square [m]. The axles of a short
 # trailer push its hitch, and the towing vehicle rocks on its tyres at 1 to 2 Hz; after the delay of 0.3 s the measured
@@ -148,7 +151,8 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         interval = (estimate.tick - before.tick) * TICK
         if estimate.v_x < _MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
-        return 1.0 - math.exp(-interval / max(self._slip_distance / estimate.v_x, _SLIP_TIME))
+        time = max(self._slip_distance / estimate.v_x, _SLIP_TIME, _SLIP_YAW * estimate.v_x)
+        return 1.0 - math.exp(-interval / time)
 
     def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, estimate: OffTracking) -> float:
         """Mean slip of the axles [-] between two estimates."""

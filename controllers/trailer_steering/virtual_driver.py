@@ -9,7 +9,11 @@ off-tracking it is Miao's reformulation, which tolerates slip. Gains are not pub
   angles of all axles have their moment; the group then turns about a common centre with the same moment;
 - on a circle of radius R, perfect path following needs delta = -(x_c - L_f/2)/R, while the path at the distance p ahead
   of the follow point has the lateral offset -p (L_f - p)/(2 R) from the axis. So the proportional gain
-  2 (x_c - L_f/2)/(p (L_f - p)) needs no error in a steady turn: ``gain`` is a multiple of it.
+  2 (x_c - L_f/2)/(p (L_f - p)) needs no error in a steady turn: ``gain`` is a multiple of it;
+- on rolling axles the trailer's yaw integrates the angle, at v/x_c, and turns the previewed point by L_f - p. So the
+  loop crosses over at gain (L_f - p) v/x_c, which grows with speed, while the age of the estimate, the lag of the
+  actuators and that of the tyres do not shrink. From the speed on at which the crossover times the sum of these lags
+  reaches ``_PHASE``, the gain falls so that it stays there: the margin is the same for every trailer and speed.
 
 The kinematic estimate does not include the slip of a sliding tractor. With the driven axle at its friction limit (0.2,
 uphill on a cross-fall of 5 %) the hitch slides downhill, the estimate is wrong by 1.3 m before the trailer is steered
@@ -39,6 +43,11 @@ _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m
 _SMOOTHING = 0.5  # low-pass on the derivative of the error [m]
 _LEAST_LEVER = 0.5  # of x_c - L_f/2 in the proportional gain, for groups near the middle [m]
 _MOST_BIAS = 0.15  # of the integral: slip on ice, with margin [rad]
+_PHASE = 0.7  # crossover times lags, at most: 40 deg of the integrator's 90 deg are spent [rad]
+# Lags of tyres of the usual kind: they roll half a metre until the force is there, and the force needs to turn the
+# trailer's mass, with a cornering stiffness of 4.6 times the load.
+_RELAXATION = 0.5  # [m]
+_YAW_LAG = 0.022  # over the speed: 1/(4.6 g) [s2/m]
 
 
 class VirtualDriverMemory(NamedTuple):
@@ -48,6 +57,7 @@ class VirtualDriverMemory(NamedTuple):
     estimate: OffTracking | None  # newest usable one
     error: float  # previewed error then [m]
     slope: float  # its derivative over the distance, low-passed [-]
+    delay: float  # mean age of the estimate between its arrival and that of the next one [s]
     bias: float  # integral part [rad]
     demand: tuple[float, ...]  # last command [rad]
 
@@ -88,7 +98,7 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
     def init(self) -> VirtualDriverMemory:
         """Memory without any estimate, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return VirtualDriverMemory(None, None, 0.0, 0.0, 0.0, straight)
+        return VirtualDriverMemory(None, None, 0.0, 0.0, 0.0, 0.0, straight)
 
     def step(
         self, memory: VirtualDriverMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
@@ -97,29 +107,39 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
         memory, last = memory._replace(tick=tick), np.array(memory.demand)
         if off_tracking is not None and off_tracking.health is not Health.LOST:
-            memory = self._with_estimate(memory, off_tracking)
+            memory = self._with_estimate(memory, tick, off_tracking)
         wanted, estimate = last, memory.estimate
         if estimate is not None and estimate.v_x >= _CREEP:
             error = self._error(estimate.path, self._preview + estimate.v_x * estimate.age(tick))
-            wanted = self._angles(estimate.hitch_direction, memory, memory.error if error is None else error)
+            share = self._share(estimate.v_x, memory.delay)
+            wanted = self._angles(estimate.hitch_direction, memory, memory.error if error is None else error, share)
         demand = reachable(self._trailer, last, wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
-    def _with_estimate(self, memory: VirtualDriverMemory, estimate: OffTracking) -> VirtualDriverMemory:
+    def _with_estimate(self, memory: VirtualDriverMemory, tick: int, estimate: OffTracking) -> VirtualDriverMemory:
         """Memory with a new estimate: error, derivative and integral."""
         before, error = memory.estimate, self._error(estimate.path, self._preview)
         if error is None or (before is not None and estimate.tick <= before.tick):
             return memory
         if before is None:
             return memory._replace(estimate=estimate, error=error)
-        distance = max(0.0, estimate.v_x) * (estimate.tick - before.tick) * TICK
-        slope, bias = memory.slope, memory.bias
+        interval = (estimate.tick - before.tick) * TICK
+        distance = max(0.0, estimate.v_x) * interval
+        slope, bias, delay = memory.slope, memory.bias, estimate.age(tick) + 0.5 * interval
         if distance > 0.0:
             share = 1.0 - math.exp(-distance / _SMOOTHING)
             slope += share * ((error - memory.error) / distance - slope)
         if min(map(abs, memory.demand)) < self._trailer.max_steer - 1e-6:  # else it waits at the limit of all axles
-            bias = max(-_MOST_BIAS, min(_MOST_BIAS, bias + self._integral * estimate.value * distance))
-        return memory._replace(estimate=estimate, error=error, slope=slope, bias=bias)
+            integral = self._share(estimate.v_x, delay) ** 2 * self._integral  # it stays as far below the crossover
+            bias = max(-_MOST_BIAS, min(_MOST_BIAS, bias + integral * estimate.value * distance))
+        return memory._replace(estimate=estimate, error=error, slope=slope, delay=delay, bias=bias)
+
+    def _share(self, speed: float, delay: float) -> float:
+        """Share of the gain [-] at a speed [m/s] with estimates of this mean age [s]."""
+        speed = max(speed, _CREEP)
+        lag = delay + self._trailer.actuator_lag + _RELAXATION / speed + _YAW_LAG * speed
+        crossover = self._gain * (self._trailer.follow_distance - self._preview) / self._x_c * speed
+        return min(1.0, _PHASE / (crossover * lag)) if crossover > 0.0 else 1.0
 
     def _error(self, path: FloatArray, ahead: float) -> float | None:
         """Lateral offset [m] of a path (n, 2) from the axis, ``ahead`` [m] of the follow point; None if too short."""
@@ -127,9 +147,9 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         passed = crossing(path, arc_length(path), x)
         return None if passed is None else passed.y
 
-    def _angles(self, hitch_direction: float, memory: VirtualDriverMemory, error: float) -> FloatArray:
+    def _angles(self, hitch_direction: float, memory: VirtualDriverMemory, error: float, share: float) -> FloatArray:
         """Angles (n_steered,) [rad] with the moment of the virtual driver's single angle."""
-        angle = self._gain * error + memory.bias + self._derivative * memory.slope
+        angle = share * self._gain * error + memory.bias + self._derivative * memory.slope
         lead, reach = limited_direction(hitch_direction), self._x_c / self._trailer.follow_distance
         follow = (math.tan(limited_direction(angle)) - math.tan(lead) * (1.0 - reach)) / reach
         return self._axles.steer_angles(lead, math.atan(follow), 0.0)

@@ -63,6 +63,32 @@ def test_a_steady_turn_needs_no_error() -> None:
     np.testing.assert_allclose(command.angles, exact, atol=2e-4)
 
 
+@pytest.mark.parametrize("lag", [0.15, 0.4])
+@pytest.mark.parametrize("speed", [2.8, 8.0, 16.0, 28.0])
+def test_the_crossover_leaves_the_same_phase_at_every_speed(speed: float, lag: float) -> None:
+    """A step of the previewed error: angle per error times (L_f - p) v/x_c is the crossover of a rolling trailer.
+
+    Times the delays of 0.1 s and half of 0.1 s, the actuators' lag, and the tyres' it stays below 0.7 rad; at walking
+    pace it is that of a steady turn without error.
+    """
+    trailer = replace(TRAILER, actuator_lag=lag)
+    law = VirtualDriver(trailer, derivative=0.0, integral=0.0)
+    memory, angles = law.init(), np.zeros(3)
+    offset = 0.05
+    path = np.column_stack([-np.linspace(0.0, 20.0, 81), np.full(81, offset)])
+    for tick in range(0, 3000, 20):
+        seen = replace(on_circle(200.0, 100 * (tick // 100)), path=path, hitch_direction=0.0, v_x=speed, v_y=0.0)
+        memory, command = law.step(memory, tick + 100, seen, signals(tick))
+        angles = command.angles
+    distances = np.array(trailer.axle_distances)
+    x_c = float(distances @ distances) / float(distances.sum())
+    single = math.atan(float(distances @ np.tan(angles)) / float(distances.sum()))  # of an axle at x_c
+    crossover = single / offset * 12.5 * speed / x_c
+    steady = 2.0 * (x_c - 7.0) / (1.5 * 12.5) * 12.5 * speed / x_c
+    lags = 0.15 + lag + 0.5 / speed + 0.022 * speed
+    assert crossover == pytest.approx(min(steady, 0.7 / lags), rel=0.02)  # the estimate's age moves the preview
+
+
 def test_round_the_roundabout_it_keeps_within_three_decimetres(drive: Any) -> None:
     """10 km/h, no slip, estimates 0.1 s late: an unsteered trailer is 5 m off, path preview 0.02 m."""
     run = drive(ROUNDABOUT, TRAILER, VirtualDriver(TRAILER))

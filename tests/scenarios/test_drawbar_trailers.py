@@ -23,8 +23,11 @@ from vehicle.surface import Surface
         (centre_axle(3.0), "path_preview", 15.0),  # 11 deg/s
         (centre_axle(8.0, 3), "path_preview", 10.0),  # 3 deg/s
         (full_trailer(4.0), "path_preview", 15.0),
+        (centre_axle(8.0, 3), "path_preview", 25.0),  # 11 deg/s with a quick filter of the slip
+        (centre_axle(8.0, 3), "virtual_driver", 40.0),  # 80 deg/s, steer at its rate limit, with a constant gain
+        (full_trailer(5.0, 2), "virtual_driver", 60.0),  # 110 deg/s
     ],
-    ids=["2 m", "3 m", "8 m", "full"],
+    ids=["2 m", "3 m", "8 m", "full", "8 m fast", "driver", "driver on a full trailer"],
 )
 def test_a_short_trailer_does_not_weave_after_a_turn(vehicle: Vehicle, law: str, kmh: float) -> None:
     """In the last 4 s the yaw rate only settles: to and fro it changes by less than 1 deg/s in all.
@@ -32,7 +35,8 @@ def test_a_short_trailer_does_not_weave_after_a_turn(vehicle: Vehicle, law: str,
     Weaving at 1.3 Hz with 5 deg/s from side to side makes 50 deg/s.
     """
     speed, tractor = kmh / 3.6, vehicle.units[0]
-    sequence = [Turn("left", 13.0, 1.0, 12.0 * speed)]
+    radius = max(13.0, speed**2 / 1.5)  # 0.15 g at most
+    sequence = [Turn("left", radius, max(1.0, 4.0 * speed / radius), 12.0 * speed)]
     course = turns(front_x=tractor.front_x, width=tractor.width, sequence=sequence, entry=15.0)
     end = course.path.knots[-1]
     driven = drive(
