@@ -170,46 +170,26 @@ def turns(*, front_x: float, width: float, sequence: Sequence[Turn], entry: floa
 def corner(
     *,
     wheel_x: float,
-    wheel_y: float,
+    wheel_y: float = 0.0,
     direction: Direction = "left",
     radius: float = _RADIUS,
     turn: float = _QUARTER_TURN,
     entry: float = _ENTRY,
     exit: float = _EXIT,
 ) -> Course:
-    """Straight, arc by ``turn`` [rad], straight; the outer wall of the outer steered tyre is guided.
+    """Straight, arc by ``turn`` [rad], straight; a point of the steered axle is guided.
 
-    This is the low-speed turn of performance-based standards. The wall is at ``wheel_x`` [m] along the tractor, where
-    the steered axle is, and ``wheel_y`` [m] from its centre line.
+    The axle is at ``wheel_x`` [m] along the tractor. Performance-based standards guide the wall of its outer tyre, at
+    ``wheel_y`` [m] from the centre line, and AASHTO its centre.
 
     Raises:
         ValueError: if ``direction`` is neither left nor right, a length is not positive, or the arc is too tight.
     """
     side = _side(direction)
-    _check(wheel_x, wheel_y, radius, entry=entry, exit=exit, turn=turn)
+    _check_positive(wheel_x=wheel_x, radius=radius, entry=entry, exit=exit, turn=turn)
+    _check_radius(radius, wheel_x, wheel_y)
     segments = (line(entry), arc(radius * turn, side / radius), line(exit))
     return _course((wheel_x, -side * wheel_y), segments)
-
-
-def axle_turn(
-    *,
-    axle_x: float,
-    direction: Direction = "left",
-    radius: float = _RADIUS,
-    turn: float = _QUARTER_TURN,
-    entry: float = _ENTRY,
-    exit: float = _EXIT,
-) -> Course:
-    """Straight, arc by ``turn`` [rad], straight; the centre of the first steered axle is guided, at ``axle_x`` [m].
-
-    Raises:
-        ValueError: if ``direction`` is neither left nor right, a length is not positive, or the arc is too tight.
-    """
-    side = _side(direction)
-    _check_positive(axle_x=axle_x, radius=radius, entry=entry, exit=exit, turn=turn)
-    if radius <= axle_x:
-        raise ValueError(f"radius = {radius} m must exceed {axle_x:.2f} m: no tractor turns about its own wheel")
-    return _course((axle_x, 0.0), (line(entry), arc(radius * turn, side / radius), line(exit)))
 
 
 def lane_change(
@@ -305,6 +285,10 @@ def _side(direction: Direction) -> float:
 
 def _check(front_x: float, width: float, radius: float, **lengths: float) -> None:
     _check_positive(front_x=front_x, width=width, radius=radius, **lengths)
+    _check_radius(radius, front_x, width)
+
+
+def _check_radius(radius: float, front_x: float, width: float) -> None:
     tightest = math.hypot(front_x, width)
     if radius <= tightest:
         raise ValueError(f"radius = {radius} m must exceed {tightest:.2f} m: no tractor turns about its own wheel")

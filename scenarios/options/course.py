@@ -83,10 +83,9 @@ class ConstantSlipOptions(CourseOptions):
         return courses.straight(front_x=tractor.front_x, length=self.length)
 
 
-class TurnOptions(CourseOptions):
-    """The low-speed turn of performance-based standards: the outer steered tyre's wall on an arc, tangent both ends."""
+class CornerOptions(CourseOptions):
+    """Base class of the low-speed turns: a point of the foremost steered axle on an arc, tangent both ends."""
 
-    kind: Literal["turn"] = option("Kind of the course.")
     direction: Literal["left", "right"] = option("Direction of the turn.", "left")
     radius: float = quantity(12.5, "m", 8.0, 100.0, "Radius of the arc of the outer steered tyre's wall.")
     turn_deg: float = quantity(90.0, "deg", 10.0, 180.0, "Angle of the turn.")
@@ -97,7 +96,7 @@ class TurnOptions(CourseOptions):
         """Build the course for a tractor at a set speed [m/s]."""
         return courses.corner(
             wheel_x=tractor.steered_axles[0].x,
-            wheel_y=outer_wall(tractor),
+            wheel_y=self.guided_y(tractor),
             direction=self.direction,
             radius=self.radius,
             turn=math.radians(self.turn_deg),
@@ -105,27 +104,31 @@ class TurnOptions(CourseOptions):
             exit=self.exit,
         )
 
+    def guided_y(self, tractor: Unit) -> float:
+        """Distance of the guided point from the axle's centre, to the outside of the turn [m]."""
+        raise NotImplementedError
 
-class AxleTurnOptions(CourseOptions):
+
+class TurnOptions(CornerOptions):
+    """The low-speed turn of performance-based standards: the outer steered tyre's wall on an arc, tangent both ends."""
+
+    kind: Literal["turn"] = option("Kind of the course.")
+
+    def guided_y(self, tractor: Unit) -> float:
+        """Distance of the outer wall."""
+        return outer_wall(tractor)
+
+
+class AxleTurnOptions(CornerOptions):
     """The turn of AASHTO's design vehicles and the CTSW study: the front axle's centre on an arc, tangent both ends."""
 
     kind: Literal["axle-turn"] = option("Kind of the course.")
-    direction: Literal["left", "right"] = option("Direction of the turn.", "left")
     radius: float = quantity(12.497, "m", 8.0, 100.0, "Radius of the front axle's centre; 12.497 m is 41 ft.")
     turn_deg: float = quantity(90.0, "deg", 10.0, 360.0, "Angle of the turn; AASHTO's templates have up to 180.")
-    entry: float = quantity(30.0, "m", 20.0, 500.0, "Straight before the turn.")
-    exit: float = quantity(35.0, "m", 5.0, 500.0, "Straight after the turn.")
 
-    def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Build the course for a tractor at a set speed [m/s]."""
-        return courses.axle_turn(
-            axle_x=tractor.steered_axles[0].x,
-            direction=self.direction,
-            radius=self.radius,
-            turn=math.radians(self.turn_deg),
-            entry=self.entry,
-            exit=self.exit,
-        )
+    def guided_y(self, tractor: Unit) -> float:
+        """Nothing: the centre itself."""
+        return 0.0
 
 
 class LaneChangeOptions(CourseOptions):

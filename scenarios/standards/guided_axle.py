@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from scenarios.assembly.adapters import outlines
-from scenarios.courses import Course, axle_turn
+from scenarios.courses import Course, corner
 from scenarios.results.swept_path import inner_radius, tail_swings
 from scenarios.standards.conditions import STANDARD, Conditions
 from scenarios.standards.low_speed import STRAIGHTENING, driven_slowly, path_error, slow_drive
@@ -49,8 +49,8 @@ def _turn(
     name: str, title: str, angle: float, vehicle: Vehicle, trailer_steering: str, conditions: Conditions
 ) -> Manoeuvre:
     radius = conditions.radius_or(RADIUS)
-    course = axle_turn(
-        axle_x=vehicle.units[0].steered_axles[0].x,
+    course = corner(
+        wheel_x=vehicle.units[0].steered_axles[0].x,
         direction=conditions.hand,
         radius=radius,
         turn=math.radians(angle),

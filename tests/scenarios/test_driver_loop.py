@@ -9,7 +9,7 @@ import pytest
 
 from controllers.driver import PreviewDriver
 from scenarios.assembly.tractor_data import tractor_guided_at
-from scenarios.courses import axle_turn, lane_change, straight
+from scenarios.courses import corner, lane_change, straight
 from scenarios.standards.motion import amplification, lateral_acceleration, point_path
 from scenarios.standards.proving_ground import drive
 from scenarios.standards.theory import linear_figures
@@ -100,7 +100,7 @@ def test_curves_are_driven_without_weaving_on_any_tyre(law: str, kmh: float, lat
     x = vehicle.units[0].steered_axles[0].x
     radius = speed**2 / (lateral * GRAVITY) if lateral else 12.5
     turn = min(math.tau, 6.0 * speed / radius) if lateral else 0.5 * math.tau
-    course = axle_turn(axle_x=x, radius=radius, turn=turn, entry=20.0, exit=5.0 * speed + 10.0)
+    course = corner(wheel_x=x, radius=radius, turn=turn, entry=20.0, exit=5.0 * speed + 10.0)
     end = course.path.pose(course.length)
     log = drive(
         vehicle,
