@@ -153,7 +153,9 @@ CRITERIA: Final = (
         source="from memory: ISO 14791, single lane change; the path of the front axle within 150 mm",
     ),
     Criterion("transient_off_tracking_m", _PBS, _levels(0.6, 0.8, 1.0, 1.2), source=_pbs("C13")),
-    Criterion("tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_pbs("C5")),
+    Criterion(
+        "tracking_width_m", _PBS, _levels(2.9, 3.0, 3.1, 3.3), source=_pbs("C5", "; the 99th percentile of the width")
+    ),
     Criterion("yaw_damping", _PBS, _single(0.15), at_most=False, source=_pbs("C14")),
     Criterion(
         "rollover_threshold_g", _PBS, (("dangerous goods", 0.40), ("general", 0.35)), at_most=False, source=_pbs("C11")
