@@ -12,13 +12,14 @@ import shutil
 import sys
 import time
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from tests.fuzz.case import LARGEST, SLOWEST, Case
 from tests.fuzz.draw import drawn
 from tests.fuzz.drawn_environments import environment_uses
 from tests.fuzz.drawn_scenarios import scenario_runs, studies
-from tests.fuzz.files import FILES, hostile_files
+from tests.fuzz.files import FILES, Read, hostile_files
 from tests.fuzz.pool import Tried, try_all
 from tests.fuzz.specimens import make
 
@@ -37,12 +38,13 @@ def main() -> int:
     arguments = parser.parse_args()
     out = arguments.out.resolve() / time.strftime("%Y%m%d-%H%M%S")
     print(f"seed {arguments.seed}; finds go to {out}; making valid files of every kind ...", flush=True)
-    make(out / "specimens", {read.specimen for read in FILES if arguments.only in f"file: {read.name}"} - {""})
+    reads = [read for read in FILES if arguments.only in f"file: {read.name}"]
+    make(out / "specimens", {read.specimen for read in reads} - {""})
     tally = Tally(time.monotonic(), verbose=arguments.verbose)
     until, seed = tally.begin + 60.0 * arguments.minutes, arguments.seed
     try:
         while time.monotonic() < until:
-            cases = [case for case in _round(seed, out / "specimens") if arguments.only in case.kind]
+            cases = [case for case in _round(seed, reads, out / "specimens") if arguments.only in case.kind]
             try_all(
                 cases,
                 out / f"round-{seed}",
@@ -60,14 +62,14 @@ def main() -> int:
     return 1 if tally.finds else 0
 
 
-def _round(seed: int, specimens: Path) -> list[Case]:
+def _round(seed: int, reads: Iterable[Read], specimens: Path) -> list[Case]:
     """Some hundred cases: scenarios and files alternate."""
     scenarios = [
         *drawn(scenario_runs(), 60, seed),
         *drawn(studies(), 20, seed),
         *drawn(environment_uses(), 40, seed),
     ]
-    files = [case for read in FILES for case in drawn(hostile_files(read, specimens), 4, seed)]
+    files = [case for read in reads for case in drawn(hostile_files(read, specimens), 4, seed)]
     size = max(len(scenarios), len(files))
     order = [(k * size // len(cases), case) for cases in (scenarios, files) for k, case in enumerate(cases)]
     return [case for _, case in sorted(order, key=lambda numbered: numbered[0])]
