@@ -13,7 +13,9 @@ class Payload(Frozen):
     mass: Mass
     cg_x: Position
     cg_height: Length
-    length: Annotated[float, quantity("m", gt=0.0, le=40.0, why="no unit is longer than 40 m")]
+    length: Annotated[  # of a box with the load's yaw inertia: beyond the body where the laden unit's inertia needs it
+        float, quantity("m", gt=0.0, le=40.0, why="no unit is longer than 40 m")
+    ]
     width: Length
     height: Length  # of the box; the load bed lies below its centre by half of it
 
