@@ -1,4 +1,4 @@
-"""What `pip install` brings: the wheel, built as it is for a release."""
+"""Content of `pip install`: the wheel, built as it is for a release."""
 
 from __future__ import annotations
 

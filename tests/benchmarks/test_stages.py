@@ -1,4 +1,4 @@
-"""What the stages of the loop cost, side by side in one run: compare them with each other, not with another machine.
+"""Times of the stages of the loop, side by side in one run: compare them with each other, not with another machine.
 
 Each benchmark carries ``share_of_real_time``: its time over the simulated time it is worth. The sum for one camera
 period is the reciprocal of the real-time factor without overlap. Run with ``make benchmarks``.

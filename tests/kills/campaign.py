@@ -57,7 +57,7 @@ SIGNALS = (signal.SIGTERM, signal.SIGKILL, signal.SIGINT)
 
 @dataclass
 class Finding:
-    """What became of a command that was killed, and of the same command after it."""
+    """Outcome of a command that was killed, and of the same command after it."""
 
     command: str
     number: signal.Signals

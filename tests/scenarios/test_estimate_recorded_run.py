@@ -1,4 +1,4 @@
-"""What a run recorded is estimated from again, with the same result."""
+"""Recordings of a run give the estimates of the run again."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ def circle() -> Iterator[Truth]:
 
 
 def test_the_reference_units_off_tracking_is_within_30_mm() -> None:
-    """What de Saxe & Cebon 2018, section 4.1, estimate for theirs; the RMS over seeds of 40 s of drifting each."""
+    """The estimate of de Saxe & Cebon 2018, section 4.1, for theirs; the RMS over seeds of 40 s of drifting each."""
     truths = list(circle())
     exact = 20.0 - np.sqrt(20.0**2 - 14.0**2)  # the circle beside the follow point, left of the axis
     rms = []

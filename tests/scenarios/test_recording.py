@@ -77,7 +77,7 @@ def test_the_projections_reproject(tmp_path: Path, calibration: StereoCalibratio
 
 
 def test_the_rig_is_exact(tmp_path: Path, calibration: StereoCalibration) -> None:
-    """What KITTI has no place for."""
+    """KITTI has no place for it."""
     record(tmp_path / "a", calibration, 1)
     rig = tomllib.loads((tmp_path / "a" / "rig.toml").read_text(encoding="utf-8"))
     np.testing.assert_array_equal(np.array(rig["X_SC"]), calibration.X_SC)

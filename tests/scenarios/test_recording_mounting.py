@@ -1,4 +1,4 @@
-"""What calibration files say, what users say, and what is assumed and said so."""
+"""Mounting of recorded cameras: from calibration files, from users, or assumed and said so."""
 
 from __future__ import annotations
 

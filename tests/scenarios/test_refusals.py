@@ -1,4 +1,4 @@
-"""What a command refuses, it refuses at once: in one line, with exit code 2, and before anything is made."""
+"""Commands refuse at once: in one line, with exit code 2, and before anything is made."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def test_the_page_loads_nothing_from_elsewhere(page: str) -> None:
 
 
 def test_all_sections_are_there(page: str) -> None:
-    """What a reader expects of a run with cameras."""
+    """A reader of a run with cameras expects these."""
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert titles == [
         "Plan view",

@@ -110,7 +110,7 @@ def test_unknown_figure_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_directory_in_use_is_refused_before_any_work(tmp_path: Path) -> None:
-    """What is there is not overwritten."""
+    """An existing file is not overwritten."""
     (tmp_path / "other").write_text("mine")
     result = CliRunner().invoke(APP, ["reina2008-fig6", "--quick", "--out", str(tmp_path)])
     assert result.exit_code == 2

@@ -204,7 +204,7 @@ def test_a_number_is_taken_at_the_start(tmp_path: Path) -> None:
 def test_the_run_is_written_before_its_video_is_drawn(
     camera_run: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What a process leaves that is killed then may be replaced; an interrupt keeps all that is finished."""
+    """Remains of a process that is killed then may be replaced; an interrupt keeps all that is finished."""
     run, seen = tmp_path / "run", list[str]()
 
     def write_video(_: RunResult, target: Path, **__: object) -> None:

@@ -48,7 +48,7 @@ def test_a_slope_carries_an_uncompensated_rover_off_its_path() -> None:
     ("name", "compensation"), [("rover-slope", "crab"), ("rover-slope", "heading"), ("rover-uphill", "heading")]
 )
 def test_a_known_slip_is_made_up_for(name: str, compensation: str) -> None:
-    """What is left are the compass's residual deviation, 0.3 degrees over 3 m, and the onset: 15 mm and some."""
+    """There remain the compass's residual deviation, 0.3 degrees over 3 m, and the onset: 15 mm and some."""
     settings = (*SLOPE, "slip_estimator=truth", f"slip_compensation={compensation}")
     assert aside(driven(name, *settings)) < 0.03
 

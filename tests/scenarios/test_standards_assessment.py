@@ -176,7 +176,7 @@ def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch
 def test_bad_input_ends_in_one_line_and_code_2(
     arguments: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What can be expected to go wrong is refused before anything moves."""
+    """Mistakes that can be expected are refused before anything moves."""
     (tmp_path / "kept.txt").write_text("kept", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     app = typer.Typer()

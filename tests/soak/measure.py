@@ -14,7 +14,7 @@ _SLACK: Final = 4.0  # growth of memory in all that tells nothing: the allocator
 
 
 class Usage(NamedTuple):
-    """What a process holds."""
+    """Memory, descriptors, threads and children of a process."""
 
     memory: float  # resident [MB]
     descriptors: int
@@ -28,7 +28,7 @@ class Usage(NamedTuple):
 
 
 def usage() -> Usage:
-    """What this process holds, after all garbage is returned."""
+    """Memory, descriptors, threads and children of this process, after all garbage is returned."""
     gc.collect()
     ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
@@ -55,7 +55,7 @@ class Soaked(NamedTuple):
     cycles: int  # between the middle and the end
 
     def wrong(self, megabytes: float) -> str | None:
-        """What has grown in the second half, in one line; None if nothing has."""
+        """Growth in the second half, in one line; None if nothing has grown."""
         grown = self.after.memory - self.middle.memory
         if grown > _SLACK + megabytes * self.cycles:
             return f"memory grows by {grown / self.cycles:.2f} MB per cycle, limit {megabytes:g} MB"

@@ -1,4 +1,4 @@
-"""What the soak repeats: each part is something that a program does again and again, and must leave nothing behind."""
+"""Parts of the soak: each is something that a program does again and again, and must leave nothing behind."""
 
 from __future__ import annotations
 
