@@ -124,31 +124,16 @@ def _short(scenario: str) -> str:
 def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
     """Run the study, write its directory and print its table."""
     from scenarios.processes import default_jobs
-    from scenarios.studies.case import identities
-    from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
-    from scenarios.studies.pool import run_cases
-    from scenarios.studies.study import FILE
-    from scenarios.studies.table import rows_of
+    from scenarios.studies.run_study import run_study
 
     directory = out or Path("runs") / title
     with one_line_errors():
         check_number("--jobs", jobs, 1, MOST_JOBS)
-        check_study_directory(directory)
-        cases = study.cases()
-        known = identities(cases)  # refuses invalid scenarios before anything is written
-        with opened_study(directory, FILE, study_text(study, directory)):
-            with progress_display(shown=not (quiet or as_json)) as bar:
-                progress = progress_bar(bar, title)
-                outcomes = run_cases(
-                    cases,
-                    directory / CELLS,
-                    jobs=jobs or default_jobs(),
-                    known=known,
-                    progress=progress,
-                    remark=remark,
-                )
-            rows = rows_of(outcomes)
-            write_study(title, study, outcomes, rows, directory)
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            progress = progress_bar(bar, title)
+            outcomes, rows = run_study(
+                title, study, directory, jobs=jobs or default_jobs(), progress=progress, remark=remark
+            )
     if as_json:
         typer.echo(json.dumps([_plain(row) for row in rows], indent=2))
     elif not quiet:

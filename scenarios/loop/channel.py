@@ -7,7 +7,7 @@ of a message and its delivery, while the loop continues on another core. The res
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
 
 from estimators.checked import check_estimate
@@ -99,6 +99,11 @@ class Stateful(Generic[MemoryT, P, R]):
         """Output of the next step."""
         self._memory, output = self._step(self._memory, *args, **kwargs)
         return output
+
+
+def estimator_thread() -> Executor:
+    """A thread for the estimators of a run; one alone, so that messages stay in order."""
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")
 
 
 class InLine(Executor):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
-from scenarios.loop.channel import Channel, Stateful
+from scenarios.loop.channel import Channel, Stateful, estimator_thread
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.recorded_drive import RecordedDrive
 from scenarios.loop.referee import Referee
@@ -147,16 +147,24 @@ class CourseJudge:
 class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], AbstractContextManager["TrailerSession"]):
     """The closed-loop run of a trailer scenario."""
 
-    def __init__(self, parts: Assembly, *, keep_frames: bool = False, recorder: RecordingWriter | None = None) -> None:
+    def __init__(
+        self,
+        parts: Assembly,
+        *,
+        keep_frames: bool = False,
+        recorder: RecordingWriter | None = None,
+        worker: Executor | None = None,
+    ) -> None:
         """Begin at tick 0 at the start of the course, rolling at set speed.
 
         Args:
             parts: parts of the run.
             keep_frames: keep pictures of the last trailer's left camera for the report.
             recorder: receives the last trailer's stereo frames.
+            worker: runs the estimators, one message after the other; None: a thread of its own.
         """
         self.parts = parts
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
+        self._worker = worker or estimator_thread()
         stopwatch = Stopwatch()
         self.trailers = tuple(SteeredTrailer(trailer, self._worker, stopwatch) for trailer in parts.trailers)
         channels: list[Channel[Truth, Message, OffTrackingEstimate]] = [trailer.channel for trailer in self.trailers]

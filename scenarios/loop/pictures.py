@@ -22,12 +22,28 @@ TruthT = TypeVar("TruthT", bound=Stamped)
 RecorderT = TypeVar("RecorderT")
 
 
+class _Digest:
+    """SHA-256 of images as they come; it can be copied."""
+
+    def __init__(self, sha256: hashlib._Hash | None = None) -> None:
+        self._sha256 = sha256 or hashlib.sha256()
+
+    def update(self, content: bytes) -> None:
+        self._sha256.update(content)
+
+    def hexdigest(self) -> str:
+        return self._sha256.hexdigest()
+
+    def __deepcopy__(self, _: object) -> _Digest:
+        return _Digest(self._sha256.copy())
+
+
 class Pictures(Generic[TruthT, RecorderT]):
     """Pictures kept for reports and videos, and the hash of all images."""
 
     def __init__(self, recorder: RecorderT | None) -> None:
         self._recorder = recorder
-        self._digest = hashlib.sha256()
+        self._digest = _Digest()
         self._kept: list[tuple[int, Future[bytes]]] = []
         self._truths: dict[int, TruthT] = {}  # by tick: a delayed image is recorded with the truth at its capture
 

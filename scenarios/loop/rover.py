@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from typing import Final
 
@@ -11,7 +11,7 @@ from estimators.estimates import SlipAngle
 from estimators.slip.reference import LaserSlip
 from estimators.slip.rover_odometry import RoverOdometry
 from scenarios.assembly.rover import PERIOD, RoverAssembly
-from scenarios.loop.channel import Channel
+from scenarios.loop.channel import Channel, estimator_thread
 from scenarios.loop.pictures import TracePictures
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
@@ -105,7 +105,12 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
     """The closed-loop run of a rover scenario."""
 
     def __init__(
-        self, parts: RoverAssembly, *, keep_frames: bool = False, recorder: RoverRecordingWriter | None = None
+        self,
+        parts: RoverAssembly,
+        *,
+        keep_frames: bool = False,
+        recorder: RoverRecordingWriter | None = None,
+        worker: Executor | None = None,
     ) -> None:
         """Begin at tick 0 at the start of the path, wheels turning for the set speed.
 
@@ -113,9 +118,10 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
             parts: parts of the run.
             keep_frames: keep colour pictures of the camera for the report.
             recorder: receives the camera's views.
+            worker: runs the estimator, one message after the other; None: a thread of its own.
         """
         self.parts = parts
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="estimator")  # one: messages stay in order
+        self._worker = worker or estimator_thread()
         stopwatch = Stopwatch()
         sensing = parts.sensing
         self.channel: Channel[RoverTruth, Message, SlipAngle] = Channel(

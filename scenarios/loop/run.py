@@ -93,7 +93,7 @@ def run(
         session.run(progress)
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
-        return _result(session, inputs)
+        return trailer_result(session, inputs)
 
 
 def run_rover(
@@ -117,21 +117,28 @@ def run_rover(
         session.run(progress)
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
-        return RoverResult(
-            scenario=scenario.name,
-            scenario_toml=scenario.to_toml(),
-            seed=seed,
-            outcome=session.outcome or "unfinished",
-            log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
-            rover=parts.rover.name,
-            path=parts.path.points(_SPACING),
-            rig=parts.rig,
-            timing=session.stopwatch.timing(session.tick * TICK),
-            frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.pictures.frames),
-            manifest={"frames_sha256": session.pictures.sha256 if parts.view else "none"},
-            traceback=session.traceback,
-            inputs=inputs,
-        )
+        return rover_result(session, seed, inputs)
+
+
+def rover_result(session: RoverSession, seed: int, inputs: RunInputs) -> RoverResult:
+    """Result of a rover's run as far as it has come."""
+    parts = session.parts
+    scenario = parts.scenario
+    return RoverResult(
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
+        seed=seed,
+        outcome=session.outcome or "unfinished",
+        log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
+        rover=parts.rover.name,
+        path=parts.path.points(_SPACING),
+        rig=parts.rig,
+        timing=session.stopwatch.timing(session.tick * TICK),
+        frames=tuple(TraceFrame(tick=tick, jpeg=jpeg) for tick, jpeg in session.pictures.frames),
+        manifest={"frames_sha256": session.pictures.sha256 if parts.view else "none"},
+        traceback=session.traceback,
+        inputs=inputs,
+    )
 
 
 def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
@@ -142,7 +149,8 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, roll_axis_height)
 
 
-def _result(session: TrailerSession, inputs: RunInputs) -> RunResult:
+def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
+    """Result of a trailer's run as far as it has come."""
     parts = session.parts
     vehicle = parts.vehicle
     log = run_log(

@@ -115,6 +115,11 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         """Share of the course that is done, 0 to 1."""
         return self._judge.progress
 
+    @property
+    def truth(self) -> TruthT:
+        """Ground truth now."""
+        return self._plant.observe(self._state, self.tick)
+
     def advance(self) -> None:
         """Run the loop once, including the integration to the next row. Exceptions of the parts pass through."""
         with self.stopwatch.timed("total"):

@@ -14,7 +14,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Final
 
-PACKAGES: Final = ("controllers", "estimators", "scenarios", "sensors", "vehicle")  # offtrack
+PACKAGES: Final = ("controllers", "estimators", "offtrack", "scenarios", "sensors", "vehicle")
 
 
 def own_modules(name: str) -> dict[str, Path]:

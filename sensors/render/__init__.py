@@ -69,6 +69,10 @@ class StereoRenderer:
         shared._calibration = calibration
         return shared
 
+    def __deepcopy__(self, _: object) -> StereoRenderer:
+        """The same renderer: OpenGL's objects cannot be copied, and every picture is drawn anew."""
+        return self
+
     @property
     def calibration(self) -> StereoCalibration:
         """Calibration of the rendered cameras."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+PACKAGES = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
 LINT = Path(sys.executable).with_name("lint-imports")
 
 

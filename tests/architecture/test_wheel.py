@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("vehicle", "sensors", "estimators", "controllers", "scenarios")
+PACKAGES = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
 
 
 def test_every_data_file_reaches_the_wheel(tmp_path: Path) -> None:
