@@ -51,6 +51,9 @@ class Motion:
     health: Health
     tracks: NDArray[np.float32]  # (inliers, 4) u, v in the previous and u, v in the current left image [px]
     anchor: Anchor | None = None  # None: C was measured from P
+    # (2, 6) motion from one half of the features less that from the other, in standard deviations of independent
+    # errors: left and right, near and far. None: unknown
+    halves: FloatArray | None = None
 
 
 def lost_motion(tick: int, previous_tick: int, matches: int = 0) -> Motion:

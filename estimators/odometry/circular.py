@@ -20,6 +20,7 @@ from estimators.odometry.point_tracking import Matches, match
 from estimators.odometry.pose import Observations, Solution, point_covariance, refined
 from estimators.odometry.ransac import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
+from estimators.odometry.self_consistency import SelfConsistency, stated
 from estimators.protocol import above_ground
 from estimators.rigid_motion import stretched
 from estimators.stereo_geometry import triangulate
@@ -42,7 +43,8 @@ class OdometryMemory(NamedTuple):
     reference: StereoFrame | None = None
     corners: Points | None = None
     belief: Belief = Belief()
-    noise: float = 0.0  # between the last two frames [grey levels]
+    noise: float = 0.0  # of the camera, once it was seen [grey levels]
+    consistency: SelfConsistency = SelfConsistency()
 
 
 class CircularOdometry:
@@ -79,13 +81,15 @@ class CircularOdometry:
             return memory, motion
         belief, motion = judged(memory.belief, motion)
         lost = motion.health is Health.LOST
-        noise = memory.noise if lost else visible_noise(reference.left, frame.left, memory.noise)
-        return OdometryMemory(frame, corners, belief, noise), motion
+        noise = memory.noise if lost or memory.noise else visible_noise(reference.left, frame.left)
+        consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
+        return OdometryMemory(frame, corners, belief, noise, consistency), motion
 
     def motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
         """Motion since the reference frame with its corners, near the motion predicted from the last velocity.
 
-        If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded.
+        If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded. The
+        covariance counts features as independent.
         """
         reference, frame = both_alike(reference, frame)
         if last is None:
@@ -154,4 +158,5 @@ def _message(previous_tick: int, tick: int, matches: Matches, solution: Solution
         inliers=agreeing,
         health=health,
         tracks=tracks.astype(np.float32),
+        halves=None if solution is None else solution.differences,
     )

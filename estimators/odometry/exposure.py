@@ -34,6 +34,7 @@ _LEAST_SCATTER = 1.0  # of the cells: rounding and noise [grey levels]
 _ALIKE = 3.0  # largest difference between equal exposures [grey levels]: 1.5 on rendered, 2 on real pairs
 _MOSTLY = 0.7  # share of cells with clipped pixels above which all other pixels are compared by their rank
 _RANKS = np.linspace(0.02, 0.98, 49)
+_NEAR = 8.0  # difference of a cell that can come from another disparity [grey levels]
 _SPREAD = np.array([0.1, 0.5, 0.9])  # quantiles of the cells between which the exposures are compared
 
 
@@ -96,6 +97,8 @@ def _change(
     """Change of exposure from the source to the target; None if they agree or cannot be compared."""
     compared = np.isfinite(source_cells + target_cells)
     x, y = source_cells[compared], target_cells[compared]
+    if _agree(x, y):
+        return None
     best = _fitted(x, y) if len(x) >= _FEWEST else None
     if best is None and np.mean(np.isnan(source_cells) | np.isnan(target_cells)) > _MOSTLY:
         x, y = _unclipped_levels(source, target)
@@ -105,6 +108,18 @@ def _change(
     levels = np.quantile(x, _SPREAD)
     change = best.gain * levels + best.offset - levels
     return best if np.abs(change).max() > _ALIKE else None
+
+
+def _agree(x: FloatArray, y: FloatArray) -> bool:
+    """True if most cells agree without any change: the usual case, found out quickly."""
+    near = np.abs(y - x) < _NEAR
+    count = np.count_nonzero(near)
+    if count < max(_FEWEST, _MOSTLY * len(x)):
+        return False
+    line = _line(x[near], y[near])
+    mean, spread = float(np.mean(x)), float(np.std(x))
+    ends = np.array([mean - 1.5 * spread, mean + 1.5 * spread])
+    return bool(np.abs(line.gain * ends + line.offset - ends).max() < 0.5 * _ALIKE)
 
 
 def _unclipped_levels(source: GreyImage, target: GreyImage) -> tuple[FloatArray, FloatArray]:

@@ -28,6 +28,7 @@ from estimators.odometry.keyframe_tracking import MOST_POINTS, Located, located
 from estimators.odometry.keyframes import Keyframe, new_keyframe
 from estimators.odometry.plausibility import HARDEST, Doubted, continues, doubted, is_confirmed, is_implausible
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
+from estimators.odometry.self_consistency import SelfConsistency, stated
 from estimators.rigid_motion import chained, rotation_vector, stretched
 from estimators.stereo_geometry import project
 from sensors.camera.rig import StereoCalibration
@@ -54,7 +55,8 @@ class KeyframeMemory(NamedTuple):
     X_OP: FloatArray = np.eye(4)
     own: FloatArray = np.zeros((6, 6))  # covariance of P's error without that of the keyframes, along P
     last: Motion | None = None
-    noise: float = 0.0  # between the last two frames [grey levels]
+    noise: float = 0.0  # of the camera, once it was seen [grey levels]
+    consistency: SelfConsistency = SelfConsistency()
     doubt: Doubted | None = None
     other: KeyframeMemory | None = None
 
@@ -88,9 +90,12 @@ class KeyframeOdometry:
             return memory, lost_motion(frame.tick, previous.tick)
         after, motion = self._judged(memory, frame)
         noise = memory.noise
-        if previous is not None and motion is not None and motion.health is not Health.LOST:
-            noise = visible_noise(previous.left, frame.left, noise)
-        return after._replace(noise=noise), motion
+        if not noise and previous is not None and motion is not None and motion.health is not Health.LOST:
+            noise = visible_noise(previous.left, frame.left)
+        consistency = memory.consistency
+        if motion is not None:
+            consistency, motion = stated(consistency, motion, self._calibration.focal_length)
+        return after._replace(noise=noise, consistency=consistency), motion
 
     def _judged(self, memory: KeyframeMemory, frame: StereoFrame) -> tuple[KeyframeMemory, Motion | None]:
         """Step with the check for plausibility."""
@@ -174,6 +179,7 @@ class KeyframeOdometry:
             health=_health(pose),
             tracks=self._tracks(newest, memory.X_OP, pose),
             anchor=Anchor(tick=newest.tick, X_AC=pose.measured.X, covariance=pose.measured.covariance),
+            halves=pose.differences,
         )
         keyframes = _with_misses(memory.keyframes, pose)
         if _keyframe_due(newest, pose):

@@ -158,6 +158,7 @@ class Located(NamedTuple):
     own: FloatArray  # (6, 6) part of the covariance that comes from this pair, not from the keyframes
     tracks: Tracks
     agreeing: NDArray[np.bool_]  # (n,) inliers of the pose
+    differences: FloatArray  # (2, 6) between halves of the points, as in ``self_consistency``
 
 
 def located(
@@ -184,4 +185,4 @@ def located(
     agreeing = np.zeros(len(tracks.found), np.bool_)
     agreeing[found[solution.inliers]] = True
     own = own_covariance(calibration, observed, solution)
-    return Located(UncertainMotion(solution.X_PC, solution.covariance), own, tracks, agreeing)
+    return Located(UncertainMotion(solution.X_PC, solution.covariance), own, tracks, agreeing, solution.differences)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.odometry.self_consistency import halves_differences
 from estimators.stereo_geometry import linearised, motion_jacobian, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
@@ -44,6 +45,7 @@ class Solution(NamedTuple):
     covariance: FloatArray  # (6, 6)
     inliers: NDArray[np.bool_]  # (n,)
     converged: bool
+    differences: FloatArray  # (2, 6) between halves of the features, as in ``self_consistency``
 
 
 def refined(
@@ -68,8 +70,12 @@ def refined(
         if np.count_nonzero(inliers) < _FEWEST:
             break
     normal, _ = _normal_equations(J, information, inliers.astype(np.float64), r)
-    covariance = _variance(error[inliers], sigma) * np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    return Solution(transform(orthonormalised(R), p), covariance, inliers, converged)
+    variance, slope = _variance(error[inliers], sigma)
+    covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    robust = (weight * r / slope)[:, inliers]
+    J, information = J[:, :, inliers], information[:, :, inliers]
+    differences = halves_differences(J, _weighted(J, information), robust, z[:, inliers], variance)
+    return Solution(transform(orthonormalised(R), p), covariance, inliers, converged, differences)
 
 
 def own_covariance(calibration: StereoCalibration, observations: Observations, solution: Solution) -> FloatArray:
@@ -104,8 +110,10 @@ def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
     return weighted
 
 
-def _variance(error: FloatArray, sigma: float) -> float:
+def _variance(error: FloatArray, sigma: float) -> tuple[float, float]:
     """Factor from the inverse of the unweighted normal matrix to the covariance of the robust estimate (Huber).
+
+    Also the mean slope of the robust residual, by which it is smaller than the residual.
 
     With residuals of three equal components, psi = w r: E[psi psi'] = E[w^2 error^2] I, and the mean slope of psi is
     E[w + (u / 3) dw/du], u = error / (c sigma).
@@ -114,7 +122,7 @@ def _variance(error: FloatArray, sigma: float) -> float:
     weight = 1.0 / (1.0 + u_squared) ** 2
     slope = float(np.mean(weight * (1.0 - 4.0 / 3.0 * u_squared / (1.0 + u_squared))))
     spread = float(np.mean((weight * error) ** 2)) * len(error) / (len(error) - 2.0)  # 6 degrees of freedom of 3 n
-    return _CORRELATION**2 * (_FINEST**2 + spread / slope**2)
+    return _CORRELATION**2 * (_FINEST**2 + spread / slope**2), slope
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:

@@ -18,19 +18,14 @@ from vehicle.clock import TICK
 _EQUAL = 0.005  # mean difference of equal images, some transmission errors included [grey levels]
 _ALIKE = 0.1  # the same for images compressed anew; a moving camera's differ by 1 and more [grey levels]
 _LEAST_NOISE = 0.3  # below it nothing is known of the camera's noise [grey levels]
-_GROWTH = 1.1  # largest factor from frame to frame
 _BRAKING = 8.0  # deceleration of full braking [m/s2]
 
 
-def visible_noise(before: GreyImage, image: GreyImage, known: float) -> float:
-    """Least mean difference of the cells of two images [grey levels]: the noise, if some cell shows no motion.
-
-    It grows slowly from the noise that is ``known`` so far (0: none), as a change of exposure looks like noise as well.
-    """
+def visible_noise(before: GreyImage, image: GreyImage) -> float:
+    """Least mean difference of the cells of two images [grey levels]: the noise, if some cell shows no motion."""
     difference = np.asarray(cv2.absdiff(before, image), dtype=np.uint8)
     shown = cell_means(difference, clipped=False)[np.isfinite(cell_means(image))]
-    noise = float(shown.min()) if shown.size else 0.0
-    return min(noise, _GROWTH * known) if known > 0.0 else noise
+    return float(shown.min()) if shown.size else 0.0
 
 
 def is_repeated(before: GreyImage, image: GreyImage, noise: float, last: Motion | None) -> bool:

@@ -18,6 +18,7 @@ from estimators.odometry.plausibility import Belief, is_implausible, judged
 from estimators.odometry.point_tracking import Matches
 from estimators.odometry.ransac import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
+from estimators.odometry.self_consistency import SelfConsistency, halves_differences, stated
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.protocol import above_ground
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
@@ -57,7 +58,8 @@ class Viso2Memory(NamedTuple):
     features: PairFeatures | None = None
     velocity: Velocity | None = None
     belief: Belief = Belief()
-    noise: float = 0.0  # between the last two frames [grey levels]
+    noise: float = 0.0  # of the camera, once it was seen [grey levels]
+    consistency: SelfConsistency = SelfConsistency()
 
 
 class Viso2Odometry:
@@ -94,13 +96,14 @@ class Viso2Odometry:
         if lost and len(features.left.points) < ENOUGH_MATCHES and frame.tick - previous.tick < LONGEST_SPAN:
             return memory, measured
         belief, motion = judged(memory.belief, measured)
-        noise = memory.noise if lost else visible_noise(previous.left, frame.left, memory.noise)
+        noise = memory.noise if lost or memory.noise else visible_noise(previous.left, frame.left)
         if motion.health is Health.LOST:
-            return Viso2Memory(frame, features, None, belief, noise), motion
+            return Viso2Memory(frame, features, None, belief, noise, memory.consistency), motion
         velocity = _filtered(memory.velocity, measured)
         if motion is measured:
             motion = replace(motion, X_PC=expected_motion(velocity, frame.tick, frame.tick - previous.tick))
-        return Viso2Memory(frame, features, velocity, belief, noise), motion
+        consistency, motion = stated(memory.consistency, motion, self._calibration.focal_length)
+        return Viso2Memory(frame, features, velocity, belief, noise, consistency), motion
 
     def _motion(self, memory: Viso2Memory, previous: StereoFrame, frame: StereoFrame, features: PairFeatures) -> Motion:
         """Unfiltered motion near one of the predictions, if possible one that is plausible."""
@@ -136,8 +139,11 @@ class Viso2Odometry:
         inliers = agreed.inliers
         if np.count_nonzero(inliers) < max(_FEWEST_INLIERS, _AGREEING * len(inliers)):
             return lost
-        solution = _least_squares(self._calibration, points[inliers], matches.current[inliers], agreed.X_PC)
-        if solution is None or np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
+        found = _least_squares(self._calibration, points[inliers], matches.current[inliers], agreed.X_PC)
+        if found is None:
+            return lost
+        solution, halves = found
+        if np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
             return lost
         return Motion(
             tick=tick,
@@ -148,13 +154,17 @@ class Viso2Odometry:
             inliers=int(np.count_nonzero(inliers)),
             health=Health.OK if len(inliers) >= ENOUGH_MATCHES else Health.DEGRADED,
             tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
+            halves=halves,
         )
 
 
 def _least_squares(
     calibration: StereoCalibration, points: FloatArray, z: FloatArray, X_PC: FloatArray
-) -> UncertainMotion | None:
-    """Least-squares motion over the reprojection errors in both current images; None without convergence."""
+) -> tuple[UncertainMotion, FloatArray] | None:
+    """Least-squares motion over the reprojection errors in both current images; None without convergence.
+
+    Also the differences (2, 6) between halves of the features, as in ``self_consistency``.
+    """
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
     for _ in range(_ITERATIONS):
@@ -168,7 +178,8 @@ def _least_squares(
         if np.abs(step).max() < _CONVERGED:
             variance = _CORRELATION**2 * float(np.sum(_BOTH_ROWS @ np.square(r))) / (r.size - 6)
             covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
-            return UncertainMotion(transform(orthonormalised(R), p), covariance)
+            halves = halves_differences(J, J * _BOTH_ROWS[:, None], r, z, variance)
+            return UncertainMotion(transform(orthonormalised(R), p), covariance), halves
     return None
 
 

@@ -1,0 +1,131 @@
+"""Self-consistency: what halves of the features tell about the covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimators.estimates import Anchor, Health, Motion, lost_motion
+from estimators.odometry.pose import Observations, point_covariance, refined
+from estimators.odometry.self_consistency import SelfConsistency, factors, stated, updated
+from estimators.protocol import Odometry
+from estimators.stereo_geometry import project, triangulate
+from scenarios.catalogue import ODOMETRY, resolve
+from sensors.camera.rig import StereoCalibration
+from tests.estimators.stereo_scene import Drive
+from vehicle.frames import FloatArray, transform
+
+STD = 0.1  # of the images [px]
+SHARE = np.array([1.0, 0.5, 1.0])
+FOCAL_LENGTH = 564.0  # [px]
+AHEAD = np.array([0.0, 0.0, 1.0])  # [m]
+
+
+def differences(calibration: StereoCalibration, seed: int, common: FloatArray, wrong: float) -> FloatArray:
+    """Differences between halves for a motion of 1 m, with noise and images on the left shifted by ``common`` [px].
+
+    All disparities, before and after, are wrong by ``wrong`` [px], as those of a turned camera.
+    """
+    rng = np.random.default_rng(seed)
+    points = np.column_stack([rng.uniform(-8, 8, 400), rng.uniform(-1, 3, 400), rng.uniform(6, 40, 400)])
+    before, after = project(calibration, points), project(calibration, points - AHEAD)
+    z = after + STD * np.sqrt(SHARE) * rng.standard_normal(after.shape)
+    z[after[:, 0] < calibration.cx] += common
+    for images in (before, z):
+        images[:, 2] -= wrong
+    variance = np.broadcast_to(STD**2 * SHARE, z.shape)
+    measured = triangulate(calibration, before)
+    seen = Observations(measured, 1e-6 * point_covariance(calibration, measured, variance), z, variance)
+    return refined(calibration, seen, transform(np.eye(3), AHEAD), np.ones(len(points), np.bool_)).differences
+
+
+def averaged(calibration: StereoCalibration, common: FloatArray, wrong: float, frames: int = 30) -> SelfConsistency:
+    consistency = SelfConsistency()
+    for seed in range(frames):
+        consistency = updated(consistency, differences(calibration, seed, common, wrong))
+    return consistency
+
+
+def test_independent_errors_leave_the_covariance_as_it_is(calibration: StereoCalibration) -> None:
+    """30 frames: the first doubt has faded, and single components scatter by a fifth."""
+    by = factors(averaged(calibration, np.zeros(3), 0.0), 0.5)
+    assert np.all((by >= 1.0) & (by < 1.7))
+
+
+def test_a_shift_of_one_half_is_seen_between_left_and_right(calibration: StereoCalibration) -> None:
+    """One noise, but the same for 200 features: 14 standard deviations of their mean; it moves yaw."""
+    consistency = averaged(calibration, np.array([STD, 0.0, STD]), 0.0)
+    assert np.sqrt(consistency.square[0, 1]) > 2.0
+    assert factors(consistency, 14.0)[1] > 2.5
+    assert np.abs(consistency.mean[0, 1]) > 0.8 * np.sqrt(consistency.square[0, 1])
+
+
+def test_a_wrong_disparity_is_seen_between_near_and_far(calibration: StereoCalibration) -> None:
+    """All disparities wrong by 0.5 px, as by a camera turned by 0.05 deg: far points seem to move by more."""
+    consistency = averaged(calibration, np.zeros(3), 0.5)
+    assert np.sqrt(consistency.square[1, 5]) > 2.0
+    assert factors(consistency, 14.0)[5] > 2.5
+
+
+def test_persistent_differences_count_more_for_short_motions(calibration: StereoCalibration) -> None:
+    """Errors of 28 motions of 0.5 m add up, so the variance of one, taken as independent, is up to 28 times as large.
+
+    A part of it does not count: what chance could make of the mean of 30 frames, and the first doubt.
+    """
+    consistency = averaged(calibration, np.array([STD, 0.0, STD]), 0.0)
+    short, long = (factors(consistency, distance)[1] for distance in (0.5, 14.0))
+    assert 0.75 * np.sqrt(28.0) < short / long < np.sqrt(28.0)
+
+
+def test_scatter_is_not_taken_for_persistent(calibration: StereoCalibration) -> None:
+    """Shifts to either side from frame to frame: the mean is no larger than chance makes it."""
+    consistency = SelfConsistency()
+    for seed in range(40):
+        sign = 1.0 if seed % 2 else -1.0
+        shift = sign * np.array([0.5 * STD, 0.0, 0.5 * STD])
+        consistency = updated(consistency, differences(calibration, seed, shift, 0.0))
+    assert factors(consistency, 0.5)[1] == pytest.approx(factors(consistency, 14.0)[1], rel=0.05)
+
+
+def test_stated_covariances_are_scaled_and_keep_their_correlations() -> None:
+    """Of the motion and of its pose from the anchor; a lost motion stays lost."""
+    P = np.diag(np.full(6, 4e-6)) + 1e-6
+    anchor = Anchor(tick=0, X_AC=np.eye(4), covariance=2.0 * P)
+    motion = replace(lost_motion(100, 0), covariance=P, health=Health.OK, anchor=anchor, halves=np.full((2, 6), 3.0))
+    consistency, told = stated(SelfConsistency(), motion, FOCAL_LENGTH)
+    by = factors(consistency, 2.0)
+    assert np.all(by > 2.0)
+    correlation = told.covariance[3, 5] / np.sqrt(told.covariance[3, 3] * told.covariance[5, 5])
+    assert correlation == pytest.approx(P[3, 5] / P[3, 3])
+    assert np.sqrt(told.covariance[5, 5] / P[5, 5]) == pytest.approx(by[5])
+    assert told.anchor is not None
+    assert told.anchor.covariance[5, 5] == pytest.approx(2.0 * told.covariance[5, 5])
+    lost = lost_motion(200, 100)
+    assert stated(consistency, lost, FOCAL_LENGTH) == (consistency, lost)
+
+
+@pytest.mark.parametrize("name", sorted(ODOMETRY))
+def test_halves_of_the_images_agree_within_their_standard_deviations(drive: Drive, name: str) -> None:
+    """The odometry on the left and on the right halves of the images alone: RMS over motions and components."""
+    left, right = (halved(drive, name, side) for side in (0, 1))
+    ratios = []
+    for one, other in zip(left[5:], right[5:], strict=True):
+        std = np.sqrt(np.diag(one.covariance + other.covariance))
+        ratios.append(drive.deviation(one.X_PC, other.X_PC) / std)
+    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 1.2
+
+
+def halved(drive: Drive, name: str, side: int) -> list[Motion]:
+    """Motions from one half of the images of ten frames."""
+    width = drive.calibration.width // 2
+    columns = slice(side * width, (side + 1) * width)
+    calibration = replace(drive.calibration, width=width, cx=drive.calibration.cx - side * width)
+    odometry: Odometry[Any] = resolve("odometry", name, ODOMETRY)(calibration)
+    frames = [
+        replace(frame, left=frame.left[:, columns].copy(), right=frame.right[:, columns].copy())
+        for frame in drive.frames[4:16]
+    ]
+    return drive.run(odometry, frames)[1]
