@@ -89,6 +89,7 @@ class OffTracking:
     v_x: float  # velocity of the hitch along the axes of S, from the last motions [m/s]
     v_y: float  # [m/s]
     yaw_rate: float  # of the trailer [rad/s]
+    bridged: float = 0.0  # time since the last motion that was measured and believed, by dead reckoning [s]
 
     def age(self, tick: int) -> float:
         """Age of the measurement at ``tick`` [s]."""

@@ -54,13 +54,15 @@ class Prior(NamedTuple):
 
 
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
+# The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
+# or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
-_SIDE = Prior(-0.03, 0.02, _FOR_EVER, _FOR_EVER)  # slip per a of steered truck tyres: 1/(4 g) [rad s2/m]
-_SLIP = Prior(0.0, 0.01, 30.0, _FOR_EVER)
-_SLIP_PER_ACCELERATION = Prior(-0.02, 0.01, _FOR_EVER, _FOR_EVER)  # [rad s2/m]
-_SLIP_PER_STEER = Prior(0.0, 0.03, _FOR_EVER, _FOR_EVER)
-_SLIP_PER_ARTICULATION = Prior(0.0, 0.02, _FOR_EVER, _FOR_EVER)
-_GYRO_BIAS = Prior(0.0, math.radians(0.15), _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
+_SIDE = Prior(-0.03, 0.02, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
+_SLIP = Prior(0.0, 0.006, 12.0, _FOR_EVER)  # [rad]
+_SLIP_PER_ACCELERATION = Prior(-0.02, 0.008, _FOR_EVER, _FOR_EVER)  # of driven truck tyres: 1/(5 g) [rad s2/m]
+_SLIP_PER_STEER = Prior(-0.02, 0.015, _FOR_EVER, _FOR_EVER)
+_SLIP_PER_ARTICULATION = Prior(0.0, 0.008, _FOR_EVER, _FOR_EVER)
+_GYRO_BIAS = Prior(0.0, math.radians(0.12), _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 
 class Parameters(NamedTuple):

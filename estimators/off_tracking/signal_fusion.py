@@ -25,6 +25,7 @@ import numpy as np
 
 from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.signal_history import REMEMBERED, extended_history
 from estimators.rigid_motion import rotation_vector
@@ -65,6 +66,7 @@ class FusionMemory(NamedTuple):
     link: Known | None
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
+    correction: Correction | None = None  # of the off-tracking after the last bridge
 
 
 class _Test(NamedTuple):
@@ -114,16 +116,21 @@ class SignalFusion:
             before = memory
             memory, believed = self._judged(memory, path, motion)
             if believed is not None:
-                if path.reckoned:  # its end at the motion's gives the closing error
-                    _, path, _ = self._bridged(before, path, motion.tick) or (before, path, None)
-                path, estimate = self._buffer.step(path, believed)
+                # the closing error of a bridge is that of its end at the motion's
+                bridge = self._bridged(before, path, motion.tick) if path.reckoned else None
+                path, estimate = self._buffer.step(path if bridge is None else bridge[1], believed)
+                if bridge is not None:
+                    correction = corrected(
+                        memory.correction, bridge[2], estimate, believed.previous_tick, self._follow_distance
+                    )
+                    memory = memory._replace(correction=correction)
         if estimate is None or estimate.tick < tick:
-            bridged = self._bridged(memory, path, tick)
-            if bridged is not None:
-                return bridged
+            memory, path, estimate = self._bridged(memory, path, tick) or (memory, path, estimate)
         if estimate is None and path.samples:
             path, estimate = self._buffer.step(path, _lost(path, tick))
-        return memory, path, estimate
+        if estimate is None:
+            return memory, path, None
+        return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
     def _bridged(
         self, memory: FusionMemory, path: BufferMemory, tick: int
@@ -154,7 +161,9 @@ class SignalFusion:
         if reckoned.distance >= self._follow_distance or tick - link.tick >= _LONGEST_LINK:
             grown = link.parameters._replace(covariance=link.parameters.covariance + reckoned.walked)
             link = Known(tick, self._reckoning.forgotten(grown, 0.0, 0.0))
-        return memory._replace(link=link), path, estimate
+        assert memory.reference is not None
+        bridged = (tick - memory.reference.tick) * TICK
+        return memory._replace(link=link), path, replace(estimate, bridged=bridged)
 
     def _judged(
         self, memory: FusionMemory, path: BufferMemory, motion: BodyMotion

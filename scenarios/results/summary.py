@@ -12,6 +12,7 @@ from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
 from scenarios.results.rover import RoverResult, rover_summary
 from scenarios.results.run_result import JudgedTrailer, RunResult, error_of_estimate
 from scenarios.results.swept_path import SweptPath, swept_path
+from vehicle.frames import FloatArray
 
 
 def summary(result: RunResult | RoverResult) -> Summary:
@@ -78,6 +79,16 @@ def _off_tracking(result: RunResult, trailer: str) -> Numbers:
         "within_2_5_sigma": number(metrics.within_sigmas(error, std)),
         "ok_within_2_5_sigma": number(metrics.within_sigmas(believed, std)),
         "nees_mean": number(metrics.nees(error, std)),
+        **_bridged(result.signal(f"bridged_{trailer}")),
+    }
+
+
+def _bridged(seconds: FloatArray) -> Numbers:
+    """Share of the estimates that are bridged by dead reckoning, and the longest bridge."""
+    delivered = seconds[np.isfinite(seconds)]
+    return {
+        "bridged_fraction": number(float(np.mean(delivered > 0.0)) if delivered.size else math.nan),
+        "longest_bridge_s": number(metrics.peak(delivered)),
     }
 
 

@@ -28,6 +28,8 @@ _ESTIMATE = (
     Signal("odometry_dy", "m", "estimated motion along its y"),
     Signal("odometry_dpsi", "rad", "estimated change of its yaw"),
 )
+_OF_MOTION = 3  # first signal of the motion
+_BRIDGED = Signal("bridged", "s", "time that the off-tracking is bridged by dead reckoning, without a camera motion")
 _ROTATIONS = ("roll about its optical axis", "yaw about its y (down)", "pitch about its x")
 
 
@@ -138,16 +140,20 @@ def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack
 
 
 def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:
-    table = np.full((len(index), len(_ESTIMATE)), np.nan)
+    table, bridged = np.full((len(index), len(_ESTIMATE)), np.nan), np.full(len(index), np.nan)
     rotations, delays, calibrated = np.full((len(index), 6), np.nan), np.full((len(index), 2), np.nan), False
     for estimate in trailer.estimates:
-        if estimate.off_tracking.tick in index:
-            table[index[estimate.off_tracking.tick]] = _estimate_values(estimate, trailer.X_SC)
-        motion = estimate.motion
+        off_tracking, motion = estimate.off_tracking, estimate.motion
+        if off_tracking.tick in index:
+            row = index[off_tracking.tick]
+            table[row, :_OF_MOTION], bridged[row] = _off_tracking_values(off_tracking), off_tracking.bridged
+        if motion is not None and trailer.X_SC is not None and motion.tick in index:
+            table[index[motion.tick], _OF_MOTION:] = _motion_values(motion, trailer.X_SC)
         if isinstance(motion, SelfCalibratedMotion) and motion.tick in index:
             rotations[index[motion.tick]], calibrated = (*motion.right_rotation, *motion.right_rotation_std), True
             delays[index[motion.tick]] = motion.right_delay, motion.right_delay_std
     yield from zip(_ESTIMATE, table.T, strict=True)
+    yield _BRIDGED, bridged
     for k, meaning in enumerate(_ROTATIONS) if calibrated else ():
         name = f"right_camera_{meaning.split()[0]}"
         yield Signal(name, "rad", f"right camera, since its calibration: {meaning}"), rotations[:, k]
@@ -165,11 +171,11 @@ def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:
         yield Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit"), trailer.reference
 
 
-def _estimate_values(estimate: Estimate, X_SC: FloatArray | None) -> tuple[float, ...]:
-    e, motion = estimate.off_tracking, estimate.motion
-    value = e.value if e.health is not Health.LOST else np.nan
-    std = e.std if e.health is not Health.LOST else np.nan
-    if motion is None or X_SC is None:
-        return (value, std, HEALTH[e.health], *[np.nan] * (len(_ESTIMATE) - 3))
+def _off_tracking_values(e: OffTracking) -> tuple[float, ...]:
+    value, std = (e.value, e.std) if e.health is not Health.LOST else (np.nan, np.nan)
+    return (value, std, HEALTH[e.health])
+
+
+def _motion_values(motion: Motion, X_SC: FloatArray) -> tuple[float, ...]:
     moved = planar(X_SC @ motion.X_PC @ inverse(X_SC))
-    return (value, std, HEALTH[e.health], motion.matches, motion.inliers, HEALTH[motion.health], *moved)
+    return (motion.matches, motion.inliers, HEALTH[motion.health], *moved)

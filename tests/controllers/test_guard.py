@@ -94,7 +94,7 @@ def within(start: int, end: int, change: Faulty) -> Faulty:
 FAULTS: dict[str, Faulty] = {
     "lost": lambda seen: replace(seen, health=Health.LOST, value=0.0, std=math.inf),
     "dropped": lambda seen: None,
-    "degraded beyond use": lambda seen: replace(seen, health=Health.DEGRADED, std=0.5),
+    "degraded beyond use": lambda seen: replace(seen, health=Health.DEGRADED, std=1.0),
     "too old": lambda seen: replace(seen, tick=seen.tick - 1000),
     "frozen": lambda seen: replace(seen, v_x=0.0),
     "spinning": lambda seen: replace(seen, yaw_rate=0.5),

@@ -38,6 +38,8 @@ NAMES = {
         "within_2_5_sigma",
         "ok_within_2_5_sigma",
         "nees_mean",
+        "bridged_fraction",
+        "longest_bridge_s",
     ],
     "swept_path": [
         "max_width_m",
