@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Union
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from scenarios import courses
 from scenarios.options.base import FullPath, Options, option, quantity
-from scenarios.roads.path_file import read_path
-from scenarios.roads.road_course import Fit, Guided, road_course
+from scenarios.roads.opendrive.file import read_opendrive
+from scenarios.roads.opendrive.route import Edges, Request, lane_points
+from scenarios.roads.path_file import PathPoints, read_path
+from scenarios.roads.road_course import Fit, Guided, road_course, stretch
 from vehicle.combination.description import Unit
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
@@ -203,12 +205,25 @@ class _FileOptions(CourseOptions):
     width: float = quantity(9.0, "m", 2.5, 100.0, "Width of the road where the file does not say.")
     heights: bool = option("Drive over the heights and banks of the file; false: on level ground.", True)
 
+    begin: float = quantity(0.0, "m", 0.0, 1e5, "Distance along the path of the file at which the drive begins.")
+    length: float | None = quantity(None, "m", 10.0, 5e4, "Length of the drive; not given: to the end of the path.")
+
     @property
-    def fit(self) -> Fit:
-        """How the path is fitted to the points."""
-        return Fit(
-            source=f"course.file = {self.file}", smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST
-        )
+    def source(self) -> str:
+        """The file, for messages."""
+        return f"course.file = {self.file}"
+
+    def course(self, tractor: Unit, speed: float) -> courses.Course:
+        """Build the course for a tractor at a set speed [m/s]."""
+        points = stretch(self.points(), self.begin, self.length, self.source)
+        if not self.heights:
+            points = replace(points, heights=None, banks=None)
+        fit = Fit(source=self.source, smoothing=self.smoothing, tolerance=self.tolerance, shortest=_SHORTEST)
+        return road_course(points, fit, tractor, self.guided, self.width)
+
+    def points(self) -> PathPoints:
+        """Read the points of the file."""
+        raise NotImplementedError
 
 
 class PathOptions(_FileOptions):
@@ -216,12 +231,44 @@ class PathOptions(_FileOptions):
 
     kind: Literal["path"] = option("Kind of the course.")
 
-    def course(self, tractor: Unit, speed: float) -> courses.Course:
-        """Build the course for a tractor at a set speed [m/s]."""
-        points = read_path(Path(self.file))
-        if not self.heights:
-            points = replace(points, heights=None, banks=None)
-        return road_course(points, self.fit, tractor, self.guided, self.width)
+    def points(self) -> PathPoints:
+        """Read the points of the file."""
+        return read_path(Path(self.file))
+
+
+def _one_word(value: object) -> object:
+    """An id as a text, where TOML or ``--set`` gave a number."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _words(value: object) -> object:
+    """Words as a tuple of texts: a list, one word, or words with commas between them."""
+    if isinstance(value, str):
+        return tuple(word.strip() for word in value.split(",") if word.strip())
+    return tuple(map(_one_word, value)) if isinstance(value, tuple | list) else (_one_word(value),)
+
+
+class OpenDriveOptions(_FileOptions):
+    """Along the lanes of roads in an OpenDRIVE file."""
+
+    kind: Literal["opendrive"] = option("Kind of the course.")
+    road: Annotated[str | None, BeforeValidator(_one_word)] = option(
+        "Id of the road to start on; not given: the first of the route, or the first one with a lane to drive on.", None
+    )
+    lane: int | None = option(
+        "Id of the lane to start on; not given: the outermost lane to drive on. Its side decides the direction.", None
+    )
+    route: Annotated[tuple[str, ...], BeforeValidator(_words)] = option(
+        "Ids of roads in the order of driving, and left, right or straight at junctions; the drive ends where the "
+        "route does not say how to go on.",
+        (),
+    )
+    edges: Edges = option("Edges of the road: those of the lane, or of all paved lanes beside it (road).", "lane")
+
+    def points(self) -> PathPoints:
+        """Read the points of the file."""
+        request = Request(road=self.road, lane=self.lane, words=self.route, edges=self.edges)
+        return lane_points(read_opendrive(Path(self.file)), request, self.source)
 
 
 def outer_wall(tractor: Unit) -> float:
@@ -239,6 +286,7 @@ COURSES: Final = (
     StraightOptions,
     SegmentsOptions,
     PathOptions,
+    OpenDriveOptions,
 )
 if TYPE_CHECKING:
     CourseTable = CourseOptions

@@ -109,6 +109,23 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     )
 
 
+def stretch(points: PathPoints, begin: float, length: float | None, source: str) -> PathPoints:
+    """The points from a distance ``begin`` [m] along them, over a ``length`` [m]; None: to their end.
+
+    Raises:
+        ValueError: one line, if the points end before.
+    """
+    along = arc_length(points.places)
+    end = math.inf if length is None else begin + length
+    rows = (along >= begin) & (along <= end)
+    if np.count_nonzero(rows) < 2:
+        raise ValueError(
+            f"{source}: the path is {along[-1]:.4g} m long: course.begin = {begin:g} m leaves nothing of it"
+        )
+    known = {field.name: getattr(points, field.name) for field in fields(points)}
+    return replace(points, **{name: values[rows] for name, values in known.items() if values is not None})
+
+
 def _thinned(points: PathPoints, spacing: float) -> PathPoints:
     """The points, averaged over pieces of ``spacing`` [m] where they are closer; both ends stay where they are."""
     along = arc_length(points.places)

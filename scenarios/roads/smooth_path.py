@@ -33,6 +33,8 @@ _NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _LONG_LEG: Final = 5.0  # a leg so many times as long as the shorter of its neighbours is a straight line
 _PROJECTIONS: Final = 4  # Newton steps: the first of them is within a millimetre
 
+_NO_PATH: Final = "no smooth path leads through the points: they turn back, jump to and fro, or are too few"
+
 
 class SmoothPath(NamedTuple):
     """A path fitted to points."""
@@ -81,7 +83,7 @@ def smooth_path(points: FloatArray, smoothing: float) -> SmoothPath:
         if float(np.abs(shift).max()) < _CONVERGED:
             stations, deviations = _projected(chain, points, np.interp(arc_length(points), along, stations))
             return SmoothPath(chain.path(), stations, deviations)
-    raise ValueError("no smooth path leads through the points: they turn back, or jump to and fro")
+    raise ValueError(_NO_PATH)
 
 
 def smooth_values(stations: FloatArray, values: FloatArray, at: FloatArray, smoothing: float) -> FloatArray:
@@ -171,7 +173,7 @@ def _solved(
     try:
         solution: FloatArray = solveh_banded(bands, weighted @ values + penalty * (rough.T @ wanted), lower=True)
     except LinAlgError:
-        raise ValueError("no smooth path leads through the points: there are too few of them") from None
+        raise ValueError(_NO_PATH) from None
     return solution
 
 

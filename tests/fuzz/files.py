@@ -31,9 +31,9 @@ def trailer(*pairs: str) -> tuple[str, ...]:
     return run("lane-change", *SHORT, *pairs)
 
 
-def along(file: str) -> tuple[str, ...]:
+def along(file: str, kind: str = "path") -> tuple[str, ...]:
     """Arguments of a short run along a file's path."""
-    return run("lane-change", "course.kind=path", f"course.file={file}", "off_tracking=truth", "speed_kmh=20")
+    return run("lane-change", f"course.kind={kind}", f"course.file={file}", "off_tracking=truth", "speed_kmh=20")
 
 
 def rover(*pairs: str) -> tuple[str, ...]:
@@ -135,6 +135,7 @@ FILES: Final[Sequence[Read]] = (
     Read("path", FileKind.TABLE, "ground", ("path.csv",), "text", (along("path.csv"),)),
     Read("track", FileKind.ROAD, "ground", ("path.gpx",), "text", (along("path.gpx"),)),
     Read("line", FileKind.ROAD, "ground", ("path.geojson",), "json", (along("path.geojson"),)),
+    Read("road", FileKind.ROAD, "ground", ("road.xodr",), "text", (along("road.xodr", "opendrive"),)),
     Read(
         "height table", FileKind.TABLE, "ground", ("heights.csv",), "text", (rover("surface.height_map=heights.csv"),)
     ),

@@ -26,6 +26,7 @@ from sensors.camera.rig import StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.rig import nominal_rig
 from tests.fuzz.case import Case
+from tests.open_drive import crossing
 from vehicle.frames import transform
 from vehicle.rover.description import load_rover
 from vehicle.rover.truth import RoverTruth
@@ -88,6 +89,7 @@ def _ground(folder: Path) -> None:
     (folder / "path.geojson").write_text(
         json.dumps({"type": "LineString", "coordinates": [[lon, lat, 30.0] for lon, lat in earth]}), encoding="utf-8"
     )
+    (folder / "road.xodr").write_text(crossing(), encoding="utf-8")
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")
     (folder / "training").mkdir()

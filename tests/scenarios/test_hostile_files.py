@@ -28,6 +28,7 @@ from scenarios.recordings.rover_reader import open_rover_recording
 from scenarios.recordings.sequence import LAYOUTS, find_sequence
 from scenarios.recordings.trajectory import read_kitti_poses
 from scenarios.results.log import read_log
+from scenarios.roads.opendrive.file import read_opendrive
 from scenarios.roads.path_file import read_path
 from scenarios.studies.study import load_study
 from scenarios.training.curve import read_curve
@@ -104,6 +105,7 @@ OPENED: Final[dict[str, tuple[str, Callable[[Path], object]]]] = {
     "path": ("path.csv", read_path),
     "track": ("path.gpx", read_path),
     "line": ("path.geojson", read_path),
+    "road": ("road.xodr", read_opendrive),
     "heights": ("heights.npy", lambda path: load_height_map(str(path), 0.1)),
     "heights as text": ("heights.csv", lambda path: load_height_map(str(path), 0.1)),
     "network": ("network.npz", load_network),

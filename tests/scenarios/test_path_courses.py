@@ -26,6 +26,7 @@ from scenarios.roads.smooth_path import smooth_path
 from scenarios.roads.tangent_plane import tangent_plane
 from scenarios.studies.identity import content
 from scenarios.validation.no_slip import poses_along, rolling_chain
+from tests.open_drive import bend as arc_road
 from vehicle.combination.description import load_vehicle
 from vehicle.combination.plant import Plant
 from vehicle.frames import FloatArray, Pose2
@@ -69,7 +70,7 @@ def geojson(points: FloatArray) -> str:
 
 def settings(file: Path, *more: str) -> list[str]:
     """Settings of a run along a file without steering of the trailer."""
-    return ["course.kind=path", f"course.file={file}", "off_tracking=truth", "trailer_steering=none", *more]
+    return ["off_tracking=truth", "trailer_steering=none", "course.kind=path", f"course.file={file}", *more]
 
 
 def course(folder: Path, text: str, *more: str, name: str = "path.csv") -> Course:
@@ -145,9 +146,10 @@ def cut_in(driven: Course) -> float:
 
 
 def test_one_circle_in_several_formats_gives_the_same_off_tracking(tmp_path: Path) -> None:
-    """Points every metre, and the same with 5 mm of noise as GPX: the unsteered trailer cuts in alike, within 5 mm."""
+    """Points every metre, with 5 mm of noise as GPX, and an OpenDRIVE arc: the trailer cuts in alike, within 5 mm."""
     files = {"points.csv": csv(bend()), "track.gpx": gpx(bend(noise=0.005)), "line.geojson": geojson(bend())}
     cuts = [cut_in(course(tmp_path, text, name=name)) for name, text in files.items()]
+    cuts.append(cut_in(course(tmp_path, arc_road(RADIUS, math.pi), "course.kind=opendrive", name="road.xodr")))
     assert cuts == pytest.approx([cuts[0]] * len(cuts), abs=0.005)
     assert cuts[0] > 3.0
 
