@@ -16,6 +16,7 @@ from vehicle.combination.rollover import static_rollover
 
 _QUICK: Final = ("eu_tractor_semitrailer", "b_double", "a_double", "rigid_truck")
 _OTHERS: Final = ("desaxe_field_combination", "us_5_axle", "wb67", "uk_longer_semitrailer", "rigid_truck_8x4")
+_DRIVEN: Final = ("eu_tractor_semitrailer", "rigid_truck", "a_double", "us_5_axle")
 _LOADS: Final = ("full", "half")
 _ENERGY: Final = "minimum of the potential energy, finite angles, unilateral tyre springs; 2 %: small angles"
 _TABLE: Final = (
@@ -31,7 +32,7 @@ def rollover(quick: bool) -> Section:
     cases = [(f"{v.name}, {load}", with_load(v, load)) for v in vehicles for load in _LOADS]
     model = [static_rollover(vehicle).threshold / GRAVITY for _, vehicle in cases]
     energy = [rollover_by_energy(vehicle) / GRAVITY for _, vehicle in cases]
-    driven = [vehicles[0]] if quick else [vehicles[0], load_vehicle("rigid_truck"), load_vehicle("a_double")]
+    driven = [load_vehicle(name) for name in (_DRIVEN[:1] if quick else _DRIVEN)]
     return Section(
         title="Rollover",
         text="The lateral acceleration that tips a combination: by the model's equations of roll, and by an "

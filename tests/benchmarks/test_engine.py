@@ -41,7 +41,8 @@ def judge(benchmark: BenchmarkFixture, ticks: int, bar: float) -> None:
     assert spent <= bar
 
 
-@pytest.mark.parametrize(("engine", "bar"), [pytest.param("compiled", 2.0, marks=with_compiler), ("interpreted", 6.0)])
+# Interpreted 6.3: a quarter more operations than before suspensions and brakes, at the same time each.
+@pytest.mark.parametrize(("engine", "bar"), [pytest.param("compiled", 2.0, marks=with_compiler), ("interpreted", 7.0)])
 def test_tick_of_one_vehicle(benchmark: BenchmarkFixture, engine: Engine, bar: float) -> None:
     """Twenty ticks in a call."""
     plant = Plant(VEHICLE, DRY, engine)
