@@ -16,6 +16,7 @@ import casadi as ca
 
 from vehicle.actuators import demand_rate, steer_rate
 from vehicle.combination.brakes import BrakeRates, brake_rates, slowing_of, valve_commands
+from vehicle.combination.chain_forces import GroundForce, course_of, ground_forces, hitch_forces, specific_forces
 from vehicle.combination.description import GRAVITY, Unit, Vehicle
 from vehicle.combination.layout import Input, Output, State, Wheel, state_sizes, steering_actuators, wheels
 from vehicle.combination.load_sharing import sharing
@@ -23,7 +24,6 @@ from vehicle.combination.loads import ChainLoads, chain_loads, roll_moments, whe
 from vehicle.combination.multibody import (
     Speeds,
     Vector,
-    acceleration,
     along,
     axes,
     from_unit,
@@ -39,15 +39,6 @@ from vehicle.combination.wheel import WheelMotion, WheelState, wheel_motion, whe
 from vehicle.tyres import Num, Planar
 
 _AXLE_LAG: Final = 0.016  # [s] of the load transfer by an axle's side force: it rolls on its tyres at about 10 Hz
-
-
-class _GroundForce(NamedTuple):
-    """Action of the ground on a unit."""
-
-    force: Vector  # of its tyres, along the tractor's axes [N]
-    moment: Num  # of its tyres, about its centre of gravity [N m]
-    sides: list[Num]  # of each axle's tyres, along the unit's y axis [N]
-    gravity: Vector  # along the ground, along the tractor's axes [m/s2]
 
 
 class _Carried(NamedTuple):
@@ -68,7 +59,7 @@ class _Moment(NamedTuple):
     bodies: list[Ride]
     carried: _Carried
     rolling: list[WheelMotion]
-    ground: list[_GroundForce]
+    ground: list[GroundForce]
 
 
 def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.SX]:
@@ -88,11 +79,11 @@ def derivative(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> State[ca.S
         forces = [Vector(F.x + push.x, F.y + push.y) for F, push in zip(forces, pushes, strict=True)]
         turning = [M + _wind_lever(unit) * wind for M, unit, wind in zip(turning, vehicle.units, winds, strict=True)]
     rates = speed_rates(vehicle, ca.vertsplit(s.psi), now.speeds, forces, turning)
-    specific = _specific_forces(vehicle, e, now.speeds, rates, now.ground)
+    specific = specific_forces(vehicle, e, now.speeds, rates, now.ground)
     felt = [along(axis, force) for axis, force in zip(e, specific, strict=True)]
     springs = [spring_rates(unit, body, a.x, a.y) for unit, body, a in zip(vehicle.units, bodies, felt, strict=True)]
-    hitches = _hitch_forces(vehicle, e, specific, now.ground, winds)
-    course = _course(s)
+    hitches = hitch_forces(vehicle, e, specific, now.ground, winds)
+    course = course_of(s)
     travel = from_unit(course, Vector(s.v_x, s.v_y))
     follow = _column(1.0 / unit.hitch_lag for unit in vehicle.units[1:])
     return State(
@@ -181,17 +172,12 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
     carried = _carried(vehicle, layout, e, springs, bodies, s, u)
     slowing = slowing_of(vehicle, layout, s)
     rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, slowing, s, u)
-    ground = _ground(vehicle, layout, e, rolling, s, u)
+    ground = ground_forces(vehicle, layout, e, rolling, s, u)
     return _Moment(layout, e, speeds, springs, bodies, carried, rolling, ground)
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *entries)  # the empty start makes a column of no entries, too
-
-
-def _course(s: State[ca.SX]) -> Vector:
-    """Direction of the tractor's x axis in W."""
-    return Vector(ca.cos(s.psi[0]), ca.sin(s.psi[0]))
 
 
 def _steer_rates(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> ca.SX:
@@ -253,7 +239,7 @@ def _winds(vehicle: Vehicle, e: list[Vector], speeds: Speeds, s: State[ca.SX], u
     """Force of the wind on each unit along its y axis [N]; zeros if the vehicle is not exposed."""
     if not vehicle.exposed:
         return [0.0] * len(vehicle.units)
-    course = _course(s)
+    course = course_of(s)
     wind = [along(course, Vector(0.0, u.wind[i])) for i in range(len(vehicle.units))]
     return side_forces(vehicle, e, speeds, wind)
 
@@ -356,60 +342,3 @@ def _plane(vehicle: Vehicle, wheel: Wheel, k: int, s: State[ca.SX], u: Input[ca.
         body = s.heave[wheel.unit] - lever * s.pitch[wheel.unit] + wheel.y * s.roll[wheel.unit]
         angles.append((wheel.side * axle.bump_steer) * (body - u.road[k]))
     return wheel_plane(axle, wheel.y, sum(angles[1:], angles[0])) if angles else Vector(1.0, 0.0)
-
-
-def _ground(
-    vehicle: Vehicle,
-    layout: tuple[Wheel, ...],
-    e: list[Vector],
-    rolling: list[WheelMotion],
-    s: State[ca.SX],
-    u: Input[ca.SX],
-) -> list[_GroundForce]:
-    """Action of the ground on each unit."""
-    course = _course(s)
-    axles = list(zip(layout[::2], rolling[::2], rolling[1::2], strict=True))
-    forces = []
-    for i, unit in enumerate(vehicle.units):
-        force = Vector(0.0, 0.0)
-        moment: Num = 0.0
-        sides: list[Num] = []
-        for axle, left, right in (one for one in axles if one[0].unit == i):
-            across = left.force.y + right.force.y
-            turning = (axle.axle.x - unit.cg_x) * across + axle.y * (right.force.x - left.force.x)
-            moment = moment + (turning - (left.moment_opposing + right.moment_opposing))
-            force = Vector(force.x + (left.force.x + right.force.x), force.y + across)
-            sides.append(across)
-        gravity = along(course, Vector(u.gravity_x[i], u.gravity_y[i]))
-        forces.append(_GroundForce(from_unit(e[i], force), moment, sides, gravity))
-    return forces
-
-
-def _specific_forces(
-    vehicle: Vehicle, e: list[Vector], speeds: Speeds, rates: Speeds, ground: list[_GroundForce]
-) -> list[Vector]:
-    """Acceleration less gravity at each centre of gravity, along the tractor's axes [m/s2]."""
-    specific = []
-    for i, unit in enumerate(vehicle.units):
-        a = acceleration(levers_to(vehicle, i, unit.cg_x), e, speeds, rates)
-        specific.append(Vector(a.x - ground[i].gravity.x, a.y - ground[i].gravity.y))
-    return specific
-
-
-def _hitch_forces(
-    vehicle: Vehicle, e: list[Vector], specific: list[Vector], ground: list[_GroundForce], winds: list[Num]
-) -> list[Vector]:
-    """Force at the front hitch of each towed unit, along its axes [N], from the balance of the units behind it."""
-    forces: list[Vector] = []
-    behind = Vector(0.0, 0.0)
-    for i in reversed(range(1, len(vehicle.units))):
-        mass, tyres = vehicle.units[i].mass, ground[i].force
-        behind = Vector(
-            mass * specific[i].x - tyres.x + behind.x,
-            mass * specific[i].y - tyres.y + behind.y,
-        )
-        if vehicle.exposed:
-            push = from_unit(e[i], Vector(0.0, winds[i]))
-            behind = Vector(behind.x - push.x, behind.y - push.y)
-        forces.insert(0, along(e[i], behind))
-    return forces
