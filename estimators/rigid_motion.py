@@ -38,6 +38,15 @@ def composed(first: UncertainMotion, second: UncertainMotion) -> UncertainMotion
     return UncertainMotion(chained(first.X, second.X), covariance)
 
 
+def inverted(motion: UncertainMotion) -> UncertainMotion:
+    """X_BA, with the covariance of its error along the axes of B."""
+    R_BA, p_AB = motion.X[:3, :3].T, motion.X[:3, 3]
+    # R_BA exp(-d_theta) and p_BA = -R_BA exp(-d_theta) (p_AB + d_p), so d p_BA = -R_BA (d_p + p_AB x d_theta)
+    J = -np.kron(np.eye(2), R_BA)
+    J[3:, :3] = -R_BA @ skew(p_AB)
+    return UncertainMotion(inverse(motion.X), J @ motion.covariance @ J.T)
+
+
 def change_frame(X_SC: FloatArray, motion: UncertainMotion) -> UncertainMotion:
     """Motion of S from the motion of C, both fixed to the same rigid body with C at X_SC."""
     X = X_SC @ motion.X @ inverse(X_SC)

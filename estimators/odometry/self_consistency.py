@@ -21,7 +21,7 @@ from vehicle.frames import FloatArray
 _HALVES = 2  # left and right, near and far
 _MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
 _PRIOR, _AT_FIRST = 4.0, 2.0  # frames' worth of belief at the start in differences of this mean square: twice as large
-_EXPECTED = 0.5  # mean squared difference of independent errors: the variance has a factor for neighbours of about 2
+INDEPENDENT = 0.5  # mean squared difference of independent errors: the variance has a factor for neighbours of about 2
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
 _LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
 _ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
@@ -114,7 +114,7 @@ def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
     chance = consistency.square * _ALIKE / (consistency.frames + _PRIOR)  # of a squared mean
     persistent = np.maximum(0.0, consistency.mean**2 - chance)
     motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
-    variance = np.maximum(1.0, (consistency.square + (motions - 1.0) * persistent) / _EXPECTED)
+    variance = np.maximum(1.0, (consistency.square + (motions - 1.0) * persistent) / INDEPENDENT)
     largest = variance.max(axis=0)
     largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
     by: FloatArray = np.sqrt(largest)

@@ -38,7 +38,7 @@ SLIP_EXAMPLES = (
     "Examples: offtrack run rover-slope --record runs/traces, then offtrack estimate slip runs/traces   "
     "offtrack estimate slip beach --rig webcam.toml --estimator ftrace"
 )
-_OFF_TRACKING_GROUPS = ("frames", "off_tracking", "odometry", "kitti", "self_calibration", "timing")
+_OFF_TRACKING_GROUPS = ("frames", "off_tracking", "odometry", "agreement", "kitti", "self_calibration", "timing")
 _SLIP_GROUPS = ("frames", "slip", "timing")
 _SHOWN = 5  # dropped frames listed on the terminal; the summary lists all
 
@@ -96,6 +96,14 @@ def off_tracking(
             "watched, and degrades the estimates.",
         ),
     ] = True,
+    agreement: Annotated[
+        bool,
+        typer.Option(
+            "--agreement",
+            help="Compare the odometry with itself: left and right halves of the images, and backwards in time. It "
+            "takes four times as long.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="Output directory; it must not exist yet.", show_default="runs/DIR-N")
     ] = None,
@@ -109,6 +117,8 @@ def off_tracking(
     summary.json. Missing and corrupt frames are dropped and reported. The pose of the cameras on the trailer comes from
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
+    from scenarios.catalogue import ODOMETRY, resolve
+    from scenarios.recordings.agreement import agreement_numbers
     from scenarios.recordings.estimation import estimate
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.off_tracking_files import write_estimation
@@ -129,11 +139,13 @@ def off_tracking(
         name, source = _source(recording, odometry, self_calibration=self_calibration)
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             estimation = estimate(recording, source, checked(progress_bar(display, "off-tracking")))
+            compared = agreement_numbers(estimation, resolve("--odometry", name, ODOMETRY)) if agreement else None
             numbers = write_estimation(
                 estimation,
                 name,
                 results,
                 video=video and estimation.outcome == "completed",
+                agreement=compared,
                 progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _OFF_TRACKING_GROUPS, quiet=quiet, as_json=as_json)

@@ -16,9 +16,17 @@ from scenarios.results.run_directory import appearing_at_once, mark_interrupted
 
 
 def write_estimation(
-    estimation: Estimation, odometry: str, directory: Path, *, video: bool, progress: Progress = no_progress
+    estimation: Estimation,
+    odometry: str,
+    directory: Path,
+    *,
+    video: bool,
+    agreement: dict[str, float | None] | None = None,
+    progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Write all results and return the summary; ``progress`` counts the frames of the video.
+
+    ``agreement`` of the odometry with itself goes into the summary, if it was computed.
 
     An interrupt while the video is drawn keeps all other results and the part of the video that is finished.
 
@@ -30,7 +38,7 @@ def write_estimation(
     from scenarios.recordings.summary import summary
 
     log = estimate_log(estimation)
-    numbers = summary(estimation, log, odometry)
+    numbers = {**summary(estimation, log, odometry), "agreement": agreement or {}}
     with appearing_at_once(directory) as folder:
         used = [k for k, frame in enumerate(estimation.frames) if not frame.dropped]
         times = [estimation.frames[k].files.time for k in used]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from estimators.rigid_motion import UncertainMotion, change_frame, composed, rotation_vector, stretched
+from estimators.rigid_motion import UncertainMotion, change_frame, composed, inverted, rotation_vector, stretched
 from vehicle.frames import FloatArray, inverse, rotation_zyx, so3_exp, transform
 
 SMALL = 1e-6  # step of the numerical derivatives
@@ -70,3 +70,14 @@ def test_stretched_motion_stays_on_the_circle(ratio: float) -> None:
 
     X = stretched(on_circle(turn), ratio)
     assert np.allclose(X, on_circle(ratio * turn), rtol=0.0, atol=1e-3)  # [m] R angle^3 / 24, third order
+
+
+def test_inverted_covariance_is_that_of_the_differences() -> None:
+    """Against numerical derivatives; inverted twice it is the motion itself."""
+    motion = UncertainMotion(A_TO_B, some_covariance(4))
+    J = derivative(lambda error: inverse(disturbed(A_TO_B, error)))
+    back = inverted(motion)
+    np.testing.assert_allclose(back.X, inverse(A_TO_B), atol=1e-12)  # rounding
+    # the step of the derivative is 1e-6
+    np.testing.assert_allclose(back.covariance, J @ motion.covariance @ J.T, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(inverted(back).covariance, motion.covariance, rtol=1e-9, atol=1e-9)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators.estimates import Anchor, Health, Motion, lost_motion
+from estimators.estimates import Anchor, Health, lost_motion
+from estimators.odometry.agreement import agreement, halved
 from estimators.odometry.pose import Observations, point_covariance, refined
 from estimators.odometry.self_consistency import SelfConsistency, factors, stated, updated
-from estimators.protocol import Odometry
 from estimators.stereo_geometry import project, triangulate
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration
@@ -108,24 +107,22 @@ def test_stated_covariances_are_scaled_and_keep_their_correlations() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(ODOMETRY))
-def test_halves_of_the_images_agree_within_their_standard_deviations(drive: Drive, name: str) -> None:
-    """The odometry on the left and on the right halves of the images alone: RMS over motions and components."""
-    left, right = (halved(drive, name, side) for side in (0, 1))
-    ratios = []
-    for one, other in zip(left[5:], right[5:], strict=True):
-        std = np.sqrt(np.diag(one.covariance + other.covariance))
-        ratios.append(drive.deviation(one.X_PC, other.X_PC) / std)
-    assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 1.2
+def test_odometry_agrees_with_itself_within_its_standard_deviations(drive: Drive, name: str) -> None:
+    """Halves of the images, and backwards in time: RMS over motions and components of some frames."""
+    found = agreement(drive.calibration, drive.frames[2:12], resolve("odometry", name, ODOMETRY))
+    assert 0.3 < np.sqrt(np.mean(np.square(found.halves))) < 1.2
+    assert np.sqrt(np.mean(np.square(found.backwards))) < 1.0  # the noise is common
 
 
-def halved(drive: Drive, name: str, side: int) -> list[Motion]:
-    """Motions from one half of the images of ten frames."""
-    width = drive.calibration.width // 2
-    columns = slice(side * width, (side + 1) * width)
-    calibration = replace(drive.calibration, width=width, cx=drive.calibration.cx - side * width)
-    odometry: Odometry[Any] = resolve("odometry", name, ODOMETRY)(calibration)
-    frames = [
-        replace(frame, left=frame.left[:, columns].copy(), right=frame.right[:, columns].copy())
-        for frame in drive.frames[4:16]
-    ]
-    return drive.run(odometry, frames)[1]
+def test_halves_of_odd_images_meet_at_the_edges(calibration: StereoCalibration) -> None:
+    """A column in the middle belongs to neither half; points keep their rays."""
+    odd = replace(calibration, width=1345, cx=672.0)
+    left, right = (halved(odd, side) for side in (0, 1))
+    assert (left.width, right.width) == (672, 672)
+    assert (left.cx, right.cx) == (672.0, -1.0)
+
+
+def test_no_frames_say_nothing(calibration: StereoCalibration) -> None:
+    """And one frame neither."""
+    found = agreement(calibration, [], resolve("odometry", "circular", ODOMETRY))
+    assert np.isnan([found.halves, found.backwards]).all()

@@ -196,6 +196,14 @@ def test_drift_is_compared_with_the_poses(yard: Path) -> None:
     assert found["off_tracking"]["estimate_error_rms_m"] > 1e-3
 
 
+def test_odometry_is_compared_with_itself(yard: Path) -> None:
+    """An oracle knows the way forwards alone: halves agree exactly, backwards nothing does."""
+    found = numbers(yard, "--no-video", "--agreement")
+    assert found["agreement"]["halves_rms_sigma"] == pytest.approx(0.0, abs=1e-6)
+    assert found["agreement"]["backwards_rms_sigma"] > 10.0
+    assert found["odometry"]["motion_nees_mean"] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_without_poses_nothing_is_compared(yard: Path) -> None:
     """Null, not zero; the report has no such section."""
     (yard / "poses.txt").unlink()
