@@ -31,6 +31,8 @@ from vehicle.frames import FloatArray, rotation_zyx, transform
 
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
+_COMPARED = 2000  # time over which signals are compared with each other [ticks]
+_STUCK = 5.0  # difference of signals that contradict each other [standard deviations]
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
@@ -146,6 +148,24 @@ class DeadReckoning:
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
         return np.empty((0, 6 + 2 * self._unit - 1))
+
+    def agrees(self, history: FloatArray) -> bool:
+        """Test the signals against each other: articulations change by the difference of two yaw rates.
+
+        A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed
+        has no such counterpart.
+        """
+        if len(history) < 2:
+            return True
+        recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
+        time, unit = recent[:, 0] * TICK, self._unit
+        gammas, rates = recent[:, 4 : 4 + unit], recent[:, 4 + unit :]
+        differences = -np.diff(rates, axis=1)
+        turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
+        residual = gammas[-1] - gammas[0] - turned
+        drifted = _GYRO_BIAS.std * float(time[-1] - time[0])
+        std = math.sqrt(2.0) * math.hypot(_ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
+        return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < _STUCK * std))
 
     def row(self, signals: CombinationSignals) -> FloatArray:
         """Tick, speed, steer angle, mean angle of the trailer's axles, articulations and yaw rates of a message."""

@@ -12,6 +12,7 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   distance, so that the standard deviation of the off-tracking stays finite for ever.
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
+- Signals that contradict each other are not used; the camera is then alone.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
   asks for parameters that are out of the question, no motion is believed.
 """
@@ -143,7 +144,7 @@ class SignalFusion:
         if link.tick not in X_OS:  # a new path, or one that was cut in reverse
             link = link._replace(tick=newest)
         reckoned = self._reckoning.reckoned(memory.history, link.tick, tick, link.parameters)
-        if reckoned is None or tick <= newest:
+        if reckoned is None or tick <= newest or not self._reckoning.agrees(memory.history):
             return None
         X_PC = inverse(X_OS[newest]) @ X_OS[link.tick] @ reckoned.X if X_OS else reckoned.X
         covariance = _spatial(reckoned.covariance)
@@ -174,6 +175,8 @@ class SignalFusion:
         continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
         test = self._tested(memory, motion)
         if test is None:  # no signals
+            longer = _from_reference(path, motion, reference.tick)
+            motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
             return (memory._replace(reference=known, link=known), motion) if continues else (memory, None)
         misfit = memory.misfit + _MEMORY * (min(test.score, _GATE) / 3.0 - memory.misfit)
@@ -201,7 +204,7 @@ class SignalFusion:
         assert memory.reference is not None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
-        if reckoned is None:
+        if reckoned is None or not self._reckoning.agrees(memory.history):
             return None
         yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose

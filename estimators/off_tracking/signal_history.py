@@ -9,7 +9,7 @@ import numpy as np
 from vehicle.frames import FloatArray
 
 REMEMBERED = 20_000  # signals are kept for motions that span an outage of this length [ticks]
-_BEFORE = 400  # signals kept before the reference, to interpolate and to find a standstill [ticks]
+_BEFORE = 2000  # signals kept before the reference, to interpolate and to compare them with each other [ticks]
 
 
 def extended_history(history: FloatArray, arrived: Sequence[FloatArray], reference: int, tick: int) -> FloatArray:
