@@ -70,7 +70,8 @@ def _tipped(vehicle: Vehicle) -> Manoeuvre:
     log = _log(vehicle, tipping.levels, tipping.truths)
     return _manoeuvre(
         "Standing on a plane that tilts by about 1° per second until the combination falls. The threshold is the "
-        "steepest slope on which it stands; it equals the lateral acceleration in g that tips it.",
+        "steepest slope on which it stands. The lateral acceleration in g that tips it in a turn is up to 4 % less, as "
+        "the weight across a slope, and the roll that it adds, are less than on the level.",
         tipping.outcome,
         measured(
             NAMES, tipping.outcome, lambda: _figures(vehicle, log, float(tipping.levels[tipping.held]), _first(tipping))
