@@ -27,11 +27,23 @@ def dense(points: FloatArray, spacing: float) -> tuple[FloatArray, float]:
 
 
 def sides(line: FloatArray, half_width: float | FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Left and right edge (n, 2) of a strip around a line (n, 2) [m]; its half width is one number or (n,) [m]."""
+    """Left and right edge (n, 2) of a strip along a line (n, 2) [m].
+
+    Its half width is one number, or (n, 2) to the left and to the right at the points of the line [m].
+    """
     along = np.gradient(line, axis=0)
     along /= np.maximum(np.hypot(*along.T), 1e-12)[:, None]  # repeated points have no direction
-    left = np.reshape(half_width, (-1, 1)) * np.column_stack([-along[:, 1], along[:, 0]])
-    return line + left, line - left
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    widths = np.broadcast_to(half_width, (len(line), 2))
+    return line + widths[:, :1] * left, line - widths[:, 1:] * left
+
+
+def is_left(line: FloatArray, nearest: NDArray[np.intp], xy: FloatArray) -> NDArray[np.bool_]:
+    """True for positions (..., 2) [m] to the left of their nearest points (...) of a line (n, 2) [m]."""
+    before, after = np.maximum(nearest - 1, 0), np.minimum(nearest + 1, len(line) - 1)
+    along, away = line[after] - line[before], xy - line[nearest]
+    left: NDArray[np.bool_] = along[..., 0] * away[..., 1] > along[..., 1] * away[..., 0]
+    return left
 
 
 def rows_every(points: FloatArray, spacing: float) -> NDArray[np.intp]:

@@ -42,7 +42,7 @@ class DrivenPath:
     front_axle_x: float  # foremost steered axle of the tractor [m]
     course: FloatArray | None = None  # (m, 2) path of the guided point [m]
     road: FloatArray | None = None  # (m, 2) middle of the road [m]
-    road_half_width: float | FloatArray = math.nan  # everywhere, or (m,) at the points of its middle [m]
+    road_half_width: float | FloatArray = math.nan  # everywhere, or (m, 2) to both sides [m]
 
 
 def drawing(driven: DrivenPath, *, every: float = EVERY) -> Drawing:

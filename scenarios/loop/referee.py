@@ -13,6 +13,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
+from vehicle.polyline import is_left
 
 Outcome = Literal["jackknifed", "rolled over", "left the road"]
 
@@ -41,7 +42,7 @@ class Referee:
     ) -> None:
         """Create a referee; ``road`` is a centre line (n, 2) [m] with points no farther apart than the road is wide.
 
-        Its half width is one number, or (n,) at the points of the line [m].
+        Its half width is one number, or (n, 2) to the left and right of the points of the line [m].
         """
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
@@ -77,9 +78,12 @@ class Referee:
         x, y, psi = truth.poses[0].tolist()
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        distance, nearest = self._road.query(wheels)
-        limit = self._half_width[nearest] if isinstance(self._half_width, np.ndarray) else self._half_width
-        return bool(np.any(distance > limit))
+        found, rows = self._road.query(wheels)
+        distance, nearest = np.asarray(found), np.asarray(rows, dtype=np.intp)
+        if not isinstance(self._half_width, np.ndarray):
+            return bool(np.any(distance > self._half_width))
+        on_left = is_left(self._road.data, nearest, wheels)
+        return bool(np.any(distance > np.where(on_left, *self._half_width[nearest].T)))
 
 
 def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:

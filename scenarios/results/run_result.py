@@ -49,7 +49,7 @@ class RunResult:
     units: tuple[UnitOutline, ...]  # tractor first
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
-    road_half_width: float | FloatArray  # everywhere, or (n,) at the points of the centre line [m]
+    road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
     arcs: tuple[TurnArc, ...] = ()  # turns of the course
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]

@@ -85,25 +85,22 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     _check_steer(path, tractor, reference, lambda s: _place(_in_file(smooth, s, points.places[0])), fit)
     stations = np.arange(-_BEYOND, path.length + _BEYOND + _SPACING, _SPACING)
     poses = path.poses(stations)
-    left = np.stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])], axis=1)
     given = np.full((len(points.places), 2), 0.5 * width) if points.widths is None else points.widths
-    sides = [np.interp(stations, smooth.stations, side) for side in given.T]
-    middle = poses[:, :2] + 0.5 * (sides[0] - sides[1])[:, None] * left
-    half = 0.5 * (sides[0] + sides[1])
-    if half.min() < 0.5 * tractor.width:
-        k = int(np.argmin(half))
+    widths = np.stack([np.interp(stations, smooth.stations, side) for side in given.T], axis=1)
+    narrowest = int(np.argmin(widths.sum(axis=1)))
+    if widths[narrowest].sum() < tractor.width:
         raise ValueError(
-            f"{fit.source}: the road is {2.0 * half[k]:.2f} m wide at {stations[k]:.1f} m: the tractor is "
-            f"{tractor.width:.2f} m wide"
+            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {stations[narrowest]:.1f} m: the "
+            f"tractor is {tractor.width:.2f} m wide"
         )
     return Course(
         path=path,
         reference=reference,
         start=Pose2(0.0, 0.0, 0.0),
         surface_centre=None,
-        centreline=middle,
-        road_half_width=float(half[0]) if np.ptp(half) == 0.0 else half,
-        relief=_relief(points, smooth, poses[:, :2], stations, float(half.max()) + _ROADSIDE, fit),
+        centreline=poses[:, :2],
+        road_half_width=0.5 * width if points.widths is None else widths,
+        relief=_relief(points, smooth, poses[:, :2], stations, float(widths.max()) + _ROADSIDE, fit),
         friction=_friction(points, smooth, poses[:, :2], stations),
         deviation=float(np.abs(smooth.deviations).max()),
     )

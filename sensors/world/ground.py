@@ -13,7 +13,7 @@ from scipy.spatial import Delaunay, cKDTree
 from sensors.textures import NoiseArray, fractal_noise
 from sensors.world.shapes import FaceArray, Mesh
 from vehicle.frames import FloatArray
-from vehicle.polyline import arc_length, dense
+from vehicle.polyline import arc_length, dense, is_left, sides
 from vehicle.surface import Surface
 
 MARGIN = 100.0  # the ground follows the surface this far beyond the centreline's bounding box [m]
@@ -83,12 +83,13 @@ class Centreline:
     """The road's centreline as dense points, for distances from it and from the road's edges."""
 
     def __init__(self, polyline: FloatArray, half_width: float | FloatArray = 0.0) -> None:
-        """Centreline through points (n, 2) of a road; its half width is one number, or (n,) at the points [m]."""
+        """Centreline through points (n, 2) of a road; its half width is one number, or (n, 2) to both sides [m]."""
         self.points, self.spacing = dense(polyline, _SPACING)  # (n, 2), [m]
         self.half_width: float | FloatArray = half_width  # at the dense points
         if isinstance(half_width, np.ndarray):
             along = arc_length(polyline)
-            self.half_width = np.interp(np.linspace(0.0, along[-1], len(self.points)), along, half_width)
+            at = np.linspace(0.0, along[-1], len(self.points))
+            self.half_width = np.stack([np.interp(at, along, side) for side in half_width.T], axis=1)
         self.greatest_half_width = float(np.max(half_width))  # [m]
         self._tree = cKDTree(self.points)
 
@@ -101,15 +102,22 @@ class Centreline:
         if not isinstance(self.half_width, np.ndarray):
             return np.asarray(np.minimum(self.distance(xy, up_to), up_to) - self.half_width, dtype=np.float64)
         distance, nearest = self._tree.query(xy, distance_upper_bound=up_to)
-        half_width: FloatArray = np.append(self.half_width, self.greatest_half_width)[nearest]  # the last: none is near
+        nearest = np.minimum(nearest, len(self.points) - 1)  # the number of points: none is near
+        half_width = np.where(is_left(self.points, nearest, xy), *np.moveaxis(self.half_width[nearest], -1, 0))
         return np.asarray(np.minimum(distance, up_to) - half_width, dtype=np.float64)
 
-    def offset(self, by: float | FloatArray) -> FloatArray:
+    @property
+    def edges(self) -> tuple[FloatArray, FloatArray]:
+        """Left and right edge of the road (n, 2) [m]."""
+        if not isinstance(self.half_width, np.ndarray):
+            return self.offset(self.half_width), self.offset(-self.half_width)
+        return sides(self.points, self.half_width)
+
+    def offset(self, by: float) -> FloatArray:
         """Points (n, 2) ``by`` metres to the left of the centreline's points."""
         tangent = np.gradient(self.points, axis=0)
         tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-12)
-        offset: FloatArray = self.points + np.reshape(by, (-1, 1)) * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-        return offset
+        return self.points + by * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -127,8 +127,8 @@ def kerbs(site: Site) -> Instances:
     """Kerb stones along the outline of the road, without those inside another arm of the road."""
     stone = things.kerb_stone()
     places, yaws = [np.empty((0, 2))], [np.empty(0)]
-    for side in (1.0, -1.0):
-        ends = _equidistant(site.centreline.offset(side * site.centreline.half_width), things.KERB_LENGTH)
+    for side, edge in zip((1.0, -1.0), site.centreline.edges, strict=True):
+        ends = _equidistant(edge, things.KERB_LENGTH)
         outside = site.centreline.edge_distance(ends) > -0.02
         on_outline = outside[1:] & outside[:-1]
         chord = np.diff(ends, axis=0)

@@ -74,7 +74,7 @@ def build_world(
     Args:
         rng: of everything random.
         centreline: polyline (n, 2) of the road's middle [m]; it may meet and cross itself.
-        road_half_width: everywhere, or (n,) at the points of the centreline [m].
+        road_half_width: everywhere, or (n, 2) to the left and right of the points of the centreline [m].
         surface: shape of the ground up to 100 m beyond the centreline's bounding box.
         scenery_density: number of things relative to the reference, 0 (bare ground and sky) to 2.
         clearance: distance from the centreline within which only kerb stones stand [m].

@@ -186,7 +186,7 @@ def test_a_course_feels_heights_and_banks_of_the_road(tmp_path: Path) -> None:
     x = driven.reference[0] + 30.0
     assert driven.relief.height(x, 0.0) == pytest.approx(0.9, abs=1e-6)
     assert driven.relief.gradient(x, 1.0) == pytest.approx([0.03, -math.tan(0.04)], abs=1e-6)
-    assert driven.road_half_width == pytest.approx(2.0)
+    assert driven.road_half_width == pytest.approx(np.full((len(driven.centreline), 2), 2.0))
     assert course(tmp_path, file(road("1", (Piece(100.0),), TWO_LANES)), "course.length=40").length == pytest.approx(40)
 
 

@@ -198,8 +198,7 @@ def test_road_heights_and_friction_of_the_file_are_where_the_file_says(tmp_path:
     x = np.arange(0.0, 101.0)
     columns = np.stack([x, 0 * x, 0.05 * x, 0 * x + 0.02, 0 * x + 6.0, 0 * x + 3.0, np.where(x < 50, 0.8, 0.3)], axis=1)
     driven = course(tmp_path, csv(columns, "x,y,z,bank,left_width,right_width,friction"))
-    assert driven.road_half_width == pytest.approx(4.5)
-    assert driven.centreline[:, 1] == pytest.approx(np.full(len(driven.centreline), 1.5))  # between 6 m and -3 m
+    assert driven.road_half_width == pytest.approx(np.tile([6.0, 3.0], (len(driven.centreline), 1)))
     assert driven.relief is not None
     assert driven.friction is not None
     begin = driven.reference[0]  # of the file's x in W
@@ -212,14 +211,15 @@ def test_road_heights_and_friction_of_the_file_are_where_the_file_says(tmp_path:
 
 
 def test_a_road_of_changing_width_is_left_at_its_edge() -> None:
-    """A wheel 2 m from the middle is on the road where it is 5 m wide, and beyond it where it is 3.5 m wide."""
+    """A left wheel 2 m from the line is on the road where its left edge is 2.5 m away, and beyond it at 1.75 m."""
     vehicle = load_vehicle("uk_longer_semitrailer")
     x = np.arange(-20.0, 120.0, 0.25)
-    referee = Referee(vehicle, np.stack([x, 0.0 * x], axis=1), np.where(x < 50.0, 2.5, 1.75))
+    widths = np.stack([np.where(x < 50.0, 2.5, 1.75), np.full(len(x), 3.0)], axis=1)
+    referee = Referee(vehicle, np.stack([x, 0.0 * x], axis=1), widths)
     y = 2.0 - 0.5 * max(axle.track for axle in vehicle.units[0].axles)
     plant = Plant(vehicle, Surface(friction=0.8))
-    for at, outcome in ((20.0, None), (80.0, "left the road")):
-        truth = plant.observe(plant.initial_state(Pose2(at, y, 0.0), 1.0), 0)
+    for at, side, outcome in ((20.0, y, None), (80.0, y, "left the road"), (80.0, -y, None)):
+        truth = plant.observe(plant.initial_state(Pose2(at, side, 0.0), 1.0), 0)
         assert referee.step(None, truth)[1] == outcome
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from vehicle.frames import FloatArray
-from vehicle.polyline import dense
+from vehicle.polyline import dense, is_left
 
 LOWEST, HIGHEST = 0.05, 1.5  # wet ice below 0 degC has some 0.05; racing tyres on dry asphalt 1.5 [-]
 _SPACING = 0.1  # of the points that represent a line: at R = 10 m their error is s^2/8R = 0.1 mm [m]
@@ -64,7 +64,6 @@ class SplitFriction:
             raise ValueError(f"line of shape {line.shape} must be (n, 2) with n >= 2 different points [m]")
         self._left, self._right = left, right
         self._points = dense(line, _SPACING)[0]
-        self._tangents = np.gradient(self._points, axis=0)
         self._tree = cKDTree(self._points)
 
     def at(self, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -73,11 +72,8 @@ class SplitFriction:
 
     def is_left(self, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
         """True for each position to the left of the line."""
-        nearest = self._tree.query(np.stack([x, y], axis=-1))[1]
-        from_line = self._points[nearest]
-        along = self._tangents[nearest]
-        left: NDArray[np.bool_] = along[..., 0] * (y - from_line[..., 1]) > along[..., 1] * (x - from_line[..., 0])
-        return left
+        xy = np.stack([x, y], axis=-1)
+        return is_left(self._points, np.asarray(self._tree.query(xy)[1], dtype=np.intp), xy)
 
 
 class LineFriction:
