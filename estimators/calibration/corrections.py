@@ -13,12 +13,12 @@ from estimators.displaced_right import DisplacedFrame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 
-# Changes that are applied, at the cost of a restart of the odometry: of roll, yaw and pitch, and of the delay
-# [standard deviations].
-_WORTH, _WORTH_DELAY = np.array([2.5, 1.0, 2.5]), 2.0
+# Changes of roll, yaw and pitch that are applied, at the cost of a restart of the odometry [standard deviations].
+_WORTH = np.array([2.5, 1.0, 2.5])
 LEAST_ANGLES = np.radians([0.01, 0.0025, 0.01])  # least roll, yaw, pitch that matter: 1 mm of off-tracking [rad]
 _LEAST_DELAY = 3e-4  # least delay that matters: a displacement of 5 mm at 60 km/h [s]
 _LATE = 4.0  # delay that is compensated [standard deviations]: most pairs are simultaneous
+_REFINED = 2e-3  # change of a delay that needs no restart: a displacement of 3 cm at 60 km/h [s]
 _SOUND = 2.0  # below it a delay is compensated no longer [standard deviations]
 
 
@@ -32,20 +32,27 @@ class Corrections(NamedTuple):
 NONE = Corrections(RightRotation(0.0, 0.0, 0.0), 0.0)
 
 
-def of_rotation(state: MountState, applied: Corrections) -> Corrections:
-    """Corrections with the estimated rotation, or those of before if the change is not worth a restart."""
+def of_rotation(state: MountState, applied: Corrections, *, at_once: bool = False) -> Corrections:
+    """Corrections with the estimated rotation, or those of before if the change is not worth a restart.
+
+    With ``at_once`` uncertain angles count as well.
+    """
     off = np.abs(state.mean[:3] - applied.rotation)
-    worth = (off > np.maximum(_WORTH * state.std[:3], LEAST_ANGLES)).any()
+    worth = (off > np.maximum(0.0 if at_once else _WORTH * state.std[:3], LEAST_ANGLES)).any()
     return applied._replace(rotation=state.rotation) if worth else applied
 
 
 def of_delay(state: MountState, applied: Corrections) -> Corrections:
-    """Corrections with the estimated delay, if it is significant, or those of before as for the rotation."""
+    """Corrections with the estimated delay, if it is significant."""
     delay, std = float(state.mean[DELAY]), float(state.std[DELAY])
     limit = _SOUND if applied.delay else _LATE
-    delay = delay if abs(delay) > max(limit * std, _LEAST_DELAY) else 0.0
-    worth = abs(delay - applied.delay) > max(_WORTH_DELAY * std, _LEAST_DELAY)
-    return applied._replace(delay=delay) if worth else applied
+    return applied._replace(delay=delay if abs(delay) > max(limit * std, _LEAST_DELAY) else 0.0)
+
+
+def is_another(new: Corrections, old: Corrections) -> bool:
+    """True if images with both corrections do not fit together; a delay may be refined."""
+    refined = bool(new.delay) == bool(old.delay) and abs(new.delay - old.delay) < _REFINED
+    return new.rotation != old.rotation or not refined
 
 
 def corrected(

@@ -29,10 +29,10 @@ _DRIFT = (
 _NEIGHBOURS = 4.0  # factor on the variance of a fit for correlated errors of neighbours: measured on KITTI's images
 _SINGLE = np.concatenate([np.radians([0.002, 0.01, 0.001]), [0.002]])  # error of a fit beyond its scatter [rad, m]
 _FRESH = 1.0  # fits nearer to each other share their errors [m]
-_TURN_UNKNOWN = np.array([0.02, 0.02, 0.02])  # change since the last motion: roll, yaw, pitch rate, 1 sigma [rad/s]
+_TURN_UNKNOWN = np.array([0.02, 0.005, 0.02])  # change since the last motion: roll, yaw, pitch rate, 1 sigma [rad/s]
 _SPEED_UNKNOWN = 0.2  # the same of the speed [m/s]
 _SPEED_SHARE = 0.05  # the same, as a share of the speed
-_ANY_TURN, _ANY_SPEED = np.array([0.015, 0.1, 0.015]), 15.0  # velocities before the first motion [rad/s, m/s]
+_ANY_TURN, _ANY_SPEED = np.array([0.03, 0.1, 0.03]), 15.0  # velocities before the first motion [rad/s, m/s]
 _SURPRISE = 45.0  # squared normalised innovation of four values: one in 2e8 if all is as modelled
 
 
@@ -102,15 +102,8 @@ def innovation(
     state: MountState, fit: EpipolarFit, twist: Twist, baseline: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Surprise of a pair: measured minus expected values (4,), derivative (4, 6), and noise (4, 4)."""
-    H = _by_state(twist, baseline)
-    noise = _NEIGHBOURS * fit.covariance + np.diag(_SINGLE**2)
-    turn, speed = _ANY_TURN, _ANY_SPEED
-    if twist.known:
-        turn = _TURN_UNKNOWN
-        speed = _SPEED_UNKNOWN + math.hypot(_SPEED_SHARE, twist.doubt) * abs(float(twist.velocity[2]))
-    delay = state.mean[DELAY] ** 2 + state.covariance[DELAY, DELAY]
-    noise += delay * np.diag(np.square([*turn, speed]))
-    return fit.values - H @ state.mean, H, noise
+    H, delay = _by_state(twist, baseline), state.mean[DELAY] ** 2 + state.covariance[DELAY, DELAY]
+    return fit.values - H @ state.mean, H, _noise(fit) + delay * _twist_variance(twist)
 
 
 def is_surprising(state: MountState, innovated: tuple[FloatArray, FloatArray, FloatArray]) -> bool:
@@ -131,14 +124,36 @@ def with_fit(
     return MountState(state.mean + gain @ r, left @ state.covariance @ left.T + gain @ noise @ gain.T)
 
 
-def with_information(state: MountState, information: FloatArray, gradient: FloatArray) -> MountState:
-    """State updated with information (3, 3) on the angles; ``gradient`` (3,) is that times (measured - mean)."""
-    wide = np.zeros((6, 6))
-    wide[:3, :3] = information
-    # (P^-1 + I)^-1 = (1 + P I)^-1 P
-    covariance = np.linalg.solve(np.eye(6) + state.covariance @ wide, state.covariance)
+def with_information(
+    state: MountState, information: FloatArray, gradient: FloatArray, twist: Twist = UNKNOWN, delay: float = 0.0
+) -> MountState:
+    """State updated with information (3, 3) on the angles; ``gradient`` (3,) is that times (measured - mean).
+
+    The angles were measured in pairs whose ``delay`` [s] was compensated, in a camera with this ``twist``: what is left
+    of the delay turned the right camera on.
+    """
+    H = np.zeros((3, 6))
+    H[:, :3], H[:, DELAY] = np.eye(3), twist.turn[[2, 1, 0]]
+    gradient = gradient - information @ H[:, DELAY] * (state.mean[DELAY] - delay)
+    # (P^-1 + H' I H)^-1 = (1 + P H' I H)^-1 P
+    covariance = np.linalg.solve(np.eye(6) + state.covariance @ H.T @ information @ H, state.covariance)
     covariance = 0.5 * (covariance + covariance.T)
-    return MountState(state.mean + covariance[:, :3] @ gradient, covariance)
+    return MountState(state.mean + covariance @ H.T @ gradient, covariance)
+
+
+def _noise(fit: EpipolarFit) -> FloatArray:
+    """Covariance (4, 4) of a fit."""
+    noise: FloatArray = _NEIGHBOURS * fit.covariance + np.diag(_SINGLE**2)
+    return noise
+
+
+def _twist_variance(twist: Twist) -> FloatArray:
+    """Covariance (4, 4) of the rates of roll, yaw and pitch and of the speed along the optical axis at a pair."""
+    turn, speed = _ANY_TURN, _ANY_SPEED
+    if twist.known:
+        turn = _TURN_UNKNOWN
+        speed = _SPEED_UNKNOWN + math.hypot(_SPEED_SHARE, twist.doubt) * abs(float(twist.velocity[2]))
+    return np.diag(np.square([*turn, speed]))
 
 
 def _by_state(twist: Twist, baseline: float) -> FloatArray:
@@ -166,4 +181,6 @@ def geometry(delay: float, twist: Twist, baseline: float) -> PairGeometry:
     """Geometry of a right camera that exposes late by ``delay`` [s]."""
     if delay == 0.0:
         return PairGeometry(np.eye(3), None)
-    return PairGeometry(so3_exp(delay * twist.turn), delay * twist.of_right(baseline))
+    # constant velocity along the axes of the body, which turn: the chord is halfway between the axes before and after
+    chord = so3_exp(0.5 * delay * twist.turn) @ twist.of_right(baseline)
+    return PairGeometry(so3_exp(delay * twist.turn), delay * chord)

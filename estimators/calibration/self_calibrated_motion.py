@@ -18,8 +18,10 @@ from vehicle.frames import FloatArray
 
 _SYSTEMATIC = np.radians([0.001, 0.001, 0.0005])  # error common to all views: measured over rendered drives [rad]
 _REFUTED = 4.0  # angle by which a calibration that is not corrected counts as refuted [standard deviations]
+_UNLIKELY = np.radians([1.0, 0.25, 1.0])  # angle beyond all errors of lenses: refuted even while uncertain [rad]
 _TOLERATED = np.radians([0.1, 0.03, 0.1])  # error of a calibration with which motions stay OK: 1 % of scale [rad]
 _UNUSABLE = np.radians([0.5, 0.2, 0.5])  # error beyond which motions are lost: their errors are no longer small [rad]
+_YAW_RATE = 0.003  # change of the yaw rate within a frame as a trailer turns in: over a delay it looks like yaw [rad/s]
 _TOO_FAR = 0.25  # displacement that is not compensated, beyond which motions are lost [baselines]
 
 
@@ -64,13 +66,15 @@ def doubt(
     """
     off, std = np.abs(state.mean[:3] - applied.rotation), _std(state)
     angles = np.hypot(std, off)
+    turned = np.array([0.0, _YAW_RATE * applied.delay, 0.0])
     if not correcting:
-        angles = np.where(off > np.maximum(_REFUTED * std, LEAST_ANGLES), angles, 0.0)
+        unlikely = (off > np.maximum(_REFUTED * std, LEAST_ANGLES)) | (off > _UNLIKELY)
+        angles = np.where(unlikely, angles, 0.0)
     refuted = not correcting and bool((angles > _TOLERATED).any())
     lost = (refuted and bool((angles > _UNUSABLE).any())) or abs(left_over) > _TOO_FAR * calibration.baseline
     health = Health.LOST if lost else Health.DEGRADED if refuted or left_over else Health.OK
     late = speed * float(state.std[DELAY]) if applied.delay else 0.0
-    return Doubt(angles, math.hypot(left_over, late), health, refuted)
+    return Doubt(np.hypot(angles, turned), math.hypot(left_over, late), health, refuted)
 
 
 def with_calibration(

@@ -18,18 +18,24 @@ Dynamics, 2018.
 
 from __future__ import annotations
 
-from typing import Generic, NamedTuple
+from typing import Generic
 
 import numpy as np
 
-from estimators.calibration.corrections import NONE, Corrections, corrected, of_delay, of_rotation
+from estimators.calibration.calibration_memory import (
+    SelfCalibrationMemory,
+    Taken,
+    first_look,
+    left_over,
+    look_due,
+    pair_geometry,
+    significant_shift,
+)
+from estimators.calibration.corrections import corrected, is_another, of_delay, of_rotation
 from estimators.calibration.epipolar import EpipolarFit, epipolar_fit
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
-    YAW,
-    MountState,
-    PairGeometry,
     Twist,
     carried,
     expected_fit,
@@ -42,7 +48,8 @@ from estimators.calibration.mount_state import (
     with_information,
 )
 from estimators.calibration.rotation_fit import from_motion
-from estimators.calibration.rotation_views import FEWEST, View, new_view, rematched
+from estimators.calibration.rotation_views import FEWEST, new_view, rematched
+from estimators.calibration.seen_motion import STANDING, ground_moves
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion, doubt, with_calibration
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
@@ -53,38 +60,13 @@ from estimators.rigid_motion import chained, rotation_vector
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
-from vehicle.frames import FloatArray
+from vehicle.frames import so3_exp
 
-# Distances from the reference view at which yaw is measured: the first one, and then the double of the last. An early
-# coarse value is better than a late fine one, but errors of lenses matter less from afar [m].
-_FIRST_LOOK, _FIRST_LOOK_IN_DOUBT = 4.0, 0.9
 _APART = 10.0  # distance beyond which a new reference view is taken: views share too few points [m]
-_DOUBT = np.radians(0.01)  # of yaw, 1 sigma: more counts as uncertain and costs 6 mm of off-tracking [rad]
-_TURNED = np.radians(15.0)  # the same for the rotation between two views
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
 _SETTLED = 1.0  # change of the angles after which no more round is needed [standard deviations]
-_SHIFTED = 0.015  # displacement of the right camera that is beyond errors of lenses [m]
-_SHIFTED_SHARE = 0.05  # the same, as a share of the displacement that is compensated
-_SIGNIFICANT = 8.0  # the same in standard deviations of a fit, which are half of the real ones
 _ASSUMED = 0.15  # relative error of a velocity with the displacement along the optical axis alone compensated, 1 sigma
 _LONGEST_LOSS = 500  # older frames are not returned to for a restart [ticks]
-
-
-class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
-    """Memory of the odometry, the estimate, and the reference view."""
-
-    odometry: Memory
-    state: MountState
-    applied: Corrections = NONE
-    twist: Twist = UNKNOWN
-    fresh: float | None = None  # distance since the last fit to a single pair [m]; None: there is none
-    previous: tuple[StereoFrame, ...] = ()  # newest frames of the odometry as they came, oldest first
-    suspect: StereoFrame | None = None  # newest frame, if it contradicts the estimate
-    shift: float = 0.0  # displacement of the right camera along the optical axis, by the newest frame [m]
-    assumed: float = 0.0  # the same for the first motion, as long as no velocity relates it to a delay [m]
-    view: View | None = None
-    X_VC: FloatArray = np.eye(4)  # of the newest frame in the view
-    look: float = 0.0  # distance from the view at which yaw is measured next [m]
 
 
 class SelfCalibratedOdometry(Generic[Memory]):
@@ -115,18 +97,22 @@ class SelfCalibratedOdometry(Generic[Memory]):
         frame = alike(self._calibration, frame)
         memory, changed = self._with_fit(memory, frame)
         if memory.suspect is frame:
-            return memory, self._message(lost_motion(frame.tick, memory.previous[-1].tick), memory)
+            return memory, self._message(lost_motion(frame.tick, memory.previous[-1].frame.tick), memory)
         start = self._restarted(memory, changed)
         after, motion = self._moved(start, frame)
+        if motion is not None and motion.health is Health.LOST and start.applied.rotation != memory.state.rotation:
+            again = self._restarted(start, changed, at_once=True)
+            if again.applied != start.applied:  # the best guess of the rotation may be what the odometry needs
+                after, motion = self._moved(again, frame)
         if motion is None:
             return self._with_view(after, frame), None
-        if motion.health is not Health.LOST and _view_due(after):
+        if motion.health is not Health.LOST and look_due(after):
             after = self._with_yaw(after, frame)
             again = self._restarted(start._replace(state=after.state), False)
-            if again.applied != start.applied:  # the motion once more, with the better correction
+            if is_another(again.applied, start.applied):  # the motion once more, with the better correction
                 after, motion = self._moved(again._replace(X_VC=after.X_VC, look=after.look), frame)
         if motion is None or after.assumed:
-            motion = lost_motion(frame.tick, memory.previous[-1].tick)
+            motion = lost_motion(frame.tick, memory.previous[-1].frame.tick)
         if after.view is None or after.look > _APART:
             after = self._with_view(after, frame)
         message = self._message(motion, after)
@@ -146,9 +132,10 @@ class SelfCalibratedOdometry(Generic[Memory]):
         if memory.previous and is_surprising(memory.state, innovated):
             if memory.suspect is None:
                 return memory._replace(suspect=frame), False
-            memory = memory._replace(state=reopened(memory.state), fresh=None, view=None, previous=(memory.suspect,))
+            suspect = Taken(memory.suspect, memory.twist)
+            memory = memory._replace(state=reopened(memory.state), fresh=None, view=None, previous=(suspect,))
             innovated, changed = innovation(memory.state, fit, memory.twist, baseline), True
-        state, shift = with_fit(memory.state, innovated, memory.fresh), _shift(fit)
+        state, shift = with_fit(memory.state, innovated, memory.fresh), significant_shift(fit)
         memory = memory._replace(state=state, fresh=0.0, suspect=None, shift=shift)
         if shift and not memory.twist.known and self._compensating:
             memory, changed = memory._replace(assumed=shift), True
@@ -161,52 +148,67 @@ class SelfCalibratedOdometry(Generic[Memory]):
         guess = expected_fit(memory.state, memory.twist, baseline)
         return epipolar_fit(self._calibration, frame, guess, np.zeros(3) if shift is None else shift)
 
-    def _geometry(self, memory: SelfCalibrationMemory[Memory]) -> PairGeometry:
-        """Geometry of the corrected pairs; before the first motion, a displacement along the optical axis at most."""
-        if memory.assumed:
-            return PairGeometry(np.eye(3), np.array([0.0, 0.0, memory.assumed]))
-        return geometry(memory.applied.delay, memory.twist, self._calibration.baseline)
+    def _restarted(
+        self, memory: SelfCalibrationMemory[Memory], changed: bool, *, at_once: bool = False
+    ) -> SelfCalibrationMemory[Memory]:
+        """Memory with its estimate applied; if that or the frame before has changed, the odometry restarts there.
 
-    def _restarted(self, memory: SelfCalibrationMemory[Memory], changed: bool) -> SelfCalibrationMemory[Memory]:
-        """Memory with its estimate applied; if that or the frame before has changed, the odometry restarts there."""
-        applied = of_rotation(memory.state, memory.applied) if self._correcting else memory.applied
+        With ``at_once`` the angles are applied even if they are uncertain.
+        """
+        applied = memory.applied
+        if self._correcting:
+            applied = of_rotation(memory.state, applied, at_once=at_once)
         if self._compensating and memory.twist.known:
             applied = of_delay(memory.state, applied)
-        if applied == memory.applied and not changed:
-            return memory
+        another = changed or is_another(applied, memory.applied)
         memory = memory._replace(applied=applied)
+        if not another:
+            return memory
         odometry = self._odometry.init()  # its memory was of images with the old correction
-        for frame in memory.previous:
-            odometry, _ = self._odometry.step(odometry, self._corrected(frame, memory))
+        for frame, twist in memory.previous:
+            then = memory._replace(twist=twist if twist.known else memory.twist)
+            odometry, _ = self._odometry.step(odometry, self._corrected(frame, then))
         return memory._replace(odometry=odometry)
 
     def _corrected(self, frame: StereoFrame, memory: SelfCalibrationMemory[Memory]) -> StereoFrame:
         """Frame with the corrections that are applied."""
-        return corrected(self._calibration, frame, memory.applied.rotation, self._geometry(memory))
+        return corrected(
+            self._calibration, frame, memory.applied.rotation, pair_geometry(memory, self._calibration.baseline)
+        )
 
     def _moved(
         self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame
     ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
         """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
         odometry, motion = self._odometry.step(memory.odometry, self._corrected(frame, memory))
-        memory = memory._replace(odometry=odometry)
+        memory, taken = memory._replace(odometry=odometry), Taken(frame, memory.twist)
+        if motion is not None and self._is_refuted(memory, motion, frame):
+            lost = lost_motion(motion.tick, motion.previous_tick, motion.matches)
+            return memory._replace(view=None, previous=(taken,)), lost
         if motion is not None and motion.health is Health.LOST:
-            recent = [old for old in memory.previous if frame.tick - old.tick < _LONGEST_LOSS]
-            return memory._replace(view=None, previous=tuple(recent) or (frame,)), motion
-        memory = memory._replace(previous=(*memory.previous[-1:], frame))
+            recent = [old for old in memory.previous if frame.tick - old.frame.tick < _LONGEST_LOSS]
+            return memory._replace(view=None, previous=tuple(recent) or (taken,)), motion
+        memory = memory._replace(previous=(*memory.previous[-1:], taken))
         if motion is None:
             return memory, motion
-        state, seconds = memory.state, (motion.tick - motion.previous_tick) * TICK
-        R_PC, p_PC = motion.X_PC[:3, :3], motion.X_PC[:3, 3]
+        baseline, seconds = self._calibration.baseline, (motion.tick - motion.previous_tick) * TICK
+        turned, p_PC = rotation_vector(motion.X_PC[:3, :3]), motion.X_PC[:3, 3]
         distance = float(np.linalg.norm(p_PC))
-        doubt = abs(self._left_over(memory)) / self._calibration.baseline + (_ASSUMED if memory.assumed else 0.0)
+        doubt = left_over(memory, baseline) / baseline + (_ASSUMED if memory.assumed else 0.0)
         memory = memory._replace(
-            state=carried(state, distance),
-            twist=Twist(rotation_vector(R_PC) / seconds, R_PC.T @ p_PC / seconds, doubt),
+            state=carried(memory.state, distance),
+            twist=Twist(turned / seconds, so3_exp(-0.5 * turned) @ p_PC / seconds, doubt),
             fresh=None if memory.fresh is None else memory.fresh + distance,
             X_VC=chained(memory.X_VC, motion.X_PC),
         )
         return memory, motion
+
+    def _is_refuted(self, memory: SelfCalibrationMemory[Memory], motion: Motion, frame: StereoFrame) -> bool:
+        """True if the motion is a standstill, and the images since the frame before show none."""
+        if motion.health is Health.LOST or np.linalg.norm(motion.X_PC[:3, 3]) > STANDING:
+            return False
+        before = next((old.frame for old in memory.previous if old.frame.tick == motion.previous_tick), None)
+        return before is not None and ground_moves(self._calibration, before.left, frame.left)
 
     def _with_yaw(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with yaw from the frame and the reference view, and the next distance to look from."""
@@ -215,11 +217,20 @@ class SelfCalibratedOdometry(Generic[Memory]):
             return memory
         for _ in range(_REMATCHED):
             last = new.mean[:3]
-            pair = rematched(self._calibration, memory.view, frame, self._geometry(memory), X_VC, new.rotation)
+            pair = rematched(
+                self._calibration,
+                memory.view,
+                frame,
+                pair_geometry(memory, self._calibration.baseline),
+                X_VC,
+                new.rotation,
+            )
             fit = from_motion(self._calibration, *pair, X_VC, state.mean[:3], state.covariance[:3, :3])
             if fit is None:
                 return memory._replace(view=None)
-            new, X_VC = with_information(state, fit.information, fit.gradient), fit.X_PC
+            delay = memory.applied.delay
+            twist = memory.twist if delay else UNKNOWN  # most pairs are simultaneous
+            new, X_VC = with_information(state, fit.information, fit.gradient, twist, delay), fit.X_PC
             if (np.abs(new.mean[:3] - last) < _SETTLED * new.std[:3]).all():
                 break
         look = 2.0 * float(np.linalg.norm(X_VC[:3, 3]))
@@ -229,34 +240,20 @@ class SelfCalibratedOdometry(Generic[Memory]):
         """Memory with the frame as its reference view."""
         rng = np.random.default_rng([self._seed, frame.tick, 2])
         doubt = float(memory.state.std[:3].max())
-        view = new_view(self._calibration, frame, self._geometry(memory), memory.state.rotation, doubt, rng)
-        look = _FIRST_LOOK_IN_DOUBT if memory.state.covariance[YAW, YAW] > _DOUBT**2 else _FIRST_LOOK
-        return memory._replace(view=view if len(view.left) >= FEWEST else None, X_VC=np.eye(4), look=look)
+        view = new_view(
+            self._calibration,
+            frame,
+            pair_geometry(memory, self._calibration.baseline),
+            memory.state.rotation,
+            doubt,
+            rng,
+        )
+        seen = view if len(view.left) >= FEWEST else None
+        return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state))
 
     def _message(self, motion: Motion, memory: SelfCalibrationMemory[Memory]) -> SelfCalibratedMotion:
         """Motion message with what is known of the calibration."""
-        speed, left_over = float(np.linalg.norm(memory.twist.velocity)), self._left_over(memory)
+        speed, shift = float(np.linalg.norm(memory.twist.velocity)), left_over(memory, self._calibration.baseline)
         correcting = self._correcting
-        doubts = doubt(self._calibration, memory.state, memory.applied, speed, left_over, correcting=correcting)
+        doubts = doubt(self._calibration, memory.state, memory.applied, speed, shift, correcting=correcting)
         return with_calibration(self._calibration, motion, memory.state, doubts)
-
-    def _left_over(self, memory: SelfCalibrationMemory[Memory]) -> float:
-        """Displacement [m] of the newest right camera that is not compensated; 0 if it is not significant."""
-        applied = self._geometry(memory).shift
-        compensated = 0.0 if applied is None else float(applied[2])
-        left_over = abs(memory.shift - compensated) if memory.shift else 0.0
-        return left_over if left_over > max(_SHIFTED, _SHIFTED_SHARE * abs(compensated)) else 0.0
-
-
-def _shift(fit: EpipolarFit) -> float:
-    """Displacement [m] of the right camera along the optical axis by a single pair; 0 if it is not significant."""
-    shift = float(fit.values[3])
-    return shift if abs(shift) > max(_SHIFTED, _SIGNIFICANT * float(np.sqrt(fit.covariance[3, 3]))) else 0.0
-
-
-def _view_due(memory: SelfCalibrationMemory[Memory]) -> bool:
-    """True if the newest frame is far enough from the reference view, or nearly too far rotated."""
-    shift, turn = np.linalg.norm(memory.X_VC[:3, 3]), np.linalg.norm(rotation_vector(memory.X_VC[:3, :3]))
-    if memory.view is None:
-        return False
-    return bool(shift > memory.look or (turn > _TURNED and shift > _FIRST_LOOK_IN_DOUBT))
