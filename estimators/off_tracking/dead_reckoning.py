@@ -19,11 +19,18 @@ come from one wrong parameter are therefore fully correlated, as they are in tru
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from estimators.off_tracking.signal_quality import (
+    ARTICULATION_NOISE,
+    GYRO_BIAS,
+    GYRO_NOISE,
+    SPEED_NOISE,
+    agree,
+    noise_level,
+)
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -31,19 +38,12 @@ from vehicle.frames import FloatArray, rotation_zyx, transform
 
 _MARGIN = 400  # signals before and after a stretch that count [ticks]
 _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolation [ticks]
-_COMPARED = 2000  # time over which signals are compared with each other [ticks]
-_STUCK = 5.0  # difference of signals that contradict each other [standard deviations]
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
 # A vehicle that seems to stand may creep, and rocks on its tyres: white noise of every sample, 1 sigma. Of a start or a
 # stop, 3 mm are missed within a tenth of a second; a standstill of ten seconds adds 30 mm.
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
-
-# White noise of every sample, 1 sigma: assumed, as of the sensors of a truck (``sensors.instruments.combination``).
-_SPEED_NOISE = 0.02  # [m/s]
-_ARTICULATION_NOISE = math.radians(0.15)  # [rad]
-_GYRO_NOISE = math.radians(0.1)  # [rad/s]
 
 
 class Prior(NamedTuple):
@@ -64,7 +64,7 @@ _SLIP = Prior(0.0, 0.006, 12.0, _FOR_EVER)  # [rad]
 _SLIP_PER_ACCELERATION = Prior(-0.02, 0.008, _FOR_EVER, _FOR_EVER)  # of driven truck tyres: 1/(5 g) [rad s2/m]
 _SLIP_PER_STEER = Prior(-0.02, 0.015, _FOR_EVER, _FOR_EVER)
 _SLIP_PER_ARTICULATION = Prior(0.0, 0.008, _FOR_EVER, _FOR_EVER)
-_GYRO_BIAS = Prior(0.0, math.radians(0.12), _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
+_GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 
 class Parameters(NamedTuple):
@@ -106,7 +106,7 @@ class DeadReckoning:
         slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_STEER, _SLIP_PER_ARTICULATION]
         self._priors = [_SCALE, _SIDE, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
-        self._noise = np.array([_SPEED_NOISE, *[_ARTICULATION_NOISE] * unit, *[_GYRO_NOISE] * gyros, *[1.0] * 3])
+        self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
         self._std = np.array([prior.std for prior in self._priors])
         self._mean = np.array([prior.mean for prior in self._priors])
         self._per_metre = np.array([1.0 / prior.distance for prior in self._priors])
@@ -116,9 +116,12 @@ class DeadReckoning:
         """Parameters before anything is learnt."""
         return Parameters(self._mean, np.diag(self._std**2))
 
-    def deviation(self, parameters: Parameters) -> float:
-        """Largest difference of a parameter from its prior mean [standard deviations of the prior]."""
-        return float(np.max(np.abs(parameters.mean - self._mean) / self._std))
+    def deviation(self, parameters: Parameters, history: FloatArray) -> float:
+        """Largest difference of a parameter from its prior mean [standard deviations of the prior].
+
+        Sensors that are noisier than assumed are expected to have larger constant errors as well.
+        """
+        return float(np.max(np.abs(parameters.mean - self._mean) / self._std)) / noise_level(history, self._unit)
 
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
@@ -143,29 +146,16 @@ class DeadReckoning:
         rates, derivatives = self._rates(np.array(columns), parameters.mean)
         rates, derivatives = rates * moving[:, None], derivatives * moving[:, None, None]
         creep = np.where(moving[:, None, None], 0.0, np.diag(_CREEP))
+        derivatives[:, :, len(self._priors) :] *= noise_level(history, self._unit)
         return self._summed(nodes * TICK, rates, np.concatenate([derivatives, creep], axis=2), parameters)
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
         return np.empty((0, 6 + 2 * self._unit - 1))
 
-    def agrees(self, history: FloatArray) -> bool:
-        """Test the signals against each other: articulations change by the difference of two yaw rates.
-
-        A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed
-        has no such counterpart.
-        """
-        if len(history) < 2:
-            return True
-        recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
-        time, unit = recent[:, 0] * TICK, self._unit
-        gammas, rates = recent[:, 4 : 4 + unit], recent[:, 4 + unit :]
-        differences = -np.diff(rates, axis=1)
-        turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
-        residual = gammas[-1] - gammas[0] - turned
-        drifted = _GYRO_BIAS.std * float(time[-1] - time[0])
-        std = math.sqrt(2.0) * math.hypot(_ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
-        return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < _STUCK * std))
+    def agree(self, history: FloatArray) -> bool:
+        """Test the signals against each other."""
+        return agree(history, self._unit)
 
     def row(self, signals: CombinationSignals) -> FloatArray:
         """Tick, speed, steer angle, mean angle of the trailer's axles, articulations and yaw rates of a message."""

@@ -144,7 +144,7 @@ class SignalFusion:
         if link.tick not in X_OS:  # a new path, or one that was cut in reverse
             link = link._replace(tick=newest)
         reckoned = self._reckoning.reckoned(memory.history, link.tick, tick, link.parameters)
-        if reckoned is None or tick <= newest or not self._reckoning.agrees(memory.history):
+        if reckoned is None or tick <= newest or not self._reckoning.agree(memory.history):
             return None
         X_PC = inverse(X_OS[newest]) @ X_OS[link.tick] @ reckoned.X if X_OS else reckoned.X
         covariance = _spatial(reckoned.covariance)
@@ -190,7 +190,7 @@ class SignalFusion:
             if spanning is not None and spanning.score <= _GATE:
                 test, motion, continues = spanning, longer, True
         parameters = self._corrected(reference.parameters, test, motion)
-        if not continues or self._reckoning.deviation(parameters) > _IMPOSSIBLE:
+        if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
         if motion.health is Health.DEGRADED and motion.anchor is None:
             motion = _weighted(motion, test)
@@ -204,7 +204,7 @@ class SignalFusion:
         assert memory.reference is not None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
-        if reckoned is None or not self._reckoning.agrees(memory.history):
+        if reckoned is None or not self._reckoning.agree(memory.history):
             return None
         yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose

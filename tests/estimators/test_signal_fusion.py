@@ -230,6 +230,15 @@ def test_without_signals_an_outage_is_bridged_at_the_last_velocity(drive: TowedD
         assert all(estimates[tick].health is Health.OK for tick in range(20_600, 30_000, FRAME))
 
 
+def test_signals_that_are_four_times_as_noisy_do_not_discredit_the_camera(exact: dict[int, OffTracking]) -> None:
+    """Their noise is measured, and constant errors are expected to be as much larger."""
+    errors_of_signals = Errors(scale=0.02, gyro=math.radians(0.4), articulation=math.radians(0.4), noise=4.0)
+    noisy = towed_drive(16.0, lambda t: 3.0, winding, slipping, errors_of_signals, seed=6)
+    estimates = run(noisy)
+    ticks = [tick for tick in estimates if exact[tick].health is Health.OK]
+    assert np.abs(errors(estimates, exact, ticks)).max() < 0.01  # [m]
+
+
 def test_a_stuck_gyro_does_not_discredit_the_camera(drive: TowedDrive, exact: dict[int, OffTracking]) -> None:
     """The articulation contradicts it as soon as the trailer turns; the camera is then used alone."""
     ticks = [tick for tick in filled(exact) if tick > 18_000]
