@@ -11,10 +11,12 @@ from pydantic import BeforeValidator, Field
 
 from scenarios import courses
 from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.roads.fitted_path import Fit, stretch
 from scenarios.roads.opendrive.file import read_opendrive
-from scenarios.roads.opendrive.route import Edges, Request, lane_points
+from scenarios.roads.opendrive.lane_points import lane_points
+from scenarios.roads.opendrive.route import Edges, Request
 from scenarios.roads.path_file import PathPoints, read_path
-from scenarios.roads.road_course import Fit, Guided, road_course, stretch
+from scenarios.roads.road_course import Guided, road_course
 from vehicle.combination.description import Unit
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]

@@ -10,8 +10,8 @@ from pydantic import Field
 
 from controllers.path import Path, Segment, arc, line
 from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.roads.fitted_path import Fit, fitted_path
 from scenarios.roads.path_file import read_path
-from scenarios.roads.road_course import Fit, fitted_path
 from vehicle.frames import Pose2
 
 _START: Final = Pose2(0.0, 0.0, 0.0)

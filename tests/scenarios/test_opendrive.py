@@ -16,8 +16,9 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.courses import Course
 from scenarios.options.scenario import load_scenario
 from scenarios.roads.opendrive.file import read_opendrive
+from scenarios.roads.opendrive.lane_points import lane_points
 from scenarios.roads.opendrive.network import Road
-from scenarios.roads.opendrive.route import Request, lane_points
+from scenarios.roads.opendrive.route import Request
 from scenarios.roads.path_file import PathPoints
 from tests.open_drive import TWO_LANES, Piece, Start, bend, crossing, file, lane, lanes, road
 from vehicle.frames import FloatArray
@@ -173,6 +174,19 @@ def test_a_ring_is_driven_once(tmp_path: Path) -> None:
     lap = len(route(tmp_path, text).places)
     assert len(route(tmp_path, text, Request(words=("1", "1"))).places) == pytest.approx(2 * lap, abs=1)
     assert lap == pytest.approx(math.tau * 20.0, abs=2)  # a metre of the reference line apart
+
+
+def test_a_very_short_road_leaves_no_gap(tmp_path: Path) -> None:
+    """A connecting road of 40 cm between two others has no point of its own."""
+    link = '<successor elementType="road" elementId="{}" contactPoint="start"/>'
+    starts = {"1": (0.0, 50.0), "2": (50.0, 0.4), "3": (50.4, 50.0)}
+    roads = [
+        road(name, (Piece(length),), TWO_LANES, start=Start(x), link=link.format(int(name) + 1) if name < "3" else "")
+        for name, (x, length) in starts.items()
+    ]
+    points = route(tmp_path, file(*roads))
+    assert points.places[-1] == pytest.approx([100.4, -2.0])
+    assert np.diff(points.places[:, 0]).max() < 1.5
 
 
 def test_a_course_feels_heights_and_banks_of_the_road(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.summary import summary
 from scenarios.results.swept_path import placed
 from scenarios.roads import path_file
+from scenarios.roads.fitted_path import Fit, fitted_path
 from scenarios.roads.path_file import PathPoints
-from scenarios.roads.road_course import Fit, fitted_path
 from scenarios.roads.smooth_path import smooth_path
 from scenarios.roads.tangent_plane import tangent_plane
 from scenarios.studies.identity import content
@@ -141,7 +141,8 @@ def cut_in(driven: Course) -> float:
     poses = poses_along(rolling_chain(vehicle), driven.path, driven.reference)
     axle = min(a.x for a in vehicle.units[-1].axles)
     places = placed(np.array([[axle, 0.0]]), poses[:, -1])[:, 0]
-    distances, _ = KDTree(driven.path.points(0.02)).query(places)
+    line = driven.path.poses(np.arange(-20.0, driven.length, 0.02))[:, :2]  # the trailer stands behind the start
+    distances, _ = KDTree(line).query(places)
     return float(np.max(distances))
 
 

@@ -1,4 +1,4 @@
-"""Routes along lanes: from lane to lane over the links of roads and junctions, and the points of their middle.
+"""Routes along lanes: from lane to lane over the links of roads and junctions.
 
 Travel along a road is in the direction of its reference line (+1) or against it (-1).
 """
@@ -13,24 +13,12 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 
 from scenarios.roads.opendrive.network import Connection, Contact, Lane, Link, Network, Road
-from scenarios.roads.path_file import PathPoints
-from vehicle.frames import FloatArray
 from vehicle.parameter_file import nearest
 from vehicle.user_file import shown
 
 Edges = Literal["lane", "road"]
 TURNS: Final = ("left", "right", "straight")
-_SPACING: Final = 1.0  # between points along a lane [m]: a chord of a 12.5 m arc is 10 mm from it
-_GAP: Final = 0.5  # largest distance between the lanes of two roads [m]: beyond it the link is wrong
-_LONGEST: Final = 50e3  # route [m], as of any course
 _TURNING: Final = math.radians(30.0)  # least change of heading of a turn through a junction
-_PAVED: Final = frozenset(  # types of lanes that a vehicle can stand on
-    (
-        *("driving", "stop", "shoulder", "border", "parking", "restricted", "bidirectional", "biking", "roadWorks"),
-        *("entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit"),
-        *("bus", "taxi", "HOV", "special1", "special2", "special3"),
-    )
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,37 +39,13 @@ class Leg(NamedTuple):
     lane: int
     direction: int  # +1 or -1
 
-
-def lane_points(network: Network, request: Request, source: str) -> PathPoints:
-    """Points along the middle of the lanes of a route, with heights, banks and edges.
-
-    Raises:
-        ValueError: one line with the roads' ids, if there is no such route.
-    """
-    rows: list[FloatArray] = []  # x, y, z, bank, left and right width
-    length, last = 0.0, None
-    for leg in _legs(network, request, source):
-        points = _points(leg, request.edges)
-        if last is not None:
-            gap = float(np.hypot(*(points[0, :2] - last[:2])))
-            if gap > _GAP:
-                raise ValueError(
-                    f"{source}: a gap of {gap:.3g} m between the lanes at the begin of road {shown(leg.road.id, 40)}, "
-                    f"at ({points[0, 0]:.2f}, {points[0, 1]:.2f}): must be at most {_GAP:g} m"
-                )
-            away = np.hypot(*(points[:, :2] - last[:2]).T) >= 0.5 * _SPACING
-            points = points[int(np.argmax(away)) :] if away.any() else points[:0]
-        if len(points):
-            last = points[-1]
-            rows.append(points)
-            length += _SPACING * len(points)
-        if length > _LONGEST:
-            raise ValueError(f"{source}: the route is longer than {1e-3 * _LONGEST:g} km")
-    table = np.concatenate(rows)
-    return PathPoints(places=table[:, :2], heights=table[:, 2], banks=table[:, 3], widths=table[:, 4:])
+    @property
+    def length(self) -> float:
+        """Length of the section along the reference line [m]."""
+        return self.road.section_end(self.section) - self.road.sections[self.section].s
 
 
-def _legs(network: Network, request: Request, source: str) -> Iterator[Leg]:
+def legs(network: Network, request: Request, source: str) -> Iterator[Leg]:
     """Lanes of the route in the order of driving; it ends where the words do not say how to go on."""
     leg = _first(network, request, source)
     words = list(request.words)
@@ -254,38 +218,3 @@ def _exit(network: Network, lead: Leg) -> str | None:
     """The road after a connecting road."""
     link: Link | None = lead.road.successor if lead.direction > 0 else lead.road.predecessor
     return link.id if link is not None and not link.is_junction and link.id in network.roads else None
-
-
-def _points(leg: Leg, edges: Edges) -> FloatArray:
-    """x, y, z [m], bank [-], width to the left and right edge [m] along a lane in the direction of travel, (n, 6)."""
-    road, section = leg.road, leg.road.sections[leg.section]
-    begin, end = section.s, road.section_end(leg.section)
-    s = np.linspace(begin, end, max(2, math.ceil((end - begin) / _SPACING) + 1))
-    side = 1.0 if leg.lane > 0 else -1.0
-    inner, outer = (side * border for border in section.borders(s, leg.lane))
-    offset = road.lane_offset.at(s)
-    middle = offset + 0.5 * (inner + outer)
-    low, high = np.minimum(inner, outer), np.maximum(inner, outer)
-    if edges == "road":
-        low, high = _paved(leg, s, low, high)
-    bank = np.tan(road.superelevation.at(s))
-    left, right = offset + high - middle, middle - offset - low
-    if leg.direction < 0:
-        bank, left, right = -bank, right, left
-    table = np.column_stack([road.places(s, middle), bank, left, right])
-    return table[:: leg.direction]
-
-
-def _paved(leg: Leg, s: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest t of the paved lanes that join a lane without one between that is not paved."""
-    section = leg.road.sections[leg.section]
-    ids = sorted(section.lanes)
-    at = ids.index(leg.lane)
-    for step in (-1, 1):
-        k = at + step
-        while 0 <= k < len(ids) and section.lanes[ids[k]].kind in _PAVED:
-            side = 1.0 if ids[k] > 0 else -1.0
-            borders = [side * border for border in section.borders(s, ids[k])]
-            low, high = np.minimum(low, np.minimum(*borders)), np.maximum(high, np.maximum(*borders))
-            k += step
-    return low, high

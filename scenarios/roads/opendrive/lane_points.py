@@ -1,0 +1,94 @@
+"""Points along the middle of the lanes of a route."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from scenarios.roads.opendrive.network import Network
+from scenarios.roads.opendrive.route import Edges, Leg, Request, legs
+from scenarios.roads.path_file import PathPoints
+from vehicle.frames import FloatArray
+from vehicle.user_file import shown
+
+_SPACING: Final = 1.0  # between points along a lane [m]: a chord of a 12.5 m arc is 10 mm from it
+_GAP: Final = 0.5  # largest distance between the lanes of two roads [m]: beyond it the link is wrong
+_LONGEST: Final = 50e3  # route [m], as of any course
+_PAVED: Final = frozenset(  # types of lanes that a vehicle can stand on
+    (
+        *("driving", "stop", "shoulder", "border", "parking", "restricted", "bidirectional", "biking", "roadWorks"),
+        *("entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "mwyEntry", "mwyExit"),
+        *("bus", "taxi", "HOV", "special1", "special2", "special3"),
+    )
+)
+
+
+def lane_points(network: Network, request: Request, source: str) -> PathPoints:
+    """Points along the middle of the lanes of a route, with heights, banks and edges.
+
+    Raises:
+        ValueError: one line with the roads' ids, if there is no such route.
+    """
+    rows: list[FloatArray] = []  # x, y, z, bank, left and right width
+    length, end = 0.0, None
+    for leg in legs(network, request, source):
+        length += leg.length
+        if length > _LONGEST:
+            raise ValueError(f"{source}: the route is longer than {1e-3 * _LONGEST:g} km")
+        points = _points(leg, request.edges)
+        if end is not None:
+            _check_gap(end, points[0], leg, source)
+        end = points[-1]
+        if rows:  # a road begins where the one before ends
+            away = np.hypot(*(points[:, :2] - rows[-1][-1, :2]).T) >= 0.5 * _SPACING
+            points = points[int(np.argmax(away)) :] if away.any() else points[:0]
+        if len(points):
+            rows.append(points)
+    table = np.concatenate(rows)
+    return PathPoints(places=table[:, :2], heights=table[:, 2], banks=table[:, 3], widths=table[:, 4:])
+
+
+def _check_gap(end: FloatArray, begin: FloatArray, leg: Leg, source: str) -> None:
+    """Refuse a lane that does not begin where the one before ends."""
+    gap = float(np.hypot(*(begin[:2] - end[:2])))
+    if gap > _GAP:
+        raise ValueError(
+            f"{source}: a gap of {gap:.3g} m between the lanes at the begin of road {shown(leg.road.id, 40)}, at "
+            f"({begin[0]:.2f}, {begin[1]:.2f}): must be at most {_GAP:g} m"
+        )
+
+
+def _points(leg: Leg, edges: Edges) -> FloatArray:
+    """x, y, z [m], bank [-], width to the left and right edge [m] along a lane in the direction of travel, (n, 6)."""
+    road, section = leg.road, leg.road.sections[leg.section]
+    s = np.linspace(section.s, section.s + leg.length, max(2, math.ceil(leg.length / _SPACING) + 1))
+    side = 1.0 if leg.lane > 0 else -1.0
+    inner, outer = (side * border for border in section.borders(s, leg.lane))
+    offset = road.lane_offset.at(s)
+    middle = offset + 0.5 * (inner + outer)
+    low, high = np.minimum(inner, outer), np.maximum(inner, outer)
+    if edges == "road":
+        low, high = _paved(leg, s, low, high)
+    bank = np.tan(road.superelevation.at(s))
+    left, right = offset + high - middle, middle - offset - low
+    if leg.direction < 0:
+        bank, left, right = -bank, right, left
+    table = np.column_stack([road.places(s, middle), bank, left, right])
+    return table[:: leg.direction]
+
+
+def _paved(leg: Leg, s: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest t of the paved lanes that join a lane without one between that is not paved."""
+    section = leg.road.sections[leg.section]
+    ids = sorted(section.lanes)
+    at = ids.index(leg.lane)
+    for step in (-1, 1):
+        k = at + step
+        while 0 <= k < len(ids) and section.lanes[ids[k]].kind in _PAVED:
+            side = 1.0 if ids[k] > 0 else -1.0
+            borders = [side * border for border in section.borders(s, ids[k])]
+            low, high = np.minimum(low, np.minimum(*borders)), np.maximum(high, np.maximum(*borders))
+            k += step
+    return low, high
