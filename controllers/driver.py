@@ -111,6 +111,11 @@ class PreviewDriver(Driver[DriverMemory]):
             self._profile = SpeedProfile.of(path, speed, max_lateral_acceleration, _COMFORTABLE)
 
     @property
+    def tractor(self) -> TractorGeometry:
+        """Data sheet of the tractor."""
+        return self._tractor
+
+    @property
     def speed(self) -> float:
         """Set speed [m/s]."""
         return self._speed

@@ -1,7 +1,7 @@
 """A driver who stops along the path, waits, reverses some distance and drives on.
 
 Forwards the preview driver drives. In reverse the last trailer's axle is steered back along the path on which it came,
-at walking pace; the driver reads the articulation in the mirrors.
+at walking pace, slower with a short dolly or trailer; the driver reads the articulation in the mirrors.
 """
 
 from __future__ import annotations
@@ -20,7 +20,10 @@ from sensors.messages import EgoState
 from vehicle.clock import TICK
 from vehicle.frames import Pose2
 
-_REVERSE_SPEED: Final = 1.2  # brisk walking [m/s]
+_REVERSE_SPEED: Final = 1.2  # at most: brisk walking [m/s]
+# A towed unit folds in reverse by exp(1) per length of its own. While the steer goes from lock to lock at its largest
+# rate, the shortest unit travels that share of its length at most: it folds by 65 %, which the law brings back.
+_FOLDING: Final = 0.5
 _GENTLE: Final = 0.5  # planned acceleration for setting off and stopping [m/s2]
 _BRAKE_DISTANCE: Final = 0.15  # before a stop, from which on only the brakes act [m]
 _STOPPING: Final = 0.5  # braking there: as planned, so that the combination hardly rocks [m/s2]
@@ -79,16 +82,20 @@ class ShuntingDriver(Driver[ShuntMemory]):
         self._forward, self._chain, self._law = forward, chain, ReversingLaw(chain)
         self._legs = _legs(stops, forward.path_length)
         self._stops = tuple(stops)
+        lock_to_lock = 2.0 * chain.max_steer / forward.tractor.max_steer_rate  # [s]
+        self._reverse_speed = min(_REVERSE_SPEED, _FOLDING * min(chain.lengths) / lock_to_lock)  # [m/s]
 
     @property
     def duration(self) -> float:
         """Planned duration of the drive with its stops and legs in reverse [s]."""
-        stopping = self._forward.speed / _GENTLE + _REVERSE_SPEED / _GENTLE  # longer than braking and setting off take
+        stopping = (
+            self._forward.speed / _GENTLE + self._reverse_speed / _GENTLE
+        )  # longer than braking and setting off take
         duration = self._forward.duration
         for stop in self._stops:
             duration += stop.wait + stopping
             if stop.back > 0.0:
-                duration += stop.wait + stopping + stop.back / _REVERSE_SPEED + stop.back / self._forward.speed
+                duration += stop.wait + stopping + stop.back / self._reverse_speed + stop.back / self._forward.speed
         return duration
 
     @property
@@ -149,7 +156,7 @@ class ShuntingDriver(Driver[ShuntMemory]):
         memory, left = memory._replace(reversing=leg._replace(station=station)), station - leg.end
         if left <= _BRAKE_DISTANCE:
             return self._held(memory, tick, ego, demand, -_STOPPING)
-        error = min(_REVERSE_SPEED, _speed_limit(memory, tick, left)) + ego.v_x
+        error = min(self._reverse_speed, _speed_limit(memory, tick, left)) + ego.v_x
         elapsed = 0.0 if memory.forward.tick is None else (tick - memory.forward.tick) * TICK
         integral, acceleration = speed_control(memory.integral, error, elapsed)
         forward = self._forward.following(memory.forward, tick, ego, demand)

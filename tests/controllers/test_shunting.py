@@ -127,3 +127,19 @@ def test_while_he_waits_he_holds_the_brakes_and_the_wheel() -> None:
 def test_stops_that_do_not_fit_are_refused(stops: list[Stop], complaint: str) -> None:
     with pytest.raises(ValueError, match=complaint):
         ShuntingDriver(PreviewDriver(TRACTOR, PATH, 3.0), CHAIN, stops)
+
+
+@pytest.mark.parametrize(("lengths", "speed"), [((8.0,), 1.2), ((3.0, 8.0), 0.5 * 3.0 / 2.8)])
+def test_in_reverse_the_shortest_unit_moves_half_its_length_from_lock_to_lock(
+    lengths: tuple[float, ...], speed: float
+) -> None:
+    """1.4 rad at 0.5 rad/s are 2.8 s: a dolly of 3 m is pushed at 0.54 m/s; at 1.2 m/s it jackknifed in a bend of 20 m.
+
+    The speed follows from what 10 m more in reverse add to the planned duration; going on from there is at 3 m/s.
+    """
+    chain = RollingChain(wheelbase=3.8, max_steer=0.7, hitches=(0.6,) * len(lengths), lengths=lengths)
+
+    def duration(back: float) -> float:
+        return ShuntingDriver(PreviewDriver(TRACTOR, PATH, 3.0), chain, [Stop(40.0, 1.0, back)]).duration
+
+    assert 10.0 / (duration(20.0) - duration(10.0) - 10.0 / 3.0) == pytest.approx(speed)
