@@ -17,8 +17,9 @@ from estimators.stereo_geometry import linearised, motion_jacobian, triangulatio
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
-_ITERATIONS = 20  # at most, in each round; usually four are enough
-_CONVERGED = 0.1  # largest last step [standard deviations]
+_ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
+_CONVERGED = 0.1  # step at which a round ends [standard deviations]
+_NEARLY = 0.5  # largest last step of a motion that counts as converged [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
 _CORRELATION = 1.4  # factor for correlated errors of neighbours and of the four images of a point: measured
@@ -63,9 +64,10 @@ def refined(
             normal, gradient = _normal_equations(J, information, weight, r)
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
-            converged = bool(step @ normal @ step < (_CONVERGED * sigma) ** 2)
-            if converged:
+            length = float(step @ normal @ step) / sigma**2
+            if length < _CONVERGED**2:
                 break
+        converged = length < _NEARLY**2
         inliers = error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
