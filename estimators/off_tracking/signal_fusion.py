@@ -28,12 +28,13 @@ from estimators.estimates import Anchor, Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
+from estimators.off_tracking.judged_motion import PLANAR, doubted, from_reference, lost_motion, spatial, weighted
 from estimators.off_tracking.signal_history import REMEMBERED, extended_history
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, inverse, so3_exp, transform
+from vehicle.frames import FloatArray, inverse
 
 # A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
 # The largest of 3000 healthy motions on roads of class A to E, forwards and backwards, was 30.
@@ -44,12 +45,9 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _IMPOSSIBLE = 5.0  # the camera may ask for parameters up to this distance from their prior [its standard deviations]
 _LONGEST_LINK = REMEMBERED  # of a bridge, at standstill [ticks]
-_PLANAR = [2, 3, 4]  # yaw, x and y of a rotation vector and a translation
 # Rocking of the body on its tyres and springs between two frames, 1 sigma: on rough roads, at a stop and when the
 # driver steers fast. It returns, so it does not add up; dead reckoning knows nothing of it.
 _ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
-# What dead reckoning leaves out, 1 sigma: roll and pitch of the body on an uneven road, and its heave.
-_OUT_OF_PLANE = np.diag([0.01, 0.01, 0.0, 0.0, 0.0, 0.05]) ** 2  # [rad], [m]
 
 
 class Known(NamedTuple):
@@ -128,7 +126,7 @@ class SignalFusion:
         if estimate is None or estimate.tick < tick:
             memory, path, estimate = self._bridged(memory, path, tick) or (memory, path, estimate)
         if estimate is None and path.samples:
-            path, estimate = self._buffer.step(path, _lost(path, tick))
+            path, estimate = self._buffer.step(path, lost_motion(path, tick))
         if estimate is None:
             return memory, path, None
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
@@ -147,7 +145,7 @@ class SignalFusion:
         if reckoned is None or tick <= newest or not self._reckoning.agree(memory.history):
             return None
         X_PC = inverse(X_OS[newest]) @ X_OS[link.tick] @ reckoned.X if X_OS else reckoned.X
-        covariance = _spatial(reckoned.covariance)
+        covariance = spatial(reckoned.covariance)
         path, estimate = self._buffer.reckon(
             path,
             BodyMotion(
@@ -175,7 +173,7 @@ class SignalFusion:
         continues = not path.samples or any(sample.tick == motion.previous_tick for sample in path.samples)
         test = self._tested(memory, motion)
         if test is None:  # no signals
-            longer = _from_reference(path, motion, reference.tick)
+            longer = from_reference(path, motion, reference.tick)
             motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
             return (memory._replace(reference=known, link=known), motion) if continues else (memory, None)
@@ -184,7 +182,7 @@ class SignalFusion:
         memory = memory._replace(misfit=misfit, distrusted=distrusted)
         if distrusted or test.score > _GATE:
             return memory, None
-        longer = _from_reference(path, motion, reference.tick)
+        longer = from_reference(path, motion, reference.tick)
         if longer is not None:
             spanning = self._tested(memory, longer)
             if spanning is not None and spanning.score <= _GATE:
@@ -193,9 +191,9 @@ class SignalFusion:
         if not continues or self._reckoning.deviation(parameters, memory.history) > _IMPOSSIBLE:
             return memory, None
         if motion.health is Health.DEGRADED and motion.anchor is None:
-            motion = _weighted(motion, test)
+            motion = weighted(motion, test.reckoned, test.innovation, test.covariance)
         elif misfit > _DOUBTED:
-            motion = _doubted(motion, misfit)
+            motion = doubted(motion, misfit)
         known = Known(motion.tick, parameters)
         return memory._replace(reference=known, link=known), motion
 
@@ -208,7 +206,7 @@ class SignalFusion:
             return None
         yaw = float(rotation_vector(motion.X_PC[:3, :3])[2])
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
-        S = reckoned.covariance + motion.covariance[np.ix_(_PLANAR, _PLANAR)]
+        S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
         score = float(innovation @ np.linalg.solve(S + _ROCKING, innovation))
         return _Test(reckoned, innovation, gain, S, score)
@@ -219,56 +217,3 @@ class SignalFusion:
         covariance = parameters.covariance - test.gain @ test.covariance @ test.gain.T
         duration = (motion.tick - motion.previous_tick) * TICK
         return self._reckoning.forgotten(Parameters(mean, covariance), test.reckoned.distance, duration)
-
-
-def _from_reference(path: BufferMemory, motion: BodyMotion, reference: int) -> BodyMotion | None:
-    """The motion from the reference instead, through a keyframe that is as old; None if there is none."""
-    anchor = motion.anchor
-    if motion.previous_tick == reference or anchor is None or anchor.tick > reference:
-        return None
-    X_OS = {sample.tick: sample.X_OS for sample in path.samples}
-    if anchor.tick not in X_OS or reference not in X_OS:
-        return None
-    X_PA = inverse(X_OS[reference]) @ X_OS[anchor.tick]
-    R = np.kron(np.eye(2), X_PA[:3, :3])
-    covariance = R @ anchor.covariance @ R.T
-    return replace(motion, previous_tick=reference, X_PC=X_PA @ anchor.X_AC, covariance=covariance)
-
-
-def _weighted(motion: BodyMotion, test: _Test) -> BodyMotion:
-    """The motion with its yaw, x and y weighted with those of dead reckoning."""
-    P = test.reckoned.covariance
-    gain = np.linalg.solve(test.covariance, P).T
-    turn, x, y = (test.reckoned.pose + gain @ test.innovation).tolist()
-    own = float(rotation_vector(motion.X_PC[:3, :3])[2])
-    X_PC = transform(so3_exp(np.array([0.0, 0.0, turn - own])) @ motion.X_PC[:3, :3], np.array([x, y, 0.0]))
-    X_PC[2, 3] = motion.X_PC[2, 3]
-    covariance = np.diag(np.diag(motion.covariance))
-    covariance[np.ix_(_PLANAR, _PLANAR)] = P - gain @ P
-    return replace(motion, X_PC=X_PC, covariance=0.5 * (covariance + covariance.T))
-
-
-def _doubted(motion: BodyMotion, misfit: float) -> BodyMotion:
-    """The motion, degraded, with its covariances multiplied by the misfit."""
-    anchor = motion.anchor
-    if anchor is not None:
-        anchor = replace(anchor, covariance=misfit * anchor.covariance)
-    return replace(motion, covariance=misfit * motion.covariance, health=Health.DEGRADED, anchor=anchor)
-
-
-def _spatial(covariance: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of a motion from that of its yaw, x and y."""
-    spatial = _OUT_OF_PLANE.copy()
-    spatial[np.ix_(_PLANAR, _PLANAR)] = covariance
-    return spatial
-
-
-def _lost(path: BufferMemory, tick: int) -> BodyMotion:
-    """A motion without information from the newest sample of the path."""
-    return BodyMotion(
-        tick=tick,
-        previous_tick=path.samples[0].tick,
-        X_PC=np.eye(4),
-        covariance=np.diag(np.full(6, np.inf)),
-        health=Health.LOST,
-    )
