@@ -92,14 +92,14 @@ def test_a_lane_change_is_that_of_the_linear_theory() -> None:
     ],
 )
 def test_curves_are_driven_without_weaving_on_any_tyre(law: str, kmh: float, lateral: float, friction: float) -> None:
-    """Undamped tyres of other laws, half of the friction used, a full turn at creep.
+    """Undamped tyres of other laws, half of the friction used, a quarter turn at creep.
 
     A kink of the path costs millimetres; after it the steer only settles.
     """
     vehicle, speed = with_tyres(load_vehicle("eu_tractor_semitrailer"), law), kmh / 3.6
     x = vehicle.units[0].steered_axles[0].x
     radius = speed**2 / (lateral * GRAVITY) if lateral else 12.5
-    turn = min(math.tau, 6.0 * speed / radius) if lateral else 0.5 * math.tau
+    turn = min(math.tau, 6.0 * speed / radius) if lateral else 0.25 * math.tau
     course = corner(wheel_x=x, radius=radius, turn=turn, entry=20.0, exit=5.0 * speed + 10.0)
     end = course.path.pose(course.length)
     log = drive(
