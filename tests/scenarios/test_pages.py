@@ -150,7 +150,7 @@ def recording_html(_: RunResult) -> str:
     )
     estimation = cast(Estimation, SimpleNamespace(recording=recording, outcome=BAD, frames=()))
     numbers = {
-        "frames": {"duration_s": 1.0}, "odometry": {"name": BAD}, "notes": [BAD],
+        "frames": {"duration_s": 1.0}, "odometry": {"name": BAD}, "notes": [BAD], "warnings": [BAD],
         "dropped_frames": [{"frame": 3, "reason": BAD}],
     }  # fmt: skip
     return recording_page.report_page(estimation, table_log(("time", "s"), rows=1), numbers)
