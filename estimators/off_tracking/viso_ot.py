@@ -9,6 +9,8 @@ Dynamics, 2018.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import ClassVar, Generic, NamedTuple, Self
 
 from estimators.context import TrailerContext
@@ -71,14 +73,16 @@ class VisoOt(Generic[Memory]):
         smoothing: bool = False,
         fusion: str = "signals",
         path_height: float = 0.0,
+        direction_std: float = 0.0,
         towed: Towed | None = None,
     ) -> None:
         """For the rig of ``calibration`` and a follow point ``follow_distance`` [m] behind the hitch.
 
         Paths are those of points at ``path_height`` [m] in the body. At the height of its roll axis a body does not
         move to the side as it rolls. ``smoothing`` and ``reversing_distance`` [m] are those of `OffTrackingBuffer`.
-        ``fusion = "signals"`` needs to know the trailer as ``towed`` unit of a vehicle; without it, and with "none",
-        the cameras are used alone.
+        The direction of the left camera in the body is known to ``direction_std`` [rad], 1 sigma: an error turns the
+        path about the hitch. ``fusion = "signals"`` needs to know the trailer as ``towed`` unit of a vehicle; without
+        it, and with "none", the cameras are used alone.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive, ``reversing_distance`` negative, or ``towed`` is no
@@ -86,6 +90,7 @@ class VisoOt(Generic[Memory]):
         """
         self._X_SC = raised(-path_height) @ calibration.X_SC
         self._odometry = odometry
+        self._direction_std = direction_std * follow_distance  # [m]
         self._buffer = OffTrackingBuffer(follow_distance, reversing_distance=reversing_distance, smoothing=smoothing)
         self._fusion: SignalFusion | None = None
         if fusion == "signals" and towed is not None:
@@ -131,6 +136,8 @@ class VisoOt(Generic[Memory]):
         memory = VisoOtMemory(odometry, buffer, fusion)
         if off_tracking is None:
             return memory, None
+        if self._direction_std > 0.0:
+            off_tracking = replace(off_tracking, std=math.hypot(off_tracking.std, self._direction_std))
         return memory, CameraOffTracking(off_tracking=off_tracking, motion=motion)
 
 

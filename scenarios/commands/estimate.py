@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -82,6 +83,13 @@ def off_tracking(
         float | None, typer.Option(help="Position of the cameras left of the trailer's centre line [m].")
     ] = None,
     camera_height: Annotated[float | None, typer.Option(help="Height of the cameras above the ground [m].")] = None,
+    direction_std: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of the cameras' direction in the trailer: of their mount and calibration [deg].",
+            show_default=False,
+        ),
+    ] = None,
     odometry: Annotated[
         str | None,
         typer.Option(
@@ -128,11 +136,13 @@ def off_tracking(
     with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
         check_number("--camera-x", camera_x, -100.0, 100.0)
         check_number("--camera-y", camera_y, -10.0, 10.0)
+        check_number("--direction-std", direction_std, 0.0, 10.0)
         options = MountingOptions(
             follow_distance=follow_distance,
             facing=facing_named(facing) if facing else None,
             x=camera_x,
             y=camera_y,
+            direction_std=None if direction_std is None else math.radians(direction_std),
             z=camera_height,
         )
         recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
@@ -216,7 +226,11 @@ def _source(recording: Recording, odometry: str | None, *, self_calibration: boo
     motions = SelfCalibratedOdometry(recording.calibration, motions, correcting=self_calibration)
     estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
     source: OffTrackingSource = estimator(
-        recording.calibration, recording.follow_distance, motions, path_height=recording.roll_axis_height
+        recording.calibration,
+        recording.follow_distance,
+        motions,
+        path_height=recording.roll_axis_height,
+        direction_std=recording.direction_std,
     )
     return name, source
 

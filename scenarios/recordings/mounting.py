@@ -42,6 +42,9 @@ _ASSUMED_POSES: Final[dict[Facing, _AssumedPose]] = {
 _FOLLOW_DISTANCE = 14.0  # default: de Saxe 2018, section 3.1 [m]
 _HEIGHT = 3.0  # default: the same section [m]
 _CLEAR_DISTANCE = 1.0  # after which the direction of travel is clear: 100 times the odometry's error [m]
+# Standard deviations of the camera's direction where a recording does not state one.
+_PRINCIPAL_POINT = 1.0  # assumed of a calibrated principal point: calibrations of one camera differ by this [px]
+_ALIGNED = math.radians(0.1)  # assumed of a camera whose mounting is not known: 1 cm in 6 m [rad]
 _LONGEST_WAIT = 300  # for this distance [frames]
 
 
@@ -53,6 +56,7 @@ class _RigTable(BaseModel):
     X_SC: tuple[tuple[float, float, float, float], ...]  # pose of the left camera in the trailer, 4x4
     follow_distance: float | None = Field(None, gt=0.0, json_schema_extra={"unit": "m"})  # hitch to follow point
     roll_axis_height: float = Field(0.0, ge=0.0, le=3.0, json_schema_extra={"unit": "m"})  # about which the body rolls
+    direction_std_deg: float | None = Field(None, ge=0.0, le=10.0, json_schema_extra={"unit": "deg"})  # of the camera
     left: dict[str, Any] | None = None  # of a raw pair
 
     @field_validator("X_SC")
@@ -73,6 +77,7 @@ class MountingOptions:
     x: float | None = None  # middle of the pair, ahead of the hitch, negative behind it [m]
     y: float | None = None  # + left [m]
     z: float | None = None  # above the ground [m]
+    direction_std: float | None = None  # 1 sigma of the direction, by mount and calibration [rad]
 
     def __post_init__(self) -> None:
         if self.follow_distance is not None and not 0.0 < self.follow_distance < math.inf:
@@ -100,6 +105,7 @@ class Mounting:
     X_SC: FloatArray  # (4, 4)
     follow_distance: float  # hitch to follow point [m]
     roll_axis_height: float = 0.0  # of the axis about which the trailer's body rolls [m]
+    direction_std: float = 0.0  # 1 sigma of the left camera's direction in the trailer [rad]
     assumed: tuple[str, ...] = ()  # assumptions in words
 
 
@@ -110,6 +116,7 @@ class Rig:
     X_SC: FloatArray | None = None
     follow_distance: float | None = None  # [m]
     roll_axis_height: float = 0.0  # [m]
+    direction_std: float | None = None  # 1 sigma of the left camera's direction in the trailer [rad]
     raw: bool = False  # True if the file also contains the calibration of raw images
 
 
@@ -125,11 +132,14 @@ def read_rig(path: Path) -> Rig:
         X_SC=X_SC if X_SC[2, 3] > 0.0 else None,
         follow_distance=table.follow_distance,
         roll_axis_height=table.roll_axis_height,
+        direction_std=None if table.direction_std_deg is None else math.radians(table.direction_std_deg),
         raw=table.left is not None,
     )
 
 
-def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callable[[], Facing | None]) -> Mounting:
+def mounting(
+    options: MountingOptions, rig: Rig, calibration: StereoCalibration, facing: Callable[[], Facing | None]
+) -> Mounting:
     """Mounting from options, then from a rig, then from assumptions.
 
     Rear-facing cameras are assumed above the follow point, front-facing ones above the hitch, all others halfway.
@@ -137,7 +147,7 @@ def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callab
     Args:
         options: the user's options.
         rig: mounting data of the recording.
-        baseline: of the cameras [m].
+        calibration: of the rectified cameras.
         facing: finds the facing direction from the cameras' motion; called only if it is not known otherwise.
     """
     assumed: list[str] = []
@@ -147,7 +157,8 @@ def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callab
         assumed.append(f"follow point {follow_distance:g} m behind the hitch (--follow-distance)")
     placed = (options.facing, options.x, options.y, options.z)
     if rig.X_SC is not None and placed == (None,) * len(placed):
-        return Mounting(rig.X_SC, follow_distance, rig.roll_axis_height, tuple(assumed))
+        direction_std = _direction_std(options, rig, calibration, 0.0, assumed)
+        return Mounting(rig.X_SC, follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))
     direction = options.facing
     if direction is None:
         direction = facing() or "rear"
@@ -161,8 +172,24 @@ def mounting(options: MountingOptions, rig: Rig, baseline: float, facing: Callab
         z = _HEIGHT
         assumed.append(f"cameras {z:g} m above the ground (--camera-height)")
     R_SC = rotation_zyx(pose.yaw, pose.pitch, 0.0) @ R_BODY_CAMERA
-    p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * baseline, 0.0, 0.0])
-    return Mounting(transform(R_SC, p_SC), follow_distance, rig.roll_axis_height, tuple(assumed))
+    p_SC = np.array([x, y, z]) - R_SC @ np.array([0.5 * calibration.baseline, 0.0, 0.0])
+    direction_std = _direction_std(options, rig, calibration, _ALIGNED, assumed)
+    return Mounting(transform(R_SC, p_SC), follow_distance, rig.roll_axis_height, direction_std, tuple(assumed))
+
+
+def _direction_std(
+    options: MountingOptions, rig: Rig, calibration: StereoCalibration, mount: float, assumed: list[str]
+) -> float:
+    """Standard deviation [rad] of the camera's direction, with that of its ``mount``; what is assumed is listed."""
+    if options.direction_std is not None:
+        return options.direction_std
+    by_calibration = rig.direction_std
+    if by_calibration is None:
+        by_calibration = _PRINCIPAL_POINT / calibration.focal_length
+    std = math.hypot(by_calibration, mount)
+    if std != rig.direction_std:
+        assumed.append(f"direction of the cameras known to {math.degrees(std):.2g} deg (--direction-std)")
+    return std
 
 
 def facing_by_motion(calibration: StereoCalibration, frames: Iterable[StereoFrame]) -> Facing | None:

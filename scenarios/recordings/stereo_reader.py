@@ -45,6 +45,7 @@ class Recording:
     rectification: Rectification | None  # None: the images are rectified already
     follow_distance: float  # hitch to follow point [m]
     roll_axis_height: float  # of the axis about which the trailer's body rolls [m]
+    direction_std: float  # 1 sigma of the left camera's direction in the trailer [rad]
     poses: FloatArray | None  # (n, 4, 4) true poses of the left camera relative to the first frame
     notes: tuple[str, ...]  # on irregularities of the recording
     assumed: tuple[str, ...]  # assumptions on the mounting in words
@@ -94,7 +95,7 @@ def open_recording(
     mounted = mounting(
         options or MountingOptions(),
         cameras.rig,
-        calibration.baseline,
+        calibration,
         lambda: facing_by_motion(calibration, _rectified(sequence, size, cameras.rectification)),
     )
     return Recording(
@@ -104,6 +105,7 @@ def open_recording(
         rectification=cameras.rectification,
         follow_distance=mounted.follow_distance,
         roll_axis_height=mounted.roll_axis_height,
+        direction_std=mounted.direction_std,
         poses=_poses(sequence, cameras.X_CP),
         notes=sequence.notes,
         assumed=mounted.assumed,
@@ -122,6 +124,7 @@ def _cameras(sequence: StereoSequence, size: tuple[int, int], file: Path | None)
             X_SC=rig.X_SC if given.X_SC is None else given.X_SC,
             follow_distance=given.follow_distance or rig.follow_distance,
             roll_axis_height=given.roll_axis_height or rig.roll_axis_height,
+            direction_std=rig.direction_std if given.direction_std is None else given.direction_std,
         )
         return _raw_cameras(file, size, rig)
     return _rectified_cameras(file or sequence.directory / "calib.txt", sequence.layout, size, rig)

@@ -72,6 +72,7 @@ def rig_text(
     trailer = (
         f"follow_distance = {follow_distance!r}  # hitch to follow point [m]\n"
         f"roll_axis_height = {roll_axis_height!r}  # of the axis about which the trailer's body rolls [m]\n"
+        "direction_std_deg = 0.0  # 1 sigma of the camera's direction in the trailer; 0: exact [deg]\n"
     )
     if isinstance(calibration, RawStereoRig):
         return f"{trailer}{calibration.to_toml()}"

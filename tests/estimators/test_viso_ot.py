@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -92,3 +94,19 @@ def test_lost_frame_is_without_health_and_leaves_no_trace(drive: Drive, estimate
     assert lost.v_x == pytest.approx(estimates[33].off_tracking.v_x, abs=0.1)  # at the last velocity
     assert after.health is Health.OK
     assert after.value == pytest.approx(estimates[34].off_tracking.value, abs=0.01)  # two different odometries [m]
+
+
+def test_an_uncertain_direction_of_the_camera_widens_the_estimate_by_its_lever(drive: Drive) -> None:
+    """0.2 deg turn a path of 7 m by 24 mm at the follow point; the value stays."""
+    stated = []
+    for direction_std in (0.0, math.radians(0.2)):
+        odometry = CircularOdometry(drive.calibration)
+        viso_ot = VisoOt(drive.calibration, FOLLOW_DISTANCE, odometry, direction_std=direction_std)
+        memory = viso_ot.init()
+        for frame in drive.frames:
+            memory, estimate = viso_ot.step(memory, frame)
+        assert estimate is not None
+        stated.append(estimate.off_tracking)
+    assert stated[1].value == stated[0].value
+    widened = math.sqrt(stated[1].std ** 2 - stated[0].std ** 2)
+    assert widened == pytest.approx(math.radians(0.2) * FOLLOW_DISTANCE)

@@ -286,7 +286,7 @@ def test_options_leave_nothing_to_assume(yard: Path) -> None:
     """Said again what the rig said, the result is the same."""
     (yard / "rig.toml").unlink()
     said = ("--facing", "rear", "--follow-distance", "10", "--camera-x", "-10", "--camera-height", "3")
-    found = numbers(yard, "--no-video", *said)
+    found = numbers(yard, "--no-video", *said, "--direction-std", "0")
     assert found["assumed"] == []
     assert found["follow_distance_m"] == 10.0
     assert found["off_tracking"]["estimate_error_max_m"] < 1e-6

@@ -180,7 +180,7 @@ def test_what_nobody_has_said_is_assumed_and_named(
     facing: Facing, x: float, forward: tuple[float, float, float]
 ) -> None:
     """Rear cameras over the follow point, side ones half way, front ones over the hitch; forward as they see it."""
-    placed = mounting(MountingOptions(), Rig(), 0.5, lambda: facing)
+    placed = mounting(MountingOptions(), Rig(), RIG.calibration(), lambda: facing)
     middle = placed.X_SC @ [0.25, 0.0, 0.0, 1.0]
     assert middle[:3] == pytest.approx([x, 0.0, 3.0])
     assert pytest.approx(forward, abs=1e-12) == placed.X_SC[:3, :3].T @ [1.0, 0.0, 0.0]
@@ -189,7 +189,10 @@ def test_what_nobody_has_said_is_assumed_and_named(
         "--facing)",
         "--camera-x)",
         "--camera-height)",
+        "--direction-std)",
     ]
+    pixel = 1.0 / RIG.calibration().focal_length
+    assert placed.direction_std == pytest.approx(math.hypot(pixel, math.radians(0.1)))
 
 
 @pytest.mark.parametrize(
@@ -237,11 +240,12 @@ def test_which_way_cameras_face_is_seen_by_how_they_move(
 
 def test_options_go_before_the_rig_and_leave_nothing_to_assume() -> None:
     """Nor is anybody asked which way the cameras face."""
-    options = MountingOptions(follow_distance=9.0, facing="rear", x=-8.0, y=0.1, z=4.2)
-    rig = Rig(X_SC=RIG.calibration().X_SC, follow_distance=13.5)
-    placed = mounting(options, rig, 0.5, lambda: pytest.fail("asked"))
+    options = MountingOptions(follow_distance=9.0, facing="rear", x=-8.0, y=0.1, z=4.2, direction_std=0.002)
+    rig = Rig(X_SC=RIG.calibration().X_SC, follow_distance=13.5, direction_std=0.0)
+    placed = mounting(options, rig, RIG.calibration(), lambda: pytest.fail("asked"))
     assert placed.follow_distance == 9.0
     assert placed.assumed == ()
+    assert placed.direction_std == 0.002
     assert (placed.X_SC @ [0.25, 0.0, 0.0, 1.0])[:3] == pytest.approx([-8.0, 0.1, 4.2])
 
 

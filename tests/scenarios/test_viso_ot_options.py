@@ -16,7 +16,7 @@ def test_options_are_the_keywords_of_the_estimator_with_the_same_defaults() -> N
     """The scenario hands them on as they are; a renamed one would only show with cameras."""
     keywords = inspect.signature(VisoOt.__init__).parameters.values()
     defaults = {word.name: word.default for word in keywords if word.kind is word.KEYWORD_ONLY}
-    del defaults["path_height"], defaults["towed"]  # follow from the vehicle
+    del defaults["path_height"], defaults["towed"], defaults["direction_std"]  # follow from vehicle and calibration
     assert VisoOtOptions().model_dump() == defaults
     told = load_scenario("roundabout", ["viso_ot.smoothing=true", "viso_ot.reversing_distance=35"]).viso_ot
     assert told.model_dump() == {"smoothing": True, "reversing_distance": 35.0, "fusion": "signals"}
