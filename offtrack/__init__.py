@@ -1,10 +1,7 @@
 """offtrack: closed-loop co-simulation of vehicles that slip, steered by what their cameras see.
 
-import offtrack
-
-run = offtrack.run("roundabout", seed=1, off_tracking="truth")
-run.summary["off_tracking"]["true_rms_m"]
-run.to_pandas()
+``offtrack.run("roundabout", off_tracking="truth")`` runs a scenario; ``sweep`` runs grids of them, ``load_run`` reads a
+run directory, and a ``Session`` is stepped by hand.
 """
 
 from __future__ import annotations

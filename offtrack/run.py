@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from offtrack.settings import load
+from offtrack.tables import pandas
 from scenarios.loop.run import run_any
 from scenarios.report.numbers import groups
 from scenarios.report.writer import write_run
@@ -21,7 +22,7 @@ from vehicle.frames import FloatArray
 from vehicle.user_file import FileKind, read_text
 
 if TYPE_CHECKING:
-    import pandas
+    from pandas import DataFrame
 
 _FILES = ("summary.json", "signals.parquet", "scenario.toml")
 
@@ -66,18 +67,14 @@ class Run:
         self.directory = write_run(self._result, Path(directory), video=video)
         return self.directory
 
-    def to_pandas(self) -> pandas.DataFrame:
+    def to_pandas(self) -> DataFrame:
         """Signals as a table over time [s], with ``attrs["units"]`` and ``attrs["descriptions"]`` by signal.
 
         Raises:
             ImportError: one line, if pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise ImportError("to_pandas needs pandas: pip install 'offtrack[pandas]'") from None
-        table = pandas.DataFrame({signal.name: self.log[signal.name] for signal in self.log.signals})
-        table.index = pandas.Index(self.log["time"], name="time")
+        table = pandas().DataFrame({signal.name: self.log[signal.name] for signal in self.log.signals})
+        table.index = pandas().Index(self.log["time"], name="time")
         table.attrs["units"] = {signal.name: signal.unit for signal in self.log.signals}
         table.attrs["descriptions"] = {signal.name: signal.description for signal in self.log.signals}
         return table

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from offtrack.run import checked_seed
 from offtrack.settings import text_of
+from offtrack.tables import pandas
 from scenarios.processes import default_jobs
 from scenarios.studies.run_study import run_study
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import Row, shown_quantities
 
 if TYPE_CHECKING:
-    import pandas
+    from pandas import DataFrame
 
 
 class Sweep:
@@ -30,18 +31,14 @@ class Sweep:
         """Use `sweep`."""
         self.rows, self.directory = tuple(rows), directory
 
-    def to_pandas(self) -> pandas.DataFrame:
+    def to_pandas(self) -> DataFrame:
         """Rows as a table, with ``attrs["units"]`` by column.
 
         Raises:
             ImportError: one line, if pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise ImportError("to_pandas needs pandas: pip install 'offtrack[pandas]'") from None
         quantities = shown_quantities(self.rows)
-        table = pandas.DataFrame(
+        table = pandas().DataFrame(
             [
                 {**dict(row.axes), "runs": row.runs, "completed": row.completed}
                 | {quantity.path: row.numbers[quantity.path] for quantity in quantities}

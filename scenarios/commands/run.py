@@ -69,14 +69,13 @@ def run(
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
     from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
-    from scenarios.results.run_inputs import changed_modules, run_inputs
+    from scenarios.results.run_inputs import changed_modules
     from scenarios.results.summary import summary
 
     with one_line_errors(), ExitStack() as cleanup:
         chosen = load_any_scenario(scenario, settings or [])
         directory = cleanup.enter_context(results_directory(out, chosen.name))
-        inputs = run_inputs(chosen.model_dump(exclude_none=True))
-        for module in changed_modules(Path(scenario), inputs):
+        for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
         if record:
             check_run_directory(record)

@@ -8,7 +8,7 @@ import platform
 import cv2
 
 from scenarios.results.rover import RoverResult
-from scenarios.results.run_inputs import module_hashes
+from scenarios.results.run_inputs import manifest_entry
 from scenarios.results.run_result import RunResult
 from vehicle.engine.compiler import engine_name
 
@@ -21,7 +21,7 @@ def manifest(result: RunResult | RoverResult) -> dict[str, object]:
         "versions": versions(),
         "signals_sha256": result.log.sha256(),
         **result.manifest,
-        **module_hashes(result.inputs),
+        **manifest_entry(result.inputs),
     }
 
 

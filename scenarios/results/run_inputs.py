@@ -10,7 +10,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -40,11 +40,7 @@ def run_inputs(scenario: Mapping[str, Any]) -> RunInputs:
     """Inputs of a resolved scenario, whose values name files by absolute paths and classes as ``module:Name``."""
     names = sorted(set(texts(scenario)))
     paths = [text for text in names if os.path.isabs(text) and is_file(text) and os.path.getsize(text) <= _LARGEST]
-    modules = {name: file for text in names for name, file in named_modules(text).items()}
-    return RunInputs(
-        {path: Path(path).read_bytes() for path in paths},
-        {name: digest(file) for name, file in modules.items()},
-    )
+    return RunInputs({path: Path(path).read_bytes() for path in paths}, _module_hashes(names))
 
 
 def write_inputs(scenario_toml: str, inputs: RunInputs, folder: Path) -> str:
@@ -62,18 +58,25 @@ def write_inputs(scenario_toml: str, inputs: RunInputs, folder: Path) -> str:
     return tomli_w.dumps(with_texts(tomllib.loads(scenario_toml), lambda text: names.get(text, text)))
 
 
-def changed_modules(scenario: Path, inputs: RunInputs) -> tuple[str, ...]:
-    """Own modules that are not as they were when the run was made that the scenario file belongs to."""
+def changed_modules(file: Path, scenario: Mapping[str, Any]) -> tuple[str, ...]:
+    """Own modules of a scenario that are not as they were when the run was made that its file belongs to."""
     try:
-        kept = json.loads(read_text(scenario.parent / "manifest.json", FileKind.RECORD))[_MODULES]
-        return tuple(sorted(name for name, sha in inputs.modules.items() if kept.get(name, sha) != sha))
+        kept = json.loads(read_text(file.parent / "manifest.json", FileKind.RECORD))[_MODULES]
+        now = _module_hashes(texts(scenario))
+        return tuple(sorted(name for name, sha in now.items() if kept.get(name, sha) != sha))
     except (OSError, ValueError, LookupError, TypeError, AttributeError):  # the scenario is not that of a run
         return ()
 
 
-def module_hashes(inputs: RunInputs) -> dict[str, dict[str, str]]:
+def manifest_entry(inputs: RunInputs) -> dict[str, dict[str, str]]:
     """Entry of a manifest; empty without own modules."""
     return {_MODULES: dict(inputs.modules)} if inputs.modules else {}
+
+
+def _module_hashes(names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of the own modules that texts stand for, by the modules' names."""
+    modules = {name: file for text in names for name, file in named_modules(text).items()}
+    return {name: digest(file) for name, file in modules.items()}
 
 
 def is_import_path(text: str) -> bool:

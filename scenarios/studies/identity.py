@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-from scenarios.results.file_names import texts
+from scenarios.results.file_names import is_file, texts
 from scenarios.results.files import digest
 from scenarios.results.own_modules import package_folders
 from scenarios.results.run_inputs import is_import_path, named_modules
@@ -59,10 +59,7 @@ def _files_of(text: str) -> dict[str, Path]:
     """Files that a value stands for: own modules by their names, or a file of data as "data"."""
     if is_import_path(text):
         return named_modules(text)
-    try:
-        return {"data": Path(text).resolve()} if Path(text).is_file() else {}
-    except (OSError, ValueError, RuntimeError):  # too long, a null character, links in a circle: not a file's name
-        return {}
+    return {"data": Path(text).resolve()} if is_file(text) else {}
 
 
 def software() -> tuple[str, ...]:

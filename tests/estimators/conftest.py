@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
+from estimators.protocol import Odometry
+from scenarios.catalogue import ODOMETRY, resolve
 from sensors.camera.rig import StereoCalibration, StereoRig
 from tests.estimators.stereo_scene import Drive, stereo_drive
 
@@ -21,3 +25,17 @@ def calibration() -> StereoCalibration:
 def drive(calibration: StereoCalibration) -> Drive:
     """46 frames at 10 Hz."""
     return stereo_drive(calibration)
+
+
+@pytest.fixture(params=sorted(ODOMETRY))
+def name(request: pytest.FixtureRequest) -> str:
+    """Every odometry of the catalogue in turn."""
+    chosen: str = request.param
+    return chosen
+
+
+@pytest.fixture
+def odometry(name: str, drive: Drive) -> Odometry[Any]:
+    """It, for the cameras of the drive."""
+    part: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
+    return part

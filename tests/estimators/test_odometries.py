@@ -19,18 +19,6 @@ OFF = {"viso2": 60e-3}  # that a single motion may be [m]
 FINE = 5e-3
 
 
-@pytest.fixture(params=sorted(ODOMETRY))
-def name(request: pytest.FixtureRequest) -> str:
-    chosen: str = request.param
-    return chosen
-
-
-@pytest.fixture
-def odometry(name: str, drive: Drive) -> Odometry[Any]:
-    part: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
-    return part
-
-
 def states(name: str, motions: list[Motion]) -> list[str]:
     """Lost, or found: in good health, of an odometry from which that can be asked."""
     found = (Health.OK, Health.DEGRADED) if name in OFF else (Health.OK,)

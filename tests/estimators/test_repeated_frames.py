@@ -11,25 +11,12 @@ import pytest
 from estimators.estimates import Health, lost_motion
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.protocol import Odometry
-from scenarios.catalogue import ODOMETRY, resolve
 from sensors.messages import StereoFrame
 from tests.estimators.stereo_scene import NOISE, Drive
 
 STANDING = 43  # first frame of the drive that is where the one before was
 OFF = {"viso2": 60e-3}  # error of a single motion at whole pixels [m]
 FINE = 8e-3  # after an unseen metre [m]
-
-
-@pytest.fixture(params=sorted(ODOMETRY))
-def name(request: pytest.FixtureRequest) -> str:
-    chosen: str = request.param
-    return chosen
-
-
-@pytest.fixture
-def odometry(name: str, drive: Drive) -> Odometry[Any]:
-    part: Odometry[Any] = resolve("odometry", name, ODOMETRY)(drive.calibration)
-    return part
 
 
 def frozen(frames: list[StereoFrame], first: int, count: int) -> list[StereoFrame]:
