@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
@@ -73,8 +74,7 @@ def stretch(points: PathPoints, begin: float, length: float | None, source: str)
         raise ValueError(
             f"{source}: the path is {along[-1]:.4g} m long: course.begin = {begin:g} m leaves nothing of it"
         )
-    known = {field.name: getattr(points, field.name) for field in fields(points)}
-    return replace(points, **{name: values[rows] for name, values in known.items() if values is not None})
+    return _with_each(points, lambda values: values[rows])
 
 
 def _thinned(points: PathPoints, spacing: float) -> PathPoints:
@@ -92,8 +92,13 @@ def _thinned(points: PathPoints, spacing: float) -> PathPoints:
         columns = [np.bincount(rows, column) / np.bincount(rows) for column in values[kept].reshape(len(rows), -1).T]
         return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
 
+    return _with_each(points, averaged)
+
+
+def _with_each(points: PathPoints, change: Callable[[FloatArray], FloatArray]) -> PathPoints:
+    """The points with each of their arrays that is known changed."""
     known = {field.name: getattr(points, field.name) for field in fields(points)}
-    return replace(points, **{name: averaged(values) for name, values in known.items() if values is not None})
+    return replace(points, **{name: change(values) for name, values in known.items() if values is not None})
 
 
 def _check_legs(places: FloatArray, fit: Fit) -> None:
