@@ -33,6 +33,7 @@ _ROAD_HALF_WIDTH = 4.5  # the roundabout's swept annulus of 7.2 m (5.3 m to 12.5
 _ROAD_BEYOND = 40.0  # road behind the start and past the end: cameras look along it [m]
 _SPACING = 0.5  # distance between points of the centreline [m]
 _SAME: Final = 1e-6  # distance of centres that are one [m]
+_STRAIGHT: Final = 1e-3  # turn of a piece of path fitted to points that is a straight but for rounding [rad]
 _LONGEST = 20e3  # course of turns: two hours at 10 km/h, and a second to build [m]
 _WAVE_PIECES = 32  # linear pieces of a sine of curvature; their error is 0.5 % of the peak
 _GENTLE = 0.2  # largest offset over length of a lane change: heading up to 0.4 rad, path 3 % longer
@@ -73,7 +74,7 @@ class Course:
                 arcs[-1] = last._replace(turn=last.turn + segment.turn)
             else:
                 arcs.append(TurnArc(centre, knot.psi, segment.turn))
-        return tuple(arcs)
+        return tuple(turn for turn in arcs if abs(turn.turn) > _STRAIGHT)
 
 
 def roundabout(

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from typing import Final, Literal
 
 import numpy as np
-from scipy.spatial import KDTree
 
+from scenarios.results.road_edges import RoadEdges
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
-from vehicle.polyline import is_left
 
 Outcome = Literal["jackknifed", "rolled over", "left the road"]
 
@@ -46,8 +45,7 @@ class Referee:
         """
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
-        self._road = None if road is None else KDTree(road)
-        self._half_width = road_half_width
+        self._edges = None if road is None else RoadEdges(road, road_half_width)
         reach = [0.5 * max(axle.track for axle in unit.axles) for unit in vehicle.units]
         tipping = np.arctan2(reach, [unit.cg_height for unit in vehicle.units])
         self._tipping: FloatArray = tipping if vehicle.has_springs else np.zeros(len(tipping))  # lean of a body [rad]
@@ -73,17 +71,12 @@ class Referee:
 
     def _off_the_road(self, truth: Truth) -> bool:
         """True if a wheel of the tractor stands beyond the road's edge."""
-        if self._road is None:
+        if self._edges is None:
             return False
         x, y, psi = truth.poses[0].tolist()
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        found, rows = self._road.query(wheels)
-        distance, nearest = np.asarray(found), np.asarray(rows, dtype=np.intp)
-        if not isinstance(self._half_width, np.ndarray):
-            return bool(np.any(distance > self._half_width))
-        on_left = is_left(self._road.data, nearest, wheels)
-        return bool(np.any(distance > np.where(on_left, *self._half_width[nearest].T)))
+        return bool(np.any(self._edges.distance(wheels)[0] < 0.0))
 
 
 def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:

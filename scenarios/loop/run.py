@@ -177,6 +177,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         ),
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
+        road_known=parts.trace is None,
         circle_centre=parts.course.surface_centre,
         arcs=parts.course.arcs,
         path_deviation=parts.course.deviation,

@@ -188,7 +188,8 @@ def _data() -> resources.abc.Traversable:
 
 def _read(name_or_path: str) -> Table:
     if name_or_path in scenario_names():
-        return tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
+        shipped = tomllib.loads((_data() / f"{name_or_path}.toml").read_text(encoding="utf-8"))
+        return with_neighbours(shipped, Path(str(_data())))
     if not name_or_path.endswith(".toml") and not os.path.isfile(name_or_path):
         raise ValueError(f"unknown scenario '{shown(name_or_path)}'{nearest(name_or_path, scenario_names())}")
     return with_neighbours(read_toml(Path(name_or_path), FileKind.SCENARIO), Path(name_or_path).parent)

@@ -50,6 +50,7 @@ class RunResult:
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
+    road_known: bool = True  # False for a recorded drive: the road above is only drawn
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
     arcs: tuple[TurnArc, ...] = ()  # turns of the course
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]

@@ -9,6 +9,7 @@ import numpy as np
 from scenarios.results import metrics
 from scenarios.results.log import LOST, OK
 from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.road_edges import RoadEdges, wheel_clearance
 from scenarios.results.rover import RoverResult, rover_summary
 from scenarios.results.run_result import JudgedTrailer, RunResult, error_of_estimate
 from scenarios.results.swept_path import SweptPath, swept_path
@@ -29,6 +30,7 @@ def _trailer_summary(result: RunResult) -> Summary:
         "warnings": list(result.warnings),
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
+        "road": _road(result),
         "steer": _steer(result, worst),
         "tyres": {"friction_used_max": number(metrics.peak(result.signal("friction_used_max")))},
         "odometry": _odometry(result),
@@ -100,6 +102,12 @@ def _swept_path(path: SweptPath) -> Numbers:
         "tail_swing_entry_m": number(path.tail_swing_entry),
         "tail_swing_exit_m": number(path.tail_swing_exit),
     }
+
+
+def _road(result: RunResult) -> Numbers:
+    edges = RoadEdges(result.road, result.road_half_width if result.road_known else math.inf)
+    clearance = wheel_clearance(edges, result.units, [result.poses(unit) for unit in result.units])
+    return {"wheel_clearance_left_m": number(clearance.left), "wheel_clearance_right_m": number(clearance.right)}
 
 
 def _steer(result: RunResult, trailer: str) -> Numbers:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
@@ -210,9 +211,9 @@ def tail_swings(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) ->
     """Tail swing at the entry of the first turn and at the exit of the last [m]; NaN without a turn.
 
     At entry: the largest distance of a unit's outer rear corner beyond the line along the outer side of that unit as
-    it stood straight behind the tractor's first pose, until the unit has turned 90 degrees. At exit the same backward
-    in time, with the tractor's last pose. The entry value is the low-speed tail swing of performance-based standards;
-    the exit matters for steered trailers.
+    it stood straight behind the tractor's first pose, until the unit has turned 90 degrees, or it or the tractor has
+    turned back to its first heading. At exit the same backward in time, with the tractor's last pose. The entry value
+    is the low-speed tail swing of performance-based standards; the exit matters for steered trailers.
     """
     entry, leaving = (
         [
@@ -232,15 +233,18 @@ def _swing_out(outline: UnitOutline, poses: FloatArray, tractor: FloatArray, dir
     """
     heading = float(tractor[0, 2])
     turned = np.unwrap(tractor[:, 2]) - heading
-    if not np.any(np.abs(turned) > _TURN):
+    bends = np.abs(turned) > _TURN
+    if not bends.any():
         return None
-    outside = -direction * float(np.sign(turned[np.argmax(np.abs(turned) > _TURN)]))  # + when it is on the left
+    side = float(np.sign(turned[np.argmax(bends)]))
+    outside = -direction * side  # + when it is on the left
     corner = placed(np.array([[outline.rear_x, outside * 0.5 * outline.width]]), poses)[:, 0]
     from_line = (corner - tractor[0, :2]) @ np.array([-math.sin(heading), math.cos(heading)])
     unit_turned = np.unwrap(poses[:, 2] - heading)
     unit_turned -= 2.0 * math.pi * np.round(unit_turned[0] / (2.0 * math.pi))
-    leaves = np.flatnonzero(np.abs(unit_turned) > _QUARTER_TURN)
-    until = leaves[0] if leaves.size else len(poses)
+    over = np.abs(unit_turned) > _QUARTER_TURN
+    over |= _turned_back(side * turned) | _turned_back(side * unit_turned)
+    until = int(np.argmax(over)) if over.any() else len(poses)
     return float(np.max(outside * from_line[:until]) - 0.5 * outline.width) if until else None
 
 
@@ -253,3 +257,10 @@ def placed_wheels(outline: UnitOutline, poses: FloatArray, steer: FloatArray) ->
             middle = placed(np.array([[x, side * track]]), poses)[:, 0]
             rectangles.append(placed(tyre, np.column_stack([middle, poses[:, 2] + steer[:, k]])))
     return np.stack(rectangles, axis=1)
+
+
+def _turned_back(turned: FloatArray) -> NDArray[np.bool_]:
+    """Rows in which a unit that has turned to the positive side is turned to the other one."""
+    has_turned = np.logical_or.accumulate(turned > _TURN)
+    back: NDArray[np.bool_] = has_turned & (turned < 0.0)
+    return back
