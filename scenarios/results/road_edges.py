@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from scenarios.results.swept_path import UnitOutline, placed
 from vehicle.frames import FloatArray
-from vehicle.polyline import is_left, rows_every
+from vehicle.polyline import rows_every
 
 _SPACING = 0.1  # of travel between the poses used; a wheel beside it is 0.1 mm further out at most, on 12 m [m]
 
@@ -26,17 +26,19 @@ class RoadEdges:
         Its half width is one number, or (n, 2) to the left and right of the points of the line [m].
         """
         self._line, self._half_width = KDTree(road), half_width
+        along = np.gradient(road, axis=0)
+        gaps = np.hypot(*along.T)[:, None]
+        self._along, self._half_gap = along / np.maximum(gaps, 1e-12), 0.5 * float(gaps.max())
 
     def distance(self, places: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Distance (m,) of places (m, 2) [m] inside the nearer edge, negative beyond it, and which are on the left."""
-        found, rows = self._line.query(places)
-        away, nearest = np.asarray(found), np.asarray(rows, dtype=np.intp)
-        on_left = is_left(self._line.data, nearest, places)
-        if isinstance(self._half_width, np.ndarray):
-            inside: FloatArray = np.where(on_left, *self._half_width[nearest].T) - away
-        else:
-            inside = self._half_width - away
-        return inside, on_left
+        nearest = np.asarray(self._line.query(places)[1], dtype=np.intp)
+        away, along = places - self._line.data[nearest], self._along[nearest]
+        lateral = along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]
+        past = np.maximum(np.abs(np.einsum("ij,ij->i", along, away)) - self._half_gap, 0.0)  # beyond an end of the road
+        widths = np.broadcast_to(self._half_width, (len(self._along), 2))[nearest]
+        inside: FloatArray = np.where(lateral > 0.0, *widths.T) - np.hypot(lateral, past)
+        return inside, lateral > 0.0
 
 
 class Clearance(NamedTuple):

@@ -19,6 +19,7 @@ from vehicle.polyline import arc_length
 
 _QUARTER_TURN = 0.5 * math.pi
 _TURN = math.radians(10.0)  # a smaller change of heading is a lane change, not a turn
+_OTHER_WAY = math.radians(20.0)  # a steered trailer that swings out points less far to the other side
 _STATION_SPACING = 0.25  # [m] between the cross-sections in which the width is measured
 _ROW_SPACING = 0.1  # [m] of travel between the outlines used; the path in between is almost straight
 
@@ -162,8 +163,10 @@ def _polar_angle(points: FloatArray, middle: FloatArray, centre: tuple[float, fl
 def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray, ...]) -> float:
     """Largest width [m] swept by all bodies, measured square to the path of the middle of the tractor's front.
 
-    Cross-sections stand on that path; each one collects where the bodies cut it from the moment the front arrives
-    until the combination has passed. NaN if the vehicle hardly moved.
+    Cross-sections stand on that path; each one collects the strips that the bodies cut out of it from the moment the
+    front arrives until the combination has passed. A long combination in a hairpin cuts the section's line a
+    second time, on the other leg: the section ends at the centre of the path's curvature, and strips count as far as
+    they hang together with that of the front. NaN if the vehicle hardly moved.
     """
     front = placed(np.array([[outlines[0].front_x, 0.0]]), poses[0])[:, 0]
     along = arc_length(front)
@@ -175,6 +178,7 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
     length = max(float(np.hypot(*(corner - front[0]).T).max()) for corner in (c[0] for c in corners))
     stations = np.arange(0.0, along[-1], _STATION_SPACING)
     tangents = np.gradient(front, along, axis=0)
+    curvature = _curvature(tangents, along)
     widths = [0.0]
     for s in stations:
         point = np.array([np.interp(s, along, front[:, k]) for k in (0, 1)])
@@ -182,29 +186,55 @@ def width_across_path(outlines: tuple[UnitOutline, ...], poses: tuple[FloatArray
         # On a path that crosses itself the section must not see the vehicle pass on another leg: it has passed when
         # the front has gone on by the combination's length, or on an arc of up to half a turn, pi / 2 times that.
         first, last = np.searchsorted(along, [s, s + _QUARTER_TURN * length])
-        cuts = np.concatenate([_cuts(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
-        widths.append(float(np.ptp(cuts)) if cuts.size else 0.0)
+        strips = np.concatenate([_strips(c[first:last], point, tangent / np.hypot(*tangent)) for c in corners])
+        bend = float(np.interp(s, along, curvature))
+        centre = 1.0 / bend if bend else math.inf
+        widths.append(_width_round(0.0, np.minimum(strips, centre) if centre > 0.0 else np.maximum(strips, centre)))
     return max(widths)
 
 
-def _cuts(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Lateral positions where bodies cut the line through a point square to the tangent [m], + left.
+def _curvature(tangents: FloatArray, along: FloatArray) -> FloatArray:
+    """Mean curvature [1/m], + left, of a path over a metre on either side of its points, from their tangents (n, 2)."""
+    heading = np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
+    before, after = (np.clip(along + side, along[0], along[-1]) for side in (-1.0, 1.0))
+    mean: FloatArray = (np.interp(after, along, heading) - np.interp(before, along, heading)) / (after - before)
+    return mean
 
-    The corners (n, 4, 2) over time give the edges at each time and the corner paths from one time to the next.
+
+def _strips(corners: FloatArray, point: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Strips (m, 2) that a body cuts out of the line through a point square to the tangent [m], + left.
+
+    The corners (n, 4, 2) over time give a strip for each time and the next: of the edges at the first of them, and of
+    the corners' paths in between.
     """
     along = (corners - point) @ tangent
     lateral = (corners - point) @ np.array([-tangent[1], tangent[0]])
     edges = _crossings(along, lateral, np.roll(along, -1, axis=1), np.roll(lateral, -1, axis=1))
-    paths = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
-    return np.concatenate([edges, paths])
+    paths = np.full_like(edges, np.nan)
+    paths[:-1] = _crossings(along[:-1], lateral[:-1], along[1:], lateral[1:])
+    cuts = np.concatenate([edges, paths], axis=1)
+    cuts = cuts[~np.isnan(cuts).all(axis=1)]
+    return np.column_stack([np.nanmin(cuts, axis=1), np.nanmax(cuts, axis=1)])
 
 
 def _crossings(along: FloatArray, lateral: FloatArray, next_along: FloatArray, next_lateral: FloatArray) -> FloatArray:
-    """Lateral position of each segment from one point to the next where it passes along = 0, if it does."""
+    """Lateral position of each segment from one point to the next where it passes along = 0; NaN if it does not."""
     cut = (along <= 0.0) != (next_along <= 0.0)
-    share = along[cut] / (along[cut] - next_along[cut])
-    crossing: FloatArray = lateral[cut] + share * (next_lateral[cut] - lateral[cut])
+    share = along / np.where(cut, along - next_along, 1.0)
+    crossing: FloatArray = np.where(cut, lateral + share * (next_lateral - lateral), np.nan)
     return crossing
+
+
+def _width_round(place: float, strips: FloatArray) -> float:
+    """Width [m] of the strips (m, 2) [m] that hang together with the one at a place or nearest to it; 0 of none."""
+    if not len(strips):
+        return 0.0
+    strips = strips[np.argsort(strips[:, 0])]
+    right_edge = np.maximum.accumulate(strips[:, 1])
+    begins = np.flatnonzero(np.concatenate([[True], strips[1:, 0] > right_edge[:-1]]))
+    low, high = strips[begins, 0], right_edge[np.append(begins[1:], len(strips)) - 1]
+    nearest = int(np.argmin(np.maximum(np.maximum(low - place, place - high), 0.0)))
+    return float(high[nearest] - low[nearest])
 
 
 def tail_swings(outlines: Sequence[UnitOutline], poses: Sequence[FloatArray]) -> tuple[float, float]:
@@ -260,7 +290,7 @@ def placed_wheels(outline: UnitOutline, poses: FloatArray, steer: FloatArray) ->
 
 
 def _turned_back(turned: FloatArray) -> NDArray[np.bool_]:
-    """Rows in which a unit that has turned to the positive side is turned to the other one."""
+    """Rows in which a unit is turned to the negative side: plainly, or after it had turned to the positive one."""
     has_turned = np.logical_or.accumulate(turned > _TURN)
-    back: NDArray[np.bool_] = has_turned & (turned < 0.0)
+    back: NDArray[np.bool_] = (turned < -_OTHER_WAY) | (has_turned & (turned < 0.0))
     return back

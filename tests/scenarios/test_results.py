@@ -48,6 +48,7 @@ NAMES = {
         "tail_swing_entry_m",
         "tail_swing_exit_m",
     ],
+    "road": ["wheel_clearance_left_m", "wheel_clearance_right_m"],
     "steer": ["max_deg", "max_rate_deg_s"],
     "tyres": ["friction_used_max"],
     "odometry": ["matches_mean", "inliers_mean", "lost_frames", "longest_loss_s", "drift_percent"],

@@ -7,7 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.results.swept_path import UnitOutline, placed, placed_wheels, swept_path, swept_radii, tail_swings
+from scenarios.results.swept_path import (
+    UnitOutline,
+    placed,
+    placed_wheels,
+    swept_path,
+    swept_radii,
+    tail_swings,
+    width_across_path,
+)
 from vehicle.frames import FloatArray
 
 RIGID = UnitOutline("rigid", 5.0, -2.0, 2.5, (3.8, 0.0), (2.0, 1.8))
@@ -155,3 +163,30 @@ def test_wheels_turn_about_their_own_middle() -> None:
     np.testing.assert_allclose(wheels.mean(axis=1), middles, atol=1e-12)  # rounding
     assert np.ptp(wheels[0][:, 0]) == pytest.approx(1.0)  # steered by 90 degrees: its length lies along x again
     assert np.ptp(wheels[2][:, 1]) == pytest.approx(1.0)
+
+
+def _hairpin(distance: float) -> FloatArray:
+    """Poses along a straight of 40 m, half a circle to the left of 10 m radius, and a straight back."""
+    turn = np.clip((distance - 40.0) / 10.0, 0.0, math.pi)
+    before, after = np.minimum(distance, 40.0), np.maximum(distance - 40.0 - 10.0 * math.pi, 0.0)
+    return np.column_stack([before + 10.0 * np.sin(turn) - after, 10.0 * (1.0 - np.cos(turn)), turn])
+
+
+def test_a_long_combination_in_a_hairpin_is_as_wide_as_its_bodies() -> None:
+    """Its last unit is on the other leg, 20 m beside the first; units of 2 m that keep the path sweep 2.1 m there."""
+    distance = np.arange(0.0, 110.0, 0.05)
+    units = tuple(UnitOutline(f"unit {k}", 1.0, -1.0, 2.0, (), ()) for k in range(8))
+    poses = tuple(_hairpin(np.maximum(distance - 3.0 * k, 0.0)) for k in range(8))
+    width = width_across_path(units, poses)
+    assert width == pytest.approx(math.hypot(11.0, 1.0) - 9.0, abs=0.02)  # corners of the square on the bend
+
+
+def test_a_tail_does_not_swing_out_where_the_next_turn_is_the_other_way() -> None:
+    """An S-bend takes the rear to the other side of the first straight, as it takes the whole vehicle."""
+    yaw = np.concatenate([np.linspace(0.0, -0.7, 200), np.linspace(-0.7, 1.5, 600)])
+    along = np.column_stack([np.cos(yaw), np.sin(yaw)]) * 0.1
+    poses = np.column_stack([np.cumsum(along, axis=0), yaw])
+    poses = np.vstack([np.column_stack([np.arange(-30.0, 0.0, 0.1), np.zeros((300, 2))]), poses])
+    outline = UnitOutline("truck", 5.0, -1.0, 2.5, (), ())
+    swing, _ = tail_swings((outline,), (poses,))
+    assert 0.0 <= swing < 0.1
