@@ -165,7 +165,7 @@ def test_wheels_turn_about_their_own_middle() -> None:
     assert np.ptp(wheels[2][:, 1]) == pytest.approx(1.0)
 
 
-def _hairpin(distance: float) -> FloatArray:
+def _hairpin(distance: FloatArray) -> FloatArray:
     """Poses along a straight of 40 m, half a circle to the left of 10 m radius, and a straight back."""
     turn = np.clip((distance - 40.0) / 10.0, 0.0, math.pi)
     before, after = np.minimum(distance, 40.0), np.maximum(distance - 40.0 - 10.0 * math.pi, 0.0)
