@@ -36,8 +36,10 @@ from estimators.off_tracking.pose_chain import (
     extended,
     first_sample,
     lateral_std,
+    level_std,
+    levelled,
     links_between,
-    positions_now,
+    positions_along,
     rested,
     up_to,
 )
@@ -144,7 +146,8 @@ class OffTrackingBuffer:
 
     def _hitch_path(self, samples: tuple[Sample, ...]) -> _HitchPath:
         """Hitch path as far back as the follow point and the tangent there need it."""
-        all_positions = positions_now(samples)
+        R_OS = levelled(samples)
+        all_positions = positions_along(samples, R_OS)
         indices = np.flatnonzero([sample.on_path for sample in samples])
         positions = all_positions[indices]
         s = arc_length(positions[:, :2])
@@ -153,6 +156,7 @@ class OffTrackingBuffer:
         needed = 2 + int(np.searchsorted(s, reach))  # one more point for the cubic
         kept = 2 + int(np.searchsorted(s, reach if passed is None else reach + self._reversing_distance))
         return _HitchPath(
+            R_OS=R_OS,
             positions=all_positions,
             indices=indices[:needed],
             s=s[:needed],
@@ -164,7 +168,8 @@ class OffTrackingBuffer:
 class _HitchPath(NamedTuple):
     """Hitch path in the newest S."""
 
-    positions: FloatArray  # (m, 3) of all samples, newest first [m]
+    R_OS: FloatArray  # (3, 3) axes of the newest S, levelled
+    positions: FloatArray  # (m, 3) of all samples along these axes, newest first [m]
     indices: NDArray[np.intp]  # (n,) indices of the samples on the path
     s: FloatArray  # (n,) length of the chords from the newest point back [m]
     passed: Crossing | None  # crossing of the follow point's x
@@ -179,7 +184,12 @@ def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyM
         if motion.health is not Health.LOST:
             crossed = passed._replace(beyond=int(hitch_path.indices[passed.beyond]))
             links = links_between(samples, crossed.beyond)
-            value, std = passed.y, lateral_std(samples, links, hitch_path.positions, crossed, path_tangent)
+            positions, R_OS = hitch_path.positions, hitch_path.R_OS
+            std = math.hypot(
+                lateral_std(samples, links, positions, R_OS, crossed, path_tangent),
+                level_std(samples[0].X_OS, R_OS, positions[crossed.beyond]),
+            )
+            value = passed.y
             doubtful = any(samples[link.end].doubtful for link in links)
             health = Health.DEGRADED if doubtful else Health.OK
     v_x, v_y, yaw_rate = _velocity(motion)

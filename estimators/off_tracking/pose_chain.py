@@ -29,6 +29,7 @@ from vehicle.polyline import arc_length
 # 2.1 (circular matching).
 _COMMON = 0.04
 _STEP = 0.02  # least distance between samples [m]
+_TILT = 0.025  # tilt of the mean plane of a path to the side, 1 sigma: the usual cross-fall of a road [rad]
 
 
 class Sample(NamedTuple):
@@ -137,17 +138,22 @@ def _first_of_path(samples: tuple[Sample, ...]) -> list[int]:
 
 def positions_now(samples: tuple[Sample, ...]) -> FloatArray:
     """Hitch positions (n, 3) in the newest S, levelled, newest first; de Saxe 2018, eqs 3 to 5."""
+    return positions_along(samples, levelled(samples))
+
+
+def positions_along(samples: Sequence[Sample], R_OS: FloatArray) -> FloatArray:
+    """Hitch positions (n, 3) from the newest, along these axes of S, newest first."""
     p_OS = np.array([sample.X_OS[:3, 3] for sample in samples])
-    positions: FloatArray = (p_OS - p_OS[0]) @ levelled(samples)
+    positions: FloatArray = (p_OS - p_OS[0]) @ R_OS
     return positions
 
 
 def levelled(samples: Sequence[Sample]) -> FloatArray:
     """R_OS (3, 3) of the newest sample without its own roll and pitch.
 
-    Off-tracking is a distance in the plane of the road. The plane of the body is another one as soon as it rolls or
-    pitches: at 1 deg of roll a path that is 0.1 m higher lies 2 mm to the side. Roll and pitch are those of the road in
-    the mean over the path, so z is the mean of the body's z axes there. The x axis keeps its heading.
+    Off-tracking is measured in plan, so z should be vertical. Motions do not show where that is; z is the mean of the
+    body's z axes over the path, in which its roll and pitch cancel, and those of the road in part. `level_std` is the
+    error that this leaves. The x axis keeps its heading.
     """
     axes = np.array([sample.X_OS[:3, :3] for sample in samples])
     z = axes[:, :, 2].sum(axis=0)
@@ -214,6 +220,7 @@ def lateral_std(
     samples: Sequence[Sample],
     links: Sequence[Link],
     positions: FloatArray,
+    R_OS: FloatArray,
     passed: Crossing,
     path_tangent: float,
 ) -> float:
@@ -222,10 +229,10 @@ def lateral_std(
     An error (d_theta, d_p) in the measurement that ends at p_i moves the older path by -(d_theta x r + d_p), with r its
     position from p_i; along the normal n of the path this is -(d_theta . (r x n) + d_p . n). The measurement that
     contains the crossing counts in full. Errors are independent except for a common share of their variance, constant
-    in the axes of the body: the odometry's slowly varying bias.
+    in the axes of the body: the odometry's slowly varying bias. ``positions`` (n, 3) are those along the axes R_OS.
     """
     ends = [link.end for link in links]
-    R_CO = levelled(samples).T
+    R_CO = R_OS.T
     n = np.array([-math.tan(path_tangent), 1.0, 0.0])  # y at a fixed x, so along the normal over its y part
     point = np.array([positions[passed.beyond, 0], passed.y, positions[passed.beyond, 2]])
     r = point - positions[ends]
@@ -239,3 +246,14 @@ def lateral_std(
     sense = np.array([link.sense for link in links])
     together = np.einsum("i,ima,ima->ma", sense, gradient @ R_OS, spread)
     return math.sqrt(float(independent + _COMMON * np.sum(np.square(together))))
+
+
+def level_std(X_OS: FloatArray, R_OS: FloatArray, point: FloatArray) -> float:
+    """Standard deviation [m] of the y of a ``point`` (3,) of the path along the levelled axes R_OS.
+
+    X_OS is the newest pose. If z is tilted to one side by an angle, a point of the path that is higher than the body's
+    x axis there lies to the side by the angle times that height: on a crest, or where a trailer cuts a conical bend.
+    """
+    x_axis = R_OS.T @ X_OS[:3, 0]
+    height = float(point[2] - point[0] * x_axis[2] / x_axis[0])
+    return _TILT * abs(height)

@@ -69,14 +69,16 @@ class ReferenceUnitOffTracking:
     Dynamics, 2018.
     """
 
-    def __init__(self, p_SU: FloatArray, follow_distance: float) -> None:
+    def __init__(self, p_SU: FloatArray, follow_distance: float, *, path_height: float = 0.0) -> None:
         """For a unit at p_SU (3,) [m] in the trailer, aligned with it, and a follow point at ``follow_distance`` [m].
+
+        ``path_height`` [m] is that of `ReferenceOffTracking`.
 
         Raises:
             ValueError: if ``follow_distance`` is not positive.
         """
         self._X_US = inverse(transform(np.eye(3), p_SU))
-        self._poses = ReferenceOffTracking(follow_distance)
+        self._poses = ReferenceOffTracking(follow_distance, path_height=path_height)
 
     def init(self) -> ReferenceMemory:
         """Memory before the first message."""

@@ -70,7 +70,8 @@ class ReferencePose:
     @classmethod
     def of(cls, context: MountContext) -> OpenedSensor:
         """Reference unit on the trailer."""
-        return OpenedSensor(sensor=ExactPose(context.unit), schedule=context.schedule)
+        height = context.nominal.units[context.unit].roll_axis_height
+        return OpenedSensor(sensor=ExactPose(context.unit, height), schedule=context.schedule)
 
 
 class SignalsOfCombination:

@@ -37,6 +37,7 @@ class WatchedTrailer:
     unit: int  # its index in the vehicle
     name: str
     geometry: TrailerGeometry
+    path_height: float  # of the points that off-tracking is about, in its body [m]
     steers_ahead: int  # number of steered axles ahead of its own, which come first in ``Truth.steer``
     law: TrailerSteering[Any]
     signals: CombinationSensors
@@ -156,6 +157,7 @@ def assemble(
                 unit=unit,
                 name=nominal.units[unit].name,
                 geometry=geometries[unit],
+                path_height=nominal.units[unit].roll_axis_height,
                 steers_ahead=sum(len(ahead.steered_axles) for ahead in nominal.units[:unit]),
                 law=laws[unit],
                 signals=mounts[unit].signals,

@@ -145,8 +145,7 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     if parts.cameras is None:
         raise ValueError("there is no camera to record")
     last = parts.trailers[-1]
-    roll_axis_height = parts.vehicle.units[last.unit].roll_axis_height
-    return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, roll_axis_height)
+    return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
 
 
 def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
@@ -231,7 +230,9 @@ def _track(session: TrailerSession, trailer: SteeredTrailer) -> TrailerTrack:
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     return TrailerTrack(
         name=watched.name,
+        unit=watched.unit,
         follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
         steers_ahead=watched.steers_ahead,
         n_steered=watched.n_steered,
         estimates=trailer.estimates,
@@ -246,6 +247,7 @@ def _reference(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
         [row.truth for row in session.rows],
         unit=watched.unit,
         follow_distance=watched.geometry.follow_distance,
+        path_height=watched.path_height,
         rng=trailer_stream(parts.seed, parts.vehicle, watched.unit, "reference unit"),
     )
 

@@ -32,9 +32,8 @@ from scenarios.options.scenario import load_scenario
 from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
-from scenarios.results import metrics
 from scenarios.results.reference_unit import reference_off_tracking
-from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log
+from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log, true_values
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
@@ -144,8 +143,10 @@ def drive(case: Case, progress: Progress) -> Drive:
     parts = assemble(load_scenario(case.scenario, case.settings), case.seed)
     if parts.cameras is None:
         raise ValueError(f"scenario {case.scenario} has no cameras")
-    calibration, follow = parts.cameras.calibration, parts.trailers[-1].geometry.follow_distance
-    sources = ParallelSources([VisoOt(calibration, follow, ODOMETRIES[name](calibration)) for name in case.odometries])
+    calibration, last = parts.cameras.calibration, parts.trailers[-1]
+    follow, height = last.geometry.follow_distance, last.path_height
+    odometries = [ODOMETRIES[name](calibration) for name in case.odometries]
+    sources = ParallelSources([VisoOt(calibration, follow, odometry, path_height=height) for odometry in odometries])
     with closing(parts), TrailerSession(with_estimator(parts, parts.cameras, sources)) as session:
         while session.outcome is None:
             session.advance()
@@ -167,16 +168,17 @@ def _result(case: Case, session: TrailerSession, sources: ParallelSources, camer
     last = parts.trailers[-1]
     unit, follow = last.unit, last.geometry.follow_distance
     bodies = np.array([truth.bodies[unit] for truth in truths])
-    poses = np.array([truth.poses[unit] for truth in truths])
-    true = metrics.true_off_tracking(poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]), follow)
+    true = true_values(truths, unit, follow, last.path_height)
     rng = stream(case.seed, "reference unit")
-    reference = reference_off_tracking(truths, unit=unit, follow_distance=follow, rng=rng)
+    reference = reference_off_tracking(truths, unit=unit, follow_distance=follow, path_height=last.path_height, rng=rng)
     tracks: dict[str, Track] = {}
     at = np.array([], dtype=np.intp)
     for odometry, estimates in zip(case.odometries, sources.kept, strict=True):
         track = TrailerTrack(
             name=last.name,
+            unit=unit,
             follow_distance=follow,
+            path_height=last.path_height,
             steers_ahead=last.steers_ahead,
             n_steered=last.n_steered,
             estimates=estimates,

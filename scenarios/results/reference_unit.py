@@ -20,15 +20,16 @@ _EVERY = 100  # every tenth message, at the rate of the cameras it is compared w
 
 
 def reference_off_tracking(
-    truths: Sequence[Truth], *, unit: int, follow_distance: float, rng: np.random.Generator
+    truths: Sequence[Truth], *, unit: int, follow_distance: float, path_height: float, rng: np.random.Generator
 ) -> FloatArray:
     """The reference unit's off-tracking [m] at every truth of a run (n,), NaN where it has none.
 
-    The truths come at the unit's 100 Hz; the buffer takes every tenth message.
+    Paths are those of points at ``path_height`` [m] in the body. The truths come at the unit's 100 Hz; the buffer takes
+    every tenth message.
     """
     p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
     sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
-    source = ReferenceUnitOffTracking(p_SU, follow_distance)
+    source = ReferenceUnitOffTracking(p_SU, follow_distance, path_height=path_height)
     memory, values = source.init(), np.full(len(truths), np.nan)
     for row, truth in enumerate(truths):
         if truth.tick % PERIOD:

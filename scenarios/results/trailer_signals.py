@@ -14,6 +14,7 @@ from estimators.estimates import Health, Motion, OffTracking
 from scenarios.results import metrics
 from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
 from vehicle.clock import TICK
+from vehicle.combination.path_point import plan_pose
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, inverse, planar
 
@@ -57,7 +58,9 @@ class TrailerTrack:
     """A trailer whose off-tracking is judged, with its estimates in a run."""
 
     name: str
+    unit: int  # the tractor is 0
     follow_distance: float  # hitch to follow point [m]
+    path_height: float  # of the points that off-tracking is about, in its body [m]
     steers_ahead: int  # number of steered axles ahead of its own
     n_steered: int
     estimates: Sequence[Estimate]  # delivered ones, in order; captures coincide with rows
@@ -82,7 +85,7 @@ def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, uni
         columns = [
             *_steer_columns(rows, place, trailer),
             *_estimate_columns(index, trailer),
-            *_true_columns(log, trailer),
+            *_true_columns(rows, trailer),
         ]
         log = log.with_columns((_of(trailer.name, signal), values) for signal, values in columns)
         if place == len(trailers) - 1:
@@ -163,9 +166,19 @@ def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterat
         yield Signal("right_camera_delay_std", "s", "its standard deviation"), delays[:, 1]
 
 
-def _true_columns(log: Log, trailer: TrailerTrack) -> Iterator[Column]:
-    x, y, psi = (log[f"{quantity}_{trailer.name}"] for quantity in ("x", "y", "psi"))
-    true = metrics.true_off_tracking(x, y, np.unwrap(psi), trailer.follow_distance)
+def true_values(truths: Sequence[Truth], unit: int, follow_distance: float, path_height: float) -> FloatArray:
+    """True off-tracking (n,) [m] of a unit, NaN where its path is too short (see ``vehicle.combination.path_point``).
+
+    ``follow_distance`` [m] is that from hitch to follow point, ``path_height`` [m] that of both in the body.
+    """
+    bodies = np.array([truth.bodies[unit] for truth in truths]).reshape(-1, 4, 4)
+    x, y, psi = plan_pose(bodies, path_height).T
+    return metrics.true_off_tracking(x, y, np.unwrap(psi), follow_distance)
+
+
+def _true_columns(rows: Sequence[TrailerRow], trailer: TrailerTrack) -> Iterator[Column]:
+    truths = [row.truth for row in rows]
+    true = true_values(truths, trailer.unit, trailer.follow_distance, trailer.path_height)
     yield Signal("off_tracking_true", "m", "lateral distance from the follow point to the hitch's path, + left"), true
     if trailer.reference is not None:
         yield Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit"), trailer.reference

@@ -41,11 +41,12 @@ def steered_trailer(vehicle: Vehicle, law: str) -> WatchedTrailer | None:
         unit=last,
         name=vehicle.units[last].name,
         geometry=geometry,
+        path_height=vehicle.units[last].roll_axis_height,
         steers_ahead=sum(len(unit.steered_axles) for unit in vehicle.units[:last]),
         law=trailer_law(law, geometry, Combination(vehicle, last), {}),
         signals=CombinationSensors(vehicle, last, rng=np.random.default_rng(0), noise=0.0),
         sensing=Sensing(
-            sensor=ExactPose(last),
+            sensor=ExactPose(last, vehicle.units[last].roll_axis_height),
             schedule=_ESTIMATES,
             period=_ESTIMATES.period,
             estimator=ReferenceOffTracking(geometry.follow_distance),

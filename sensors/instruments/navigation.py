@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sensors.messages import BodyPose, EgoState
+from vehicle.combination.path_point import plan_pose
 from vehicle.combination.truth import Truth
 from vehicle.frames import rotation_zyx, transform
 
@@ -30,12 +31,9 @@ class ExactPose:
     """Exact reference of one unit's motion on the road."""
 
     unit: int
+    path_height: float  # of the points that off-tracking is about, in the unit's body [m]
 
     def sample(self, truth: Truth) -> BodyPose:
-        """Pose of the unit's frame in plan: x, y and yaw.
-
-        The true off-tracking is defined by it. Roll, pitch and heave of the sprung body are left out: where the road
-        is banked, a body that pitches by 1 deg points 0.4 mrad beside the unit's heading.
-        """
-        x, y, psi = truth.poses[self.unit].tolist()
+        """Pose of the unit in plan: x, y and heading of its hitch at the path's height, as truth is judged by."""
+        x, y, psi = plan_pose(truth.bodies[self.unit], self.path_height).tolist()
         return BodyPose(tick=truth.tick, X_WB=transform(rotation_zyx(psi, 0.0, 0.0), np.array([x, y, 0.0])))

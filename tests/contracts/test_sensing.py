@@ -61,7 +61,7 @@ def driven(*settings: str) -> Drive:
             views.append(message)
         if (frame := stereo_frame(message)) is not None:
             frames.append(frame)
-            poses.append(ExactPose(last.unit).sample(truth))
+            poses.append(ExactPose(last.unit, last.path_height).sample(truth))
         state = parts.plant.step(state, VehicleCommand(0.0, 0.0, (0.0, 0.0)), SIGNALS)
     parts.close()
     camera: str = resolve("off_tracking", parts.scenario.off_tracking, OFF_TRACKING).sensor

@@ -84,7 +84,9 @@ def test_the_reference_units_off_tracking_is_within_30_mm() -> None:
     exact = 20.0 - np.sqrt(20.0**2 - 14.0**2)  # the circle beside the follow point, left of the axis
     rms = []
     for seed in range(4):
-        values = reference_off_tracking(truths, unit=0, follow_distance=14.0, rng=np.random.default_rng(seed))
+        values = reference_off_tracking(
+            truths, unit=0, follow_distance=14.0, path_height=0.0, rng=np.random.default_rng(seed)
+        )
         assert np.isfinite(values[400::10]).all()
         assert np.isnan(values[405])
         rms.append(np.sqrt(np.nanmean((values - exact) ** 2)))

@@ -243,7 +243,7 @@ def test_late_messages_that_are_not_lost_keep_their_time(truth_of: TruthOf) -> N
 @pytest.mark.parametrize("kind", MESSAGE_KINDS)
 def test_a_reference_unit_can_fail(truth_of: TruthOf, kind: str) -> None:
     """Faults of transmission apply to poses: some of them arrive, and not all of these are exact."""
-    faulty = with_faults(ExactPose(0), [fault(kind)], camera=None, unit=0, rng=generators(0))
+    faulty = with_faults(ExactPose(0, 0.0), [fault(kind)], camera=None, unit=0, rng=generators(0))
     messages = [faulty.sample(truth_of(PERIOD * k, at(k))) for k in range(60)]
     assert any(isinstance(message, BodyPose) for message in messages)
     exact = [message is not None and np.array_equal(message.X_WB, at(k)) for k, message in enumerate(messages)]
@@ -287,7 +287,7 @@ def test_faults_of_a_pair_are_refused_for_a_single_camera(kind: str) -> None:
 def test_faults_of_images_are_refused_where_there_are_none(kind: str) -> None:
     """A reference unit has no lens."""
     with pytest.raises(ValueError, match=rf"^faults: {kind} needs a (stereo )?camera; .* sends BodyPose$"):
-        with_faults(ExactPose(0), [fault(kind)], camera=None, unit=0, rng=generators(0))
+        with_faults(ExactPose(0, 0.0), [fault(kind)], camera=None, unit=0, rng=generators(0))
 
 
 class Flicker(ImageFault):
