@@ -21,6 +21,7 @@ follow point. In forward travel the path continues from the hitch. Standstill is
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ from estimators.off_tracking.pose_chain import (
     level_std,
     levelled,
     links_between,
+    measured_from,
     positions_along,
     rested,
     up_to,
@@ -128,14 +130,27 @@ class OffTrackingBuffer:
             memory = BufferMemory((first_sample(motion.tick),))
         return self._estimated(memory, motion)
 
-    def reckon(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:
+    def reckon(
+        self, memory: BufferMemory, motion: BodyMotion, since: int, spread: Callable[[int], FloatArray | None]
+    ) -> tuple[BufferMemory, OffTracking]:
         """Buffer with a dead-reckoned motion from its newest sample, and the off-tracking at its end.
 
-        A later measured motion from a sample before it replaces its end and corrects the path between.
+        The path is dead-reckoned since a tick. Its errors are correlated from step to step, so the newest sample counts
+        as measured from where the path passes the follow point, or from that tick if it is later: ``spread(tick)`` is
+        the covariance (6, 6) of dead reckoning from a tick to the motion's end, along the axes of the body at that
+        tick; None if it is not known. A later measured motion from a sample before it replaces its end and corrects the
+        path between.
         """
         increment = UncertainMotion(motion.X_PC, motion.covariance)
         start = up_to(memory.samples, motion.previous_tick)
-        samples = extended(start, motion.tick, increment, doubtful=True, keep_start=False, anchor=motion.anchor)
+        samples = extended(start, motion.tick, increment, doubtful=True, keep_start=False, kept=since)
+        hitch_path = self._hitch_path(samples)
+        passed = samples[-1 if hitch_path.passed is None else hitch_path.indices[hitch_path.passed.beyond]]
+        for sample in reversed([sample for sample in samples[1:] if sample.tick >= max(since, passed.tick)]):
+            covariance = spread(sample.tick)
+            if covariance is not None:
+                samples = measured_from(samples, sample.tick, covariance)
+                break
         return self._estimated(BufferMemory(samples, motion, reckoned=True), motion)
 
     def _estimated(self, memory: BufferMemory, motion: BodyMotion) -> tuple[BufferMemory, OffTracking]:

@@ -7,9 +7,9 @@ which a Kalman filter learns from the camera (``estimators.off_tracking.signal_f
 
 - the scale of the wheel speed, and its part in curves: the steered front wheels slip by an angle in proportion to the
   lateral acceleration a, and roll along the direction in which they point, not that in which they travel;
-- the slip angle of the tractor's rear axle: a slowly varying part, which includes the bias of the articulation, and
-  parts in proportion to a, to the mean steer angle of the trailer's axles and to the articulation, since the trailer's
-  tyres push the tractor's rear axle to the side;
+- the slip angle of the tractor's rear axle: a slowly varying part, a constant part, which includes the bias of the
+  articulation, and parts in proportion to a, to what the scrub of tyres causes by the data sheet
+  (``estimators.off_tracking.tyre_scrub``), and to the articulation;
 - the bias of every gyro.
 
 The pose after a stretch of signals is a sum over the samples. So are its derivatives by the parameters, and its
@@ -31,6 +31,7 @@ from estimators.off_tracking.signal_quality import (
     agree,
     noise_level,
 )
+from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -62,8 +63,9 @@ _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of
 _SIDE = Prior(-0.03, 0.02, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
 _SLIP = Prior(0.0, 0.006, 12.0, _FOR_EVER)  # [rad]
 _SLIP_PER_ACCELERATION = Prior(-0.02, 0.008, _FOR_EVER, _FOR_EVER)  # of driven truck tyres: 1/(5 g) [rad s2/m]
-_SLIP_PER_STEER = Prior(-0.02, 0.015, _FOR_EVER, _FOR_EVER)
+_SLIP_PER_SCRUB = Prior(0.9, 0.2, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
 _SLIP_PER_ARTICULATION = Prior(0.0, 0.008, _FOR_EVER, _FOR_EVER)
+_SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is right to 0.1 deg [rad]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
 
@@ -101,9 +103,9 @@ class DeadReckoning:
         """
         if not 1 <= unit < len(vehicle.units):
             raise ValueError(f"unit = {unit} must be a towed unit of {vehicle.name}, 1 to {len(vehicle.units) - 1}")
-        self._unit = unit
+        self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
         self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
-        slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_STEER, _SLIP_PER_ARTICULATION]
+        slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET]
         self._priors = [_SCALE, _SIDE, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
@@ -158,21 +160,22 @@ class DeadReckoning:
         return agree(history, self._unit)
 
     def row(self, signals: CombinationSignals) -> FloatArray:
-        """Tick, speed, steer angle, mean angle of the trailer's axles, articulations and yaw rates of a message."""
-        steer = float(np.mean(signals.angles)) if len(signals.angles) else 0.0
+        """Tick, speed, steer angle, slip by scrub, articulations and yaw rates of a message."""
+        scrub = self._scrub.slip(signals)
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        return np.array([signals.tick, signals.speed, signals.steer, steer, *ahead, *rates])
+        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates])
 
     def _rates(self, columns: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals)."""
         unit, p = self._unit, len(self._priors)
-        speed, steer, axles = columns[:3]
+        speed, steer, scrub = columns[:3]
         gammas, gyros = columns[3 : 3 + unit], columns[3 + unit :] - mean[-unit - 1 :, None]
-        scale, side, slip, *per = mean[:6].tolist()
+        scale, side, varying, *per, constant = mean[:7].tolist()
+        slip = varying + constant
         acceleration = speed * gyros[0]
         rolling = acceleration * np.sin(steer) * np.cos(steer)
         v_x = speed * (1.0 - scale - side * rolling)
-        pushes = np.array([acceleration, axles, gammas[0]])
+        pushes = np.array([acceleration, scrub, gammas[0]])
         v_y = v_x * slip + np.abs(v_x) * (np.array(per) @ pushes) + gyros[0] * self._hitches[0]
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
         of_articulation, of_gyro = p + 1, p + 1 + unit
@@ -180,7 +183,7 @@ class DeadReckoning:
         D[:, 1, p] = 1.0 - scale - 2.0 * side * rolling
         D[:, 1, of_gyro] = -side * speed**2 * np.sin(steer) * np.cos(steer)
         D[:, 2] = (slip + np.sign(v_x) * (np.array(per) @ pushes))[:, None] * D[:, 1]
-        D[:, 2, 2], D[:, 2, 3:6] = v_x, (np.abs(v_x) * pushes).T
+        D[:, 2, 2], D[:, 2, 3:6], D[:, 2, 6] = v_x, (np.abs(v_x) * pushes).T, v_x
         D[:, 2, p] += np.abs(v_x) * per[0] * gyros[0]
         D[:, 2, of_gyro] += np.abs(v_x) * per[0] * speed + self._hitches[0]
         for k, gamma in enumerate(gammas):

@@ -69,12 +69,13 @@ def extended(
     doubtful: bool,
     keep_start: bool,
     anchor: Anchor | None = None,
+    kept: int | None = None,
 ) -> tuple[Sample, ...]:
     """Samples with one more at the end of the increment, measured from the anchor if that is still among them.
 
     The previous newest sample is dropped if it is too near to its predecessor and ``keep_start`` is not set: slow
     travel does not fill the chain, and the newest sample is always the current pose. Samples ahead of a hitch in
-    reverse are dropped as well.
+    reverse are dropped as well. The anchor, or the sample of the tick ``kept``, stays.
     """
     X_OA = {sample.tick: sample.X_OS for sample in samples}
     measured, origin = increment.covariance, samples[0].tick
@@ -84,8 +85,15 @@ def extended(
     end = Sample(tick, chained(samples[0].X_OS, increment.X), origin, R @ measured @ R.T, doubtful)
     if keep_start:
         return (end, *samples)
-    keyframe = None if anchor is None else anchor.tick
+    keyframe = kept if anchor is None else anchor.tick
     return _thinned(_without_reversed((end, *samples), keyframe), keyframe)
+
+
+def measured_from(samples: tuple[Sample, ...], tick: int, covariance: FloatArray) -> tuple[Sample, ...]:
+    """Samples whose newest was measured from that of another tick, with this covariance (6, 6) along its axes."""
+    origin = next(sample for sample in samples if sample.tick == tick)
+    R = np.kron(np.eye(2), origin.X_OS[:3, :3])
+    return (samples[0]._replace(anchor=tick, covariance=R @ covariance @ R.T), *samples[1:])
 
 
 def rested(

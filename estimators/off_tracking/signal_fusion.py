@@ -7,9 +7,9 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 
 - A healthy motion goes into the buffer as it is: the camera is far more precise than the signals. A degraded one is
   weighted with dead reckoning.
-- Without a motion that is believed the path goes on by dead reckoning. Its error is one link of the buffer's chain,
-  from the reference to now, so that constant errors add up as they do in truth. A new link begins after every follow
-  distance, so that the standard deviation of the off-tracking stays finite for ever.
+- Without a motion that is believed the path goes on by dead reckoning. The error of the off-tracking is that of dead
+  reckoning from where the path passes the follow point, or from the reference if that is later. It stays finite for
+  ever: parameters that change are forgotten over the distance.
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
 - Signals that contradict each other are not used; the camera is then alone.
@@ -20,21 +20,22 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from estimators.estimates import Anchor, Health, OffTracking
+from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
 from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.judged_motion import PLANAR, doubted, from_reference, lost_motion, spatial, weighted
-from estimators.off_tracking.signal_history import REMEMBERED, extended_history
+from estimators.off_tracking.signal_history import extended_history
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray
 
 # A healthy motion exceeds it once in three million times if errors are Gaussian: chi-square with 3 degrees of freedom.
 # The largest of 3000 healthy motions on roads of class A to E, forwards and backwards, was 30.
@@ -44,7 +45,6 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
 _IMPOSSIBLE = 5.0  # the camera may ask for parameters up to this distance from their prior [its standard deviations]
-_LONGEST_LINK = REMEMBERED  # of a bridge, at standstill [ticks]
 # Rocking of the body on its tyres and springs between two frames, 1 sigma: on rough roads, at a stop and when the
 # driver steers fast. It returns, so it does not add up; dead reckoning knows nothing of it.
 _ROCKING = np.diag([0.0004, 0.004, 0.005]) ** 2  # yaw [rad], x and y [m]
@@ -58,11 +58,10 @@ class Known(NamedTuple):
 
 
 class FusionMemory(NamedTuple):
-    """Signals, the reference, and the beginning of the bridge's newest link."""
+    """Signals, the reference, and the state of the mutual check."""
 
     history: FloatArray  # (n, columns) `DeadReckoning.row` of the signals since the reference, oldest first
     reference: Known | None  # last pose that was measured and believed; None: nothing was received yet
-    link: Known | None
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     correction: Correction | None = None  # of the off-tracking after the last bridge
@@ -92,7 +91,7 @@ class SignalFusion:
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
-        return FusionMemory(self._reckoning.no_history(), None, None)
+        return FusionMemory(self._reckoning.no_history(), None)
 
     def step(
         self,
@@ -109,7 +108,7 @@ class SignalFusion:
         start = memory.reference or Known(tick if motion is None else motion.previous_tick, self._reckoning.prior())
         rows = [self._reckoning.row(message) for message in signals]
         history = extended_history(memory.history, rows, start.tick, tick)
-        memory = memory._replace(history=history, reference=start, link=memory.link or start)
+        memory = memory._replace(history=history, reference=start)
         estimate = None
         if motion is not None and motion.health is not Health.LOST:
             before = memory
@@ -135,34 +134,35 @@ class SignalFusion:
         self, memory: FusionMemory, path: BufferMemory, tick: int
     ) -> tuple[FusionMemory, BufferMemory, OffTracking] | None:
         """Path extended to ``tick`` by dead reckoning; None without signals."""
-        link = memory.link
-        assert link is not None
-        X_OS = {sample.tick: sample.X_OS for sample in path.samples}
-        newest = path.samples[0].tick if path.samples else link.tick
-        if link.tick not in X_OS:  # a new path, or one that was cut in reverse
-            link = link._replace(tick=newest)
-        reckoned = self._reckoning.reckoned(memory.history, link.tick, tick, link.parameters)
-        if reckoned is None or tick <= newest or not self._reckoning.agree(memory.history):
+        reference, history = memory.reference, memory.history
+        assert reference is not None
+        newest = path.samples[0].tick if path.samples else reference.tick
+
+        def reckoned(since: int) -> Reckoned | None:
+            return self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
+
+        def spread(since: int) -> FloatArray | None:
+            whole = reckoned(since)
+            return None if whole is None else spatial(whole.covariance)
+
+        step = reckoned(newest)
+        if step is None or tick <= newest or not self._reckoning.agree(history):
             return None
-        X_PC = inverse(X_OS[newest]) @ X_OS[link.tick] @ reckoned.X if X_OS else reckoned.X
-        covariance = spatial(reckoned.covariance)
-        path, estimate = self._buffer.reckon(
-            path,
-            BodyMotion(
-                tick=tick,
-                previous_tick=newest,
-                X_PC=X_PC,
-                covariance=covariance,
-                health=Health.DEGRADED,
-                anchor=Anchor(tick=link.tick, X_AC=reckoned.X, covariance=covariance),
-            ),
+        motion = BodyMotion(
+            tick=tick,
+            previous_tick=newest,
+            X_PC=step.X,
+            covariance=spatial(step.covariance),
+            health=Health.DEGRADED,
         )
-        if reckoned.distance >= self._follow_distance or tick - link.tick >= _LONGEST_LINK:
-            grown = link.parameters._replace(covariance=link.parameters.covariance + reckoned.walked)
-            link = Known(tick, self._reckoning.forgotten(grown, 0.0, 0.0))
-        assert memory.reference is not None
-        bridged = (tick - memory.reference.tick) * TICK
-        return memory._replace(link=link), path, replace(estimate, bridged=bridged)
+        path, estimate = self._buffer.reckon(path, motion, reference.tick, spread)
+        return memory, path, replace(estimate, bridged=(tick - reference.tick) * TICK)
+
+    def _since(self, reference: Known, path: BufferMemory, tick: int) -> Parameters:
+        """Parameters at a tick after the reference, without a measurement since."""
+        places = [s.X_OS[:2, 3] for s in path.samples if reference.tick <= s.tick <= tick]
+        distance = sum(float(np.hypot(*(a - b))) for a, b in pairwise(places))
+        return self._reckoning.forgotten(reference.parameters, distance, max(0, tick - reference.tick) * TICK)
 
     def _judged(
         self, memory: FusionMemory, path: BufferMemory, motion: BodyMotion
@@ -176,7 +176,7 @@ class SignalFusion:
             longer = from_reference(path, motion, reference.tick)
             motion, continues = (motion, continues) if longer is None else (longer, True)
             known = Known(motion.tick, reference.parameters)
-            return (memory._replace(reference=known, link=known), motion) if continues else (memory, None)
+            return (memory._replace(reference=known), motion) if continues else (memory, None)
         misfit = memory.misfit + _MEMORY * (min(test.score, _GATE) / 3.0 - memory.misfit)
         distrusted = misfit > (_TRUSTED_AGAIN if memory.distrusted else _DISTRUSTED)
         memory = memory._replace(misfit=misfit, distrusted=distrusted)
@@ -194,8 +194,7 @@ class SignalFusion:
             motion = weighted(motion, test.reckoned, test.innovation, test.covariance)
         elif misfit > _DOUBTED:
             motion = doubted(motion, misfit)
-        known = Known(motion.tick, parameters)
-        return memory._replace(reference=known, link=known), motion
+        return memory._replace(reference=Known(motion.tick, parameters)), motion
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> _Test | None:
         """Comparison of the motion with dead reckoning; None without signals."""

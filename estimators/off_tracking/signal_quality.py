@@ -1,6 +1,6 @@
 """Errors of a combination's signals: what is assumed, how noisy they are, and whether they contradict each other.
 
-Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, mean angle of the trailer's axles, ``unit``
+Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, ``unit``
 articulations and ``unit + 1`` yaw rates.
 """
 

@@ -1,0 +1,99 @@
+"""Slip of a tractor's rear axle due to tyres that scrub, from the data sheet.
+
+Axles of a group can not all roll: in a curve, and when some of them are steered, their tyres push against each other
+and turn the trailer. The hitch holds against that, and its force pushes the tractor's rear axle to the side. A
+semitrailer with steered axles in a tight bend causes 16 mrad, as much as the bend's own lateral force.
+
+With linear tyres F_i = -C_i (u + kappa x_i - delta_i), where u is the unknown slip at the unit's front, kappa the
+curvature of its path, and x_i the position of axle i. The moments about the front hitch determine u, then the forces at
+the front hitch follow, unit by unit from the steered trailer to the tractor. Forces of inertia and gravity are left
+out; they are in proportion to the lateral acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from sensors.messages import CombinationSignals
+from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.loads import static_axle_loads
+
+_LEAST_SPEED = 0.5  # curvature is yaw rate over speed, and noise at rest [m/s]
+
+
+class _Tyres(NamedTuple):
+    """Tyres of one axle."""
+
+    x: float  # [m]
+    stiffness: float  # of the axle [N/rad]
+    steered: bool
+
+
+class TyreScrub:
+    """Nominal slip of the tractor's rear axle due to scrub of its own tyres and those of the trailers."""
+
+    def __init__(self, vehicle: Vehicle, unit: int) -> None:
+        """For signals of the towed ``unit``; steered axles of trailers ahead of it count as straight."""
+        loads = static_axle_loads(vehicle)
+        self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
+        self._units = self._units[: unit + 1]
+        self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
+
+    def slip(self, signals: CombinationSignals) -> float:
+        """Slip angle [rad] of the tractor's rear axle, + to the left."""
+        curvatures = self._curvatures(signals)
+        gammas = signals.articulation
+        force_x, force_y = 0.0, 0.0  # of the unit behind on this one, at its rear hitch [N]
+        for unit in range(len(self._units) - 1, 0, -1):
+            last = unit == len(self._units) - 1
+            angles = _angles(self._units[unit], signals.angles.tolist() if last else ())
+            moment = 0.0 if last else force_y * self._hitches[unit]
+            x, y = _forces(self._units[unit], angles, curvatures[unit], moment)
+            c, s = math.cos(gammas[unit - 1]), math.sin(gammas[unit - 1])
+            force_x, force_y = c * (x + force_x) + s * (y + force_y), c * (y + force_y) - s * (x + force_x)
+        return self._rear_slip(curvatures[0], force_y)
+
+    def _curvatures(self, signals: CombinationSignals) -> list[float]:
+        """Curvature [1/m] of every unit's path, without slip."""
+        v_x, v_y = signals.speed, 0.0
+        curvatures = []
+        for unit, rate in enumerate(signals.yaw_rates[: len(self._units)].tolist()):
+            if unit:
+                c, s = math.cos(signals.articulation[unit - 1]), math.sin(signals.articulation[unit - 1])
+                v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
+            curvatures.append(rate / math.copysign(max(abs(v_x), _LEAST_SPEED), v_x))
+            if unit < len(self._hitches):
+                v_y += rate * self._hitches[unit]
+        return curvatures
+
+    def _rear_slip(self, curvature: float, force_y: float) -> float:
+        """Slip at the tractor's origin, from the moments about its foremost axle."""
+        front = self._units[0][0].x
+        rear = [tyres for tyres in self._units[0] if not tyres.steered]
+        if not rear:
+            return 0.0
+        moment = force_y * (self._hitches[0] - front)
+        moment -= sum(tyres.stiffness * tyres.x * curvature * (tyres.x - front) for tyres in rear)
+        return moment / sum(tyres.stiffness * (tyres.x - front) for tyres in rear)
+
+
+def _forces(axles: Sequence[_Tyres], angles: Sequence[float], curvature: float, moment: float) -> tuple[float, float]:
+    """Sum of the tyres' forces [N] along x and y, whose moment about the front hitch balances another one [N m]."""
+    arms = [tyres.stiffness * math.cos(angle) * tyres.x for tyres, angle in zip(axles, angles, strict=True)]
+    free = [curvature * tyres.x - angle for tyres, angle in zip(axles, angles, strict=True)]
+    u = (moment - sum(arm * slip for arm, slip in zip(arms, free, strict=True))) / sum(arms)
+    forces = [-tyres.stiffness * (u + slip) for tyres, slip in zip(axles, free, strict=True)]
+    x = -sum(force * math.sin(angle) for force, angle in zip(forces, angles, strict=True))
+    return x, sum(force * math.cos(angle) for force, angle in zip(forces, angles, strict=True))
+
+
+def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
+    """Angle of every axle [rad]."""
+    given = iter(steered)
+    return [next(given, 0.0) if tyres.steered else 0.0 for tyres in axles]
+
+
+def _tyres(axle: Axle, load: float) -> _Tyres:
+    return _Tyres(axle.x, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)

@@ -1,0 +1,87 @@
+"""Scrub of tyres: closed forms of the hitch's force, and signs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimators.off_tracking.tyre_scrub import TyreScrub
+from sensors.messages import CombinationSignals
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.loads import static_axle_loads
+
+SEMITRAILER, B_DOUBLE = load_vehicle("uk_longer_semitrailer"), load_vehicle("b_double_steered")
+SPEED = 3.0  # [m/s]
+
+
+def signals(vehicle: Vehicle, curvature: float, gamma: float, angles: tuple[float, ...]) -> CombinationSignals:
+    """Signals of units that all turn about one centre, at articulations of ``gamma`` [rad]."""
+    units = len(vehicle.units)
+    return CombinationSignals(
+        tick=0,
+        angles=np.array(angles),
+        speed=SPEED,
+        steer=0.0,
+        articulation=np.full(units - 1, gamma),
+        yaw_rates=np.full(units, SPEED * curvature),
+        lateral_acceleration=0.0,
+    )
+
+
+@pytest.mark.parametrize("vehicle", [SEMITRAILER, B_DOUBLE], ids=lambda v: str(v.name))
+def test_nothing_scrubs_straight_ahead(vehicle: Vehicle) -> None:
+    """All axles roll."""
+    assert TyreScrub(vehicle, len(vehicle.units) - 1).slip(signals(vehicle, 0.0, 0.0, (0.0, 0.0))) == 0.0
+
+
+@pytest.mark.parametrize("vehicle", [SEMITRAILER, B_DOUBLE], ids=lambda v: str(v.name))
+def test_the_mirrored_drive_has_the_opposite_slip(vehicle: Vehicle) -> None:
+    """Left and right are alike."""
+    scrub = TyreScrub(vehicle, len(vehicle.units) - 1)
+    left = scrub.slip(signals(vehicle, 0.08, 0.5, (-0.3, -0.4)))
+    assert abs(left) > 0.003
+    assert scrub.slip(signals(vehicle, -0.08, -0.5, (0.3, 0.4))) == pytest.approx(-left, rel=1e-12)
+
+
+def test_steered_axles_that_point_alike_push_the_hitch_by_the_moment_they_lack() -> None:
+    """At small angles: axles at x with stiffness C, of which some are turned by delta, on a straight path.
+
+    u = sum(C x delta) / sum(C x) balances the moments; the forces C (delta - u) go to the hitch, and with the arms of
+    hitch and rear axle about the front axle to the rear axle's tyres.
+    """
+    delta = 0.01
+    tractor, trailer = SEMITRAILER.units
+    loads = static_axle_loads(SEMITRAILER)
+    C, x = [], []
+    for axle, load in zip(trailer.axles, loads[1], strict=True):
+        C.append(float(axle.tyre.stiffness(0.5 * load).y) * load)
+        x.append(axle.x)
+    turned = np.array([delta if axle.steered else 0.0 for axle in trailer.axles])
+    stiffness, places = np.array(C), np.array(x)
+    u = np.sum(stiffness * places * turned) / np.sum(stiffness * places)
+    force = np.sum(stiffness * (turned - u))  # of the trailer on the tractor
+    front, rear = tractor.axles
+    share = (front.x - tractor.rear_hitch[0]) / (front.x - rear.x)
+    rear_stiffness = float(rear.tyre.stiffness(0.5 * loads[0][1]).y) * loads[0][1]
+    slip = TyreScrub(SEMITRAILER, 1).slip(signals(SEMITRAILER, 0.0, 0.0, (delta, delta)))
+    assert slip == pytest.approx(share * force / rear_stiffness, rel=1e-3)  # cos(delta) is 1
+    assert abs(slip) > 1e-5
+
+
+def test_scrub_at_rest_stays_finite() -> None:
+    """Noise of a gyro at rest is no curvature."""
+    still = signals(SEMITRAILER, 0.001, 0.3, (0.0, 0.0))
+    resting = CombinationSignals(
+        tick=0,
+        angles=still.angles,
+        speed=0.0,
+        steer=0.0,
+        articulation=still.articulation,
+        yaw_rates=still.yaw_rates,
+        lateral_acceleration=0.0,
+    )
+    slip = TyreScrub(SEMITRAILER, 1).slip(resting)
+    assert math.isfinite(slip)
+    assert abs(slip) < 0.01
