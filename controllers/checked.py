@@ -16,6 +16,7 @@ from estimators.estimates import OffTracking
 from estimators.slip.rover_odometry import RoverPose
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
+from vehicle.plant_like import EndedError
 from vehicle.rover.command import RoverCommand
 
 Command = TypeVar("Command", SteerCommand, DriverCommand, RoverCommand)
@@ -112,6 +113,8 @@ def _called(
     """Result of a step; a user's code may raise or return anything."""
     try:
         result: object = step()
+    except EndedError:
+        raise
     except Exception as error:
         raise misbehaviour(name, tick, f"raised {type(error).__name__}: {error}") from error
     if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], kind)):

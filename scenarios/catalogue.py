@@ -27,10 +27,16 @@ class Catalogue(dict[str, str]):
     """Import paths of one kind of part by name, with what every class of the kind must have."""
 
     def __init__(
-        self, paths: Mapping[str, str], *, methods: tuple[str, ...] = (), declares: tuple[str, ...] = ()
+        self,
+        paths: Mapping[str, str],
+        *,
+        methods: tuple[str, ...] = (),
+        declares: tuple[str, ...] = (),
+        fmu: str = "",
     ) -> None:
+        """Paths of classes; ``fmu`` is that of the function that makes a class of an FMU's file."""
         super().__init__(paths)
-        self.methods, self.declares = methods, declares
+        self.methods, self.declares, self.fmu = methods, declares, fmu
 
 
 TRAILER_STEERING: Final = Catalogue(
@@ -46,6 +52,7 @@ TRAILER_STEERING: Final = Catalogue(
         "policy": "controllers.trailer_steering.policy:Policy",
     },
     methods=("init", "step"),
+    fmu="scenarios.fmi_import.law:law_of",
 )
 ODOMETRY: Final = Catalogue(
     {
@@ -98,6 +105,7 @@ DRIVER: Final = Catalogue(
         "recorded": "scenarios.assembly.drivers:AsRecorded",
     },
     methods=("of",),
+    fmu="scenarios.fmi_import.driver:driver_of",
 )
 ROVER_DRIVER: Final = Catalogue(
     {
@@ -111,6 +119,7 @@ PLANT: Final = Catalogue(
         "constant_slip": "scenarios.assembly.plants:ConstantSlip",
     },
     methods=("of",),
+    fmu="scenarios.fmi_import.plant:plant_of",
 )
 
 
@@ -125,6 +134,8 @@ def resolve(key: str, name: str, catalogue: Catalogue, *, in_scenario: bool = Tr
     Raises:
         ValueError: one line with the key and the nearest known name, the failed import, or what the class lacks.
     """
+    if name.endswith(".fmu"):
+        return _of_fmu(key, name, catalogue)
     module_name, colon, attribute = catalogue.get(name, name).partition(":")
     if not colon:
         raise ValueError(f"{key}: unknown name '{shown(name)}'{nearest(name, catalogue)} (or package.module:Name)")
@@ -150,6 +161,17 @@ def _module(key: str, name: str, module_name: str) -> ModuleType:
         else:
             line = f"importing {module_name} failed: {type(error).__name__}: {error}"
         raise ValueError(f"{key} = {name}: {line}") from error
+
+
+def _of_fmu(key: str, name: str, catalogue: Catalogue) -> Any:
+    """Class of a part that is an FMU."""
+    if not catalogue.fmu:
+        raise ValueError(f"{key} = {shown(name)}: an FMU can't be this part")
+    module, _, function = catalogue.fmu.partition(":")
+    try:
+        return getattr(importlib.import_module(module), function)(name)
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
 
 
 def _check_class(key: str, name: str, part: object, methods: tuple[str, ...], declares: tuple[str, ...]) -> None:

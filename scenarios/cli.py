@@ -14,6 +14,7 @@ from scenarios.commands import (
     draw,
     estimate,
     fit_surrogate,
+    fmu,
     listing,
     reproduce,
     run,
@@ -73,6 +74,7 @@ app.command(epilog=lines(train.EXAMPLES))(train.train)
 app.command(epilog=lines(reproduce.EXAMPLES))(reproduce.reproduce)
 app.command(name="fit-surrogate", epilog=lines(fit_surrogate.EXAMPLES))(fit_surrogate.fit_surrogate)
 app.add_typer(estimate.app, name="estimate")
+app.add_typer(fmu.app, name="fmu")
 
 
 def main() -> None:

@@ -10,6 +10,10 @@ TruthT = TypeVar("TruthT", covariant=True)
 CommandT = TypeVar("CommandT", contravariant=True)
 
 
+class EndedError(Exception):
+    """A part can not go on: the run ends as "diverged". The text is one line that says why."""
+
+
 class PlantLike(Protocol[TruthT, CommandT]):
     """Anything that moves a vehicle: the dynamics, or a prescribed motion."""
 

@@ -97,7 +97,9 @@ def _switched(vehicle: Vehicle, table: str, system: str, on: bool | None) -> Veh
 def plant_kind(scenario: Scenario) -> str:
     """Name of the scenario's plant; by default as the course needs."""
     prescribed = isinstance(scenario.course, ConstantSlipOptions)
-    return scenario.plant.kind or ("constant_slip" if prescribed else "multibody")
+    if scenario.plant.fmu and scenario.plant.kind:
+        raise ValueError("plant.kind and plant.fmu: give only one of them")
+    return scenario.plant.fmu or scenario.plant.kind or ("constant_slip" if prescribed else "multibody")
 
 
 def opened_plant(scenario: Scenario, vehicle: Vehicle, surface: Surface) -> CombinationPlant:

@@ -187,6 +187,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",
         },
         warnings=(
+            *filter(None, (session.reason,)),
             *data_sheet(vehicle).warnings,
             *_steer_warnings(parts, log),
             *_camera_warnings(session),

@@ -13,7 +13,7 @@ from scenarios.results.log import Row
 from vehicle.clock import TICK
 from vehicle.combination.plant import DivergedError
 from vehicle.frames import FloatArray
-from vehicle.plant_like import PlantLike
+from vehicle.plant_like import EndedError, PlantLike
 
 TruthT = TypeVar("TruthT")
 TruthIn = TypeVar("TruthIn", contravariant=True)
@@ -102,6 +102,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         """
         self.tick = 0
         self.outcome: str | None = None  # None while the run continues
+        self.reason = ""  # of a run that diverged, if it is known
         self.traceback = ""  # of the exception that ended the run
         self.rows: list[Row[TruthT, RecordT]] = []
         self.stopwatch = stopwatch or Stopwatch()
@@ -161,6 +162,8 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             self.advance()
         except LawError as error:
             self._fail(error)
+        except EndedError as error:
+            self.outcome, self.reason = "diverged", str(error)
         except (Exception, SystemExit) as error:  # parts may be a user's own, and may do anything
             kind, part = self._running
             event = f"raised {type(error).__name__}: {error}"

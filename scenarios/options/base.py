@@ -22,6 +22,13 @@ def option(meaning: str, default: Any = ...) -> Any:
 FullPath = Annotated[str, AfterValidator(full_path)]  # a saved scenario runs anywhere
 
 
+def _with_full_path(name: str) -> str:
+    return full_path(name) if name.endswith(".fmu") else name
+
+
+PartName = Annotated[str, AfterValidator(_with_full_path)]  # of the catalogue, package.module:Name, or an FMU's file
+
+
 class Options(BaseModel):
     """Base class of tables: frozen, validated, unknown keys refused; a boolean or a text is no number."""
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
-from scenarios.options.base import FullPath, Options, option, quantity
+from scenarios.options.base import FullPath, Options, PartName, option, quantity
 
 
 class StopTable(Options):
@@ -22,8 +22,10 @@ class StopTable(Options):
 class DriverOptions(Options):
     """The driver: follows the course at set speed or below a lateral limit, or repeats a recorded drive."""
 
-    kind: str | None = option(
-        "preview, recorded or package.module:Name; not given: recorded if driver.trace is given, else preview.", None
+    kind: PartName | None = option(
+        "preview, recorded, package.module:Name or the file of an FMU; not given: recorded if driver.trace is given, "
+        "else preview.",
+        None,
     )
     parameters: dict[str, bool | int | float | str] = Field(
         default_factory=dict, description="Parameters of the user's own driver."

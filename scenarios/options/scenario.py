@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 
 from controllers.trailer_steering.policy import shipped_networks
 from scenarios.catalogue import Catalogue, resolve
-from scenarios.options.base import Options, option, quantity, tables_in
+from scenarios.options.base import Options, PartName, option, quantity, tables_in
 from scenarios.options.brakes import BrakeOptions
 from scenarios.options.course import CourseOptions, CourseTable
 from scenarios.options.degradation import DegradationOptions
@@ -87,8 +87,9 @@ class Scenario(Options):
     plant: PlantOptions = PlantOptions()  # differences of the simulated vehicle from the data sheet
     brakes: BrakeOptions = BrakeOptions()  # of the simulated vehicle
     driver: DriverTable = DriverOptions()
-    trailer_steering: str = option(
-        "Trailer steering law (see offtrack parts trailer_steering) or package.module:Name.", "path_preview"
+    trailer_steering: PartName = option(
+        "Trailer steering law (see offtrack parts trailer_steering), package.module:Name or the file of an FMU.",
+        "path_preview",
     )
     steering: dict[str, Parameter] = Field(
         default_factory=dict, description="Parameters of the law; those not given keep their defaults."

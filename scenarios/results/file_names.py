@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+MAP_SUFFIX: Final = ".toml"  # after the name of an FMU: its map
 
 
 def with_neighbours(scenario: dict[str, Any], folder: Path) -> dict[str, Any]:

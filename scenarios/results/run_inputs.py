@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import tomli_w
 
-from scenarios.results.file_names import is_file, texts, with_texts
+from scenarios.results.file_names import MAP_SUFFIX, is_file, texts, with_texts
 from scenarios.results.files import digest
 from scenarios.results.own_modules import own_modules
 from vehicle.user_file import FileKind, read_text
@@ -39,6 +39,7 @@ class RunInputs:
 def run_inputs(scenario: Mapping[str, Any]) -> RunInputs:
     """Inputs of a resolved scenario, whose values name files by absolute paths and classes as ``module:Name``."""
     names = sorted(set(texts(scenario)))
+    names += [text + MAP_SUFFIX for text in names if text.endswith(".fmu")]
     paths = [text for text in names if os.path.isabs(text) and is_file(text) and os.path.getsize(text) <= _LARGEST]
     return RunInputs({path: Path(path).read_bytes() for path in paths}, _module_hashes(names))
 
@@ -50,7 +51,8 @@ def write_inputs(scenario_toml: str, inputs: RunInputs, folder: Path) -> str:
     (folder / _FOLDER).mkdir()
     names: dict[str, str] = {}
     for path, content in inputs.files.items():
-        name = f"{_FOLDER}/{Path(path).name}"
+        fmu = path.removesuffix(MAP_SUFFIX)
+        name = f"{_FOLDER}/{Path(path).name}" if fmu not in names else names[fmu] + MAP_SUFFIX
         while name in names.values():
             name = f"{_FOLDER}/{len(names)}-{Path(path).name}"
         (folder / name).write_bytes(content)

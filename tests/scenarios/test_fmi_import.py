@@ -1,0 +1,346 @@
+"""FMUs of other tools as law, driver and plant of a run: equal numbers, mishaps, maps, broken files."""
+
+from __future__ import annotations
+
+import copy
+import io
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import offtrack
+from controllers.trailer import Combination
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.catalogue import ODOMETRY, resolve
+from scenarios.cli import app
+from scenarios.fmi_import.archive import open_fmu
+from scenarios.fmi_import.instance import FmuInstance
+from scenarios.fmi_import.law import law_of, law_signals
+from scenarios.fmi_import.mapping import PartSignals, Signal, map_file, read_map
+from scenarios.fmi_import.plant import plant_signals
+from scenarios.fmi_import.process import FmuError
+from tests.fmus import LAW, LAW_CODE, MISHAPS, Quantity, build_fmu, description, proportional_law, rolling_plant
+from vehicle.combination.description import load_vehicle
+
+SIGNALS = law_signals(2, 2)
+
+
+def run(**settings: object) -> offtrack.Run:
+    """A short run; points in the names of keys are written as __."""
+    short = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
+    return offtrack.run("roundabout", settings=short | {key.replace("__", "."): x for key, x in settings.items()})
+
+
+@pytest.fixture(scope="module")
+def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return proportional_law(tmp_path_factory.mktemp("law"))
+
+
+@pytest.fixture
+def own_law(law: Path, tmp_path: Path) -> Path:
+    """A copy of the law that a test may change."""
+    return Path(shutil.copy(law, tmp_path / "own.fmu"))
+
+
+def opened(law: Path, **parameters: float) -> FmuInstance:
+    fmu = open_fmu(law)
+    return FmuInstance(fmu, read_map(fmu, SIGNALS), parameters)
+
+
+def test_a_law_as_fmu_gives_the_log_of_the_same_law_in_python(law: Path) -> None:
+    (law.parent / "same_law.py").write_text(
+        "import numpy as np\n"
+        "from controllers.trailer import SteerCommand\n"
+        "class Same:\n"
+        "    def __init__(self, trailer, *, gain=0.2): self.gain = gain\n"
+        "    def init(self): return None\n"
+        "    def step(self, memory, tick, off_tracking, signals):\n"
+        "        e = off_tracking.value if off_tracking else 0.0\n"
+        "        return memory, SteerCommand(angles=np.full(len(signals.angles), self.gain * e))\n",
+        encoding="utf-8",
+    )
+    with pytest.MonkeyPatch.context() as patched:
+        patched.syspath_prepend(str(law.parent))
+        own = run(trailer_steering="same_law:Same", steering__gain=0.3)
+    other = run(trailer_steering=str(law), steering__gain=0.3)
+    assert own.log.names == other.log.names
+    for name in own.log.names:
+        np.testing.assert_array_equal(other[name], own[name], name)
+
+
+@pytest.mark.parametrize(
+    ("mishap", "line"),
+    [
+        ("crash", "at 0.05 s: its process was ended by SIGSEGV"),
+        ("endless", "at 0.05 s: does not return within 0.3 s"),
+        ("nan", "at 0.05 s its output steer_demand_1 is nan"),
+        ("error", 'fmi2DoStep failed with status 3 (error) (it said: "the water is too cold")'),
+        ("exit", "at 0.05 s: its process exited (7)"),
+    ],
+)
+def test_a_mishap_in_a_step_is_one_line(own_law: Path, mishap: str, line: str) -> None:
+    map_file(own_law).write_text(
+        'timeout = 0.3\n[inputs]\noff_tracking = "off_tracking"\n[outputs]\nsteer_demand_1 = "steer_demand_1"\n'
+        'steer_demand_2 = "steer_demand_2"\n',
+        encoding="utf-8",
+    )
+    instance = opened(own_law, mishap=float(MISHAPS[mishap]), mishap_at=0.05)
+    for _ in range(5):
+        instance.step(10, {"off_tracking": 0.1})
+    with pytest.raises(FmuError) as caught:
+        instance.step(10, {"off_tracking": 0.1})
+    assert line in str(caught.value)
+    assert str(caught.value).startswith(str(own_law))
+    assert "\n" not in str(caught.value)
+    assert instance.ticks == 50
+
+
+def test_a_run_whose_fmu_crashes_ends_diverged_and_says_why(law: Path) -> None:
+    result = run(trailer_steering=str(law), steering__mishap=1.0)
+    assert result.summary["outcome"] == "diverged"
+    assert "SIGSEGV" in result.summary["warnings"][0]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_copy_of_an_instance_goes_on_from_its_state(tmp_path: Path, version: Literal[2, 3]) -> None:
+    summing = build_fmu(tmp_path, "summing", LAW, "x[0] += v[0] * dt; v[1] = v[2] = x[0];", version=version)
+    first = opened(summing)
+    first.step(100, {"off_tracking": 1.0})
+    second = copy.deepcopy(first)
+    assert first.step(100, {"off_tracking": 1.0})["steer_demand_1"] == pytest.approx(0.2)
+    assert second.step(100, {"off_tracking": 3.0})["steer_demand_1"] == pytest.approx(0.4)
+
+
+def test_an_fmu_that_does_not_give_its_state_is_not_copied(tmp_path: Path) -> None:
+    instance = opened(build_fmu(tmp_path, "stubborn", LAW, LAW_CODE, keeps_state=False))
+    with pytest.raises(ValueError, match="cannot be copied: it does not declare canGetAndSetFMUstate"):
+        copy.deepcopy(instance)
+
+
+def test_units_signs_and_offsets_of_a_map(own_law: Path) -> None:
+    """The input is in millimetres with the other sign, the outputs in degrees, one of them off by 2 degrees."""
+    map_file(own_law).write_text(
+        '[inputs]\noff_tracking = { signal = "off_tracking", unit = "mm", factor = -1.0 }\n'
+        '[outputs]\nsteer_demand_1 = { signal = "steer_demand_1", unit = "deg" }\n'
+        'steer_demand_2 = { signal = "steer_demand_2", unit = "deg", offset = 2.0 }\n[parameters]\ngain = 0.5\n',
+        encoding="utf-8",
+    )
+    found = opened(own_law).step(10, {"off_tracking": 0.01})  # -10 mm, -5 deg
+    assert found["steer_demand_1"] == pytest.approx(np.deg2rad(-5.0))
+    assert found["steer_demand_2"] == pytest.approx(np.deg2rad(-3.0))
+
+
+def test_a_plant_as_fmu_drives_under_our_driver(tmp_path: Path) -> None:
+    plant = rolling_plant(tmp_path, load_vehicle("uk_longer_semitrailer").units[0].rear_hitch[0], 8.0)
+    result = run(plant__fmu=str(plant), trailer_steering="none")
+    assert result.summary["outcome"] == "completed"
+    assert result.summary["off_tracking"]["true_max_m"] > 0.3
+    assert np.abs(np.diff(result["psi_tractor"])).max() < 0.01  # a step of 10 ms
+    assert result["psi_tractor"][-1] > 0.3
+
+
+def test_a_plant_as_fmu_turns_on_the_circles_of_its_closed_form(tmp_path: Path) -> None:
+    """Without slip: radius of the rear axle wheelbase / tan(steer), articulation by hitch and trailer length."""
+    fmu = open_fmu(rolling_plant(tmp_path, 0.7, 8.0))
+    links = read_map(fmu, plant_signals(load_vehicle("uk_longer_semitrailer")))
+    instance = FmuInstance(fmu, links, links.start_values({"start_speed": 5.0}))
+    signals = {"steer": 0.2, "acceleration": 0.0}
+    for _ in range(200):
+        found = instance.step(100, signals)
+    radius = 3.8 / np.tan(0.2)
+    expected = np.arcsin(8.0 / np.hypot(radius, 0.7)) - np.arctan2(0.7, radius)
+    assert found["psi_1"] - found["psi_2"] == pytest.approx(expected, abs=1e-4)
+    assert found["psi_1"] == pytest.approx(20.0 * 5.0 / radius, rel=1e-9)
+
+
+def test_lengths_that_are_not_those_of_the_data_sheet_are_named(tmp_path: Path) -> None:
+    plant = rolling_plant(tmp_path, 1.5, 8.0)
+    with pytest.raises(ValueError, match=r"unit 2 begins 0\.73 m from the hitch of tractor, which is at x = 0\.77"):
+        run(plant__fmu=str(plant))
+
+
+def test_a_first_map_connects_by_names_and_units(tmp_path: Path) -> None:
+    plant = rolling_plant(tmp_path, 0.77, 8.0)
+    map_file(plant).unlink()
+    answer = CliRunner().invoke(app, ["fmu", "map", str(plant), "--part", "plant"])
+    assert answer.exit_code == 0, answer.output
+    text = map_file(plant).read_text(encoding="utf-8")
+    for line in ('"delta" = "steer"', '"a" = "acceleration"', '"unit1.psi" = "psi_1"', '"unit2.x" = "x_2"'):
+        assert f"\n{line}" in text
+    again = CliRunner().invoke(app, ["fmu", "map", str(plant), "--part", "plant"])
+    assert again.exit_code == 2
+    assert map_file(plant).read_text(encoding="utf-8") == text
+
+
+Change = Callable[[dict[str, bytes]], None]
+
+
+def _without(name: str) -> Change:
+    def change(members: dict[str, bytes]) -> None:
+        for key in [key for key in members if key.startswith(name)]:
+            del members[key]
+
+    return change
+
+
+def _with(name: str, content: bytes) -> Change:
+    return lambda members: members.update({name: content})
+
+
+def _edited(old: str, new: str) -> Change:
+    def change(members: dict[str, bytes]) -> None:
+        text = members["modelDescription.xml"].decode()
+        assert old in text
+        members["modelDescription.xml"] = text.replace(old, new).encode()
+
+    return change
+
+
+BROKEN: dict[str, tuple[Change, str]] = {
+    "no description": (_without("modelDescription.xml"), "holds no modelDescription.xml"),
+    "no library": (_without("binaries/"), "has no library 'linux64' for this machine"),
+    "library of another machine": (
+        lambda members: members.update({"binaries/win64/law.dll": members.pop("binaries/linux64/law.so")}),
+        "it has win64",
+    ),
+    "library is text": (_with("binaries/linux64/law.so", b"no machine code"), "Failed to load shared library"),
+    "empty library": (_with("binaries/linux64/law.so", b""), "file too short"),
+    "XML that breaks off": (
+        _with("modelDescription.xml", b'<fmiModelDescription fmiVersion="2.0"'),
+        "modelDescription.xml:",
+    ),
+    "empty XML": (_with("modelDescription.xml", b""), "must be 2 or 3"),
+    "other XML": (_with("modelDescription.xml", b'<html fmiVersion="3.0"/>'), "modelDescription.xml:"),
+    "document type": (
+        lambda members: members.update(
+            {"modelDescription.xml": b"<!DOCTYPE x [<!ENTITY a 'a'>]>" + members["modelDescription.xml"][38:]}
+        ),
+        "a document type is refused",
+    ),
+    "FMI 1": (_edited('fmiVersion="2.0"', 'fmiVersion="1.0"'), "must be 2 or 3"),
+    "FMI 4": (_edited('fmiVersion="2.0"', 'fmiVersion="4.0"'), "must be 2 or 3"),
+    "no version": (_edited('fmiVersion="2.0"', ""), "must be 2 or 3"),
+    "no variables": (
+        lambda members: members.update({"modelDescription.xml": description("law", ()).encode()}),
+        "has no scalar variables",
+    ),
+    "model exchange only": (_edited("CoSimulation", "ModelExchange"), "is for model exchange only"),
+    "model of another name": (_edited('modelIdentifier="law"', 'modelIdentifier="other"'), "has no library"),
+    "a path upwards": (_with("../../escaped.txt", b"!"), "leaves the archive"),
+    "a path from the root": (_with("/tmp/escaped.txt", b"!"), "leaves the archive"),
+    "a path of Windows": (_with("C:\\escaped.txt", b"!"), "leaves the archive"),
+    "a path with backslashes": (_with("..\\escaped.txt", b"!"), "leaves the archive"),
+    "an output less": (_edited("steer_demand_2", "steer"), "no variable is connected to trailer_steering's signal"),
+    "reference that is none": (_edited('valueReference="0"', 'valueReference="many"'), "modelDescription.xml:"),
+    "too many members": (
+        lambda members: members.update({f"resources/{k}": b"" for k in range(1001)}),
+        "must be at most 1000",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_fmu_is_one_line(own_law: Path, name: str) -> None:
+    change, line = BROKEN[name]
+    with zipfile.ZipFile(own_law) as archive:
+        members = {member: archive.read(member) for member in archive.namelist()}
+    change(members)
+    with zipfile.ZipFile(own_law, "w") as archive:
+        for member, content in members.items():
+            archive.writestr(member, content)
+    check_refused(own_law, line)
+
+
+def check_refused(path: Path, line: str) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 -- the text is looked at below
+        run(trailer_steering=str(path))
+    text = str(caught.value)
+    assert line in text
+    assert path.name in text
+    assert "\n" not in text
+
+
+def test_files_that_are_no_archives_are_one_line(own_law: Path) -> None:
+    content = own_law.read_bytes()
+    for broken, line in ((b"", "no readable zip"), (b"PK\3\4" + b"x" * 100, "no readable zip"), (content[:-90], "zip")):
+        own_law.write_bytes(broken)
+        check_refused(own_law, line)
+    damaged = bytearray(content)
+    at = content.index(b"fmiVersion") if b"fmiVersion" in content else 200
+    damaged[at] ^= 0xFF
+    own_law.write_bytes(bytes(damaged))
+    check_refused(own_law, "damaged")
+    own_law.unlink()
+    check_refused(own_law, "cannot be read")
+
+
+MAPS = {
+    "not TOML": ("inputs = [", "own.fmu.toml"),
+    "unknown table": ("[input]\n", "unknown key 'input'; did you mean 'inputs'?"),
+    "another part": ('part = "driver"\n', "this FMU is used as trailer_steering"),
+    "unknown variable": ('[inputs]\nofftracking = "off_tracking"\n', "has no variable 'offtracking'"),
+    "unknown signal": ('[inputs]\noff_tracking = "offtracking"\n', "has no signal 'offtracking'"),
+    "an output as input": ('[inputs]\nsteer_demand_1 = "speed"\n', "is of causality 'output'"),
+    "a number for a signal": ("[inputs]\noff_tracking = 3\n", "must be the name of a signal"),
+    "unknown key of a link": ('[inputs]\noff_tracking = { signal = "speed", gain = 2 }\n', "unknown key 'gain'"),
+    "a unit of something else": ('[inputs]\noff_tracking = "speed"\n', "is in m, the signal speed in m/s"),
+    "unknown unit": ('[inputs]\noff_tracking = { signal = "speed", unit = "mph" }\n', "unit = 'mph'"),
+    "a factor that is none": (
+        '[inputs]\noff_tracking = { signal = "off_tracking", factor = inf }\n',
+        "must be a finite number",
+    ),
+    "a signal twice": (
+        '[outputs]\nsteer_demand_1 = "steer_demand_1"\nsteer_demand_2 = "steer_demand_1"\n',
+        "two variables give the signal steer_demand_1",
+    ),
+    "no outputs": ('[inputs]\noff_tracking = "off_tracking"\n', "no variable is connected"),
+    "unknown parameter": ("[parameters]\nganz = 1.0\n", "has no variable 'ganz'"),
+    "half a millisecond": ("period = 0.0005\n", "must be a whole number of milliseconds"),
+    "no time": ("timeout = 0\n", "must be positive"),
+}
+OUTPUTS = '[outputs]\nsteer_demand_1 = "steer_demand_1"\nsteer_demand_2 = "steer_demand_2"\n'
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_wrong_map_is_one_line(own_law: Path, name: str) -> None:
+    text, line = MAPS[name]
+    needs_outputs = "[outputs]" not in text and name not in ("no outputs", "not TOML")
+    map_file(own_law).write_text(text + (OUTPUTS if needs_outputs else ""), encoding="utf-8")
+    check_refused(own_law, line)
+
+
+def test_a_kind_of_part_that_can_be_no_fmu_says_so(law: Path) -> None:
+    with pytest.raises(ValueError, match="an FMU can't be this part"):
+        resolve("odometry", str(law), ODOMETRY)
+
+
+def test_declared_units_are_used(tmp_path: Path) -> None:
+    """An output in degrees by its own unit definition needs no word in a map."""
+    path = build_fmu(tmp_path, "deg", (Quantity("a", "input"), Quantity("angle", "output", "grad")), "v[1] = v[0];")
+    with zipfile.ZipFile(path) as archive:
+        members = {member: archive.read(member) for member in archive.namelist()}
+    unit = '<UnitDefinitions><Unit name="grad"><BaseUnit rad="1" factor="0.015707963"/></Unit></UnitDefinitions>'
+    text = members["modelDescription.xml"].decode().replace("<ModelVariables>", unit + "<ModelVariables>")
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w") as archive:
+        for member, data in {**members, "modelDescription.xml": text.encode()}.items():
+            archive.writestr(member, data)
+    path.write_bytes(content.getvalue())
+    part = PartSignals(kind="part", inputs=(Signal("a", "-", ""),), outputs=(Signal("angle", "rad", ""),))
+    fmu = open_fmu(path)
+    instance = FmuInstance(fmu, read_map(fmu, part), {})
+    assert instance.step(10, {"a": 100.0})["angle"] == pytest.approx(np.pi / 2, abs=1e-6)
+
+
+def test_the_law_class_has_the_fmus_parameters_as_options(law: Path) -> None:
+    vehicle = load_vehicle("uk_longer_semitrailer")
+    made = law_of(str(law))
+    assert made.options[0].name == "gain"
+    with pytest.raises(ValueError, match=r"steering\.gain = 'x'"):
+        made(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1), gain="x")
