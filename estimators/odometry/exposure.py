@@ -9,6 +9,7 @@ that agree are not touched: then the images stay as they are, bit by bit. Not mo
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import cv2
@@ -45,8 +46,12 @@ class Exposure(NamedTuple):
     offset: float
 
 
+@lru_cache(maxsize=1)
 def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
-    """Frame with the right image exposed like the left one; the same object if they agree."""
+    """Frame with the right image exposed like the left one; the same object if they agree.
+
+    The last answer is kept: self-calibration and the odometry inside it ask about the same frame.
+    """
     left, right = cell_means(frame.left), _beside(calibration, cell_means(frame.right))
     change = _change(frame.right, right, frame.left, left)
     if change is None:
@@ -82,13 +87,19 @@ def _clipped(image: GreyImage) -> GreyImage:
 
 def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
     """Cells of the right image, shifted to where the left image shows the same; NaN where it does not."""
-    rows, columns = cells.shape
-    v, u = np.mgrid[:rows, :columns]
-    centres: Points = (np.column_stack([u.ravel(), v.ravel()]) * _CELL + 0.5 * (_CELL - 1)).astype(np.float32)
-    shift = np.rint(disparity_guess(calibration, centres)[:, 0] / _CELL).astype(np.int64).reshape(cells.shape)
-    source = u - shift
+    source = _beside_columns(calibration, *cells.shape)
     shifted: FloatArray = np.where(source >= 0, np.take_along_axis(cells, np.maximum(source, 0), axis=1), np.nan)
     return shifted
+
+
+@lru_cache(maxsize=4)
+def _beside_columns(calibration: StereoCalibration, rows: int, columns: int) -> NDArray[np.int64]:
+    """Column (rows, columns) of the right image's cell that shows the same as each cell of the left one."""
+    v, u = np.mgrid[:rows, :columns]
+    centres: Points = (np.column_stack([u.ravel(), v.ravel()]) * _CELL + 0.5 * (_CELL - 1)).astype(np.float32)
+    shift = np.rint(disparity_guess(calibration, centres)[:, 0] / _CELL).astype(np.int64).reshape(rows, columns)
+    source: NDArray[np.int64] = u - shift
+    return source
 
 
 def _change(
