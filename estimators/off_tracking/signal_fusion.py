@@ -30,7 +30,7 @@ from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTracking
 from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.judged_motion import PLANAR, doubted, from_reference, lost_motion, spatial, weighted
-from estimators.off_tracking.signal_history import extended_history
+from estimators.off_tracking.signal_history import REMEMBERED, extended_history
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -142,7 +142,7 @@ class SignalFusion:
             return self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
 
         def spread(since: int) -> FloatArray | None:
-            whole = reckoned(since)
+            whole = reckoned(since) if tick - since <= REMEMBERED else None
             return None if whole is None else spatial(whole.covariance)
 
         step = reckoned(newest)

@@ -10,6 +10,7 @@ import pytest
 from estimators.off_tracking.tyre_scrub import TyreScrub
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
 
 SEMITRAILER, B_DOUBLE = load_vehicle("uk_longer_semitrailer"), load_vehicle("b_double_steered")
@@ -68,6 +69,27 @@ def test_steered_axles_that_point_alike_push_the_hitch_by_the_moment_they_lack()
     slip = TyreScrub(SEMITRAILER, 1).slip(signals(SEMITRAILER, 0.0, 0.0, (delta, delta)))
     assert slip == pytest.approx(share * force / rear_stiffness, rel=1e-3)  # cos(delta) is 1
     assert abs(slip) > 1e-5
+
+
+@pytest.mark.parametrize("steered", ["steer", "trailer_steer_1"])
+def test_slow_steady_turns_slip_as_in_the_linear_model_of_the_vehicle(steered: str) -> None:
+    """At walking pace forces of inertia vanish, and what slips the rear axle is scrub.
+
+    The model has pneumatic trails and rolling resistance too, which make up a tenth.
+    """
+    speed, angle = 0.5, 1e-3
+    model = lateral_model(SEMITRAILER, speed)
+    v_y, *rates, gamma = -angle * np.linalg.solve(model.A, model.B[:, model.inputs.index(steered)])
+    turning = CombinationSignals(
+        tick=0,
+        angles=np.array([0.0, angle if steered == "trailer_steer_1" else 0.0]),
+        speed=speed,
+        steer=0.0,
+        articulation=np.array([gamma]),
+        yaw_rates=np.array(rates),
+        lateral_acceleration=0.0,
+    )
+    assert TyreScrub(SEMITRAILER, 1).slip(turning) == pytest.approx(v_y / speed, rel=0.12)
 
 
 def test_scrub_at_rest_stays_finite() -> None:
