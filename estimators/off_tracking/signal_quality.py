@@ -20,7 +20,8 @@ ARTICULATION_NOISE = math.radians(0.15)  # [rad]
 GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]
 
-_FIRST = 4  # column of the first articulation
+_SPEED, _FIRST = 1, 4  # columns of the speed and of the first articulation
+_VISIBLE = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _LEVEL_OF = 50  # samples that the noise is measured from: to 10 %
 _NOISIER = 1.5  # noise above which the assumed one is replaced by the measured one [its standard deviations]
 _COMPARED = 2000  # time over which signals are compared with each other [ticks]
@@ -45,10 +46,12 @@ def agree(history: FloatArray, unit: int) -> bool:
     """Test the signals of ``history`` (n, columns): articulations change by the difference of two yaw rates.
 
     A gyro or an angle sensor that is stuck is noticed as soon as the vehicle turns by some degrees. The wheel speed has
-    no such counterpart.
+    no such counterpart; it is stuck if it repeats the same value for a second, while gyros are noisy.
     """
     if len(history) < 2:
         return True
+    if _speed_repeats(history[-_LEVEL_OF:], unit):
+        return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
     time = recent[:, 0] * TICK
     gammas, rates = recent[:, _FIRST : _FIRST + unit], recent[:, _FIRST + unit :]
@@ -59,3 +62,12 @@ def agree(history: FloatArray, unit: int) -> bool:
     std = math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, drifted)  # of two samples, and of two gyros
     limit = _STUCK * std * noise_level(history, unit)
     return bool(np.all(np.abs(np.remainder(residual + math.pi, 2.0 * math.pi) - math.pi) < limit))
+
+
+def _speed_repeats(recent: FloatArray, unit: int) -> bool:
+    """True if the speed is the same in all rows, although the signals are noisy."""
+    if len(recent) < _LEVEL_OF or np.ptp(recent[:, _SPEED]) > 0.0:
+        return False
+    rates = recent[:, _FIRST + unit :]
+    noise = np.sqrt(np.mean(np.square(np.diff(rates, n=2, axis=0)), axis=0) / 6.0)
+    return bool(np.median(noise) > _VISIBLE * GYRO_NOISE)

@@ -56,6 +56,10 @@ def drive() -> TowedDrive:
 @pytest.fixture(scope="module")
 def exact(drive: TowedDrive) -> dict[int, OffTracking]:
     """Off-tracking from exact motions."""
+    return exact_of(drive)
+
+
+def exact_of(drive: TowedDrive) -> dict[int, OffTracking]:
     memory, results = BUFFER.init(), {}
     ticks = sorted(drive.bodies)
     for since, until in pairwise(ticks):
@@ -252,6 +256,22 @@ def test_a_stuck_gyro_does_not_discredit_the_camera(drive: TowedDrive, exact: di
     estimates = run(drive, signals=stuck)
     assert np.abs(errors(estimates, exact, ticks)).max() < 0.4  # [m] noticed after 2 deg; believed, it would be metres
     assert all(estimates[tick].health is Health.OK for tick in ticks[-40:])
+
+
+@pytest.mark.parametrize("value", [None, 0.0])
+def test_a_stuck_wheel_speed_does_not_discredit_the_camera(value: float | None) -> None:
+    """A speed that repeats itself for a second is not used, whether it stays where it was or falls to zero."""
+    braking = towed_drive(28.0, lambda t: 3.0 + 1.5 * math.sin(0.5 * t), winding, slipping, WRONG, seed=8)
+    exact = exact_of(braking)
+    last = next(message.speed for message in braking.signals if message.tick > 17_000) if value is None else value
+
+    def stuck(messages: Messages) -> Messages:
+        return [replace(message, speed=last) if message.tick > 17_000 else message for message in messages]
+
+    estimates = run(braking, signals=stuck)
+    ticks = [tick for tick in filled(exact) if tick > 18_200]  # a second to notice it
+    assert np.abs(errors(estimates, exact, ticks)).max() < 0.4  # [m]; believed, it would be metres
+    assert all(estimates[tick].health is Health.OK for tick in ticks[-10:])
 
 
 def test_standing_through_an_outage_keeps_the_path() -> None:
