@@ -14,7 +14,6 @@ from scenarios.commands.console import (
     CHECK_FAILED,
     PlainConsole,
     Quiet,
-    ScenarioName,
     check_number,
     one_line_errors,
     progress_bar,
@@ -31,10 +30,17 @@ COMPARE_EXAMPLES = (
     "Examples: offtrack compare roundabout --controllers none,command_steer,path_preview --off-tracking truth   "
     "offtrack compare roundabout-low-friction --controllers path_preview,mpc --off-tracking truth,viso_ot "
     "--vary surface.friction=0.8,0.5,0.3,0.2 --seeds 1-5   "
-    "offtrack compare rover-slope --slip-estimators truth,ftrace_plus"
+    "offtrack compare roundabout --controllers path_preview@tuned.toml,path_preview,mpc   "
+    "offtrack compare rover-slope --slip-estimators truth,ftrace_plus   "
+    "offtrack compare runs/roundabout-1 runs/roundabout-2"
 )
-SWEEP_EXAMPLES = "Example of a STUDY.toml: the study.toml that offtrack compare writes."
+SWEEP_EXAMPLES = (
+    'Example of a STUDY.toml:   scenario = "roundabout"   seeds = [1, 2, 3]   [set]   off_tracking = "truth"   '
+    'surface.cross_fall = 0.025   [vary]   trailer_steering = ["path_preview", "mpc"]   surface.friction = [0.8, 0.3]'
+)
 
+TextColumn = tuple[str, list[str]]  # heading and cells
+_LONGEST_NAME = 100  # of a directory
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
 Out = Annotated[
     Path | None,
@@ -44,11 +50,19 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print only the rows, as JS
 
 
 def compare(
-    scenario: ScenarioName,
+    targets: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SCENARIO | RUN RUN…",
+            help="Name of a scenario (see: offtrack scenarios) or a TOML file; or two or more directories of finished "
+            "runs, which are compared as they are.",
+        ),
+    ],
     controllers: Annotated[
         str | None,
         typer.Option(
-            help="Comma-separated trailer steering laws; for a rover, values of slip_compensation.",
+            help="Comma-separated trailer steering laws; for a rover, values of slip_compensation. "
+            "LAW@FILE.toml is a law with the parameters of a file, such as the tuned.toml of offtrack tune.",
             show_default="none,command_steer,path_preview; none,heading,crab",
         ),
     ] = None,
@@ -72,22 +86,27 @@ def compare(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare trailer steering laws, or a rover's slip compensations, and print a table.
+    """Compare trailer steering laws, a rover's slip compensations, or finished runs, and print a table.
 
     Finished runs are saved at once: repeat the command to continue an interrupted study. A law that does not use the
     off-tracking runs with the first source only.
     """
     from scenarios.catalogue import resolve
     from scenarios.studies.case import listed, seeds_of
+    from scenarios.studies.part_parameters import parameters_beside
     from scenarios.studies.study import Study, settings_of
     from scenarios.studies.subject import TRAILER, subject_of
 
+    if len(targets) > 1 or Path(targets[0]).is_dir():
+        _compare_runs([Path(target) for target in targets], out, quiet=quiet, as_json=as_json)
+        return
+    (scenario,) = targets
     with one_line_errors():
         subject = subject_of(scenario)
         chosen = subject.controllers if controllers is None else listed(controllers, "--controllers")
         sources = listed(estimators, "--off-tracking")
         for law in chosen if subject is TRAILER else ():
-            resolve("--controllers", law, subject.parts)
+            resolve("--controllers", parameters_beside(law)[0], subject.parts)
         for source in sources:
             resolve("--off-tracking", source, subject.estimators)
         axes = {subject.compared: chosen, subject.estimator: sources}
@@ -115,6 +134,20 @@ def sweep(
     with one_line_errors():
         study = load_study(study_file)
     _run_study(f"sweep-{study_file.stem}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+
+
+def _compare_runs(runs: Sequence[Path], out: Path | None, *, quiet: bool, as_json: bool) -> None:
+    from scenarios.studies.finished_runs import compare_runs
+
+    with one_line_errors():
+        if len(runs) < 2:
+            raise ValueError(f"{runs[0]}: is a directory: give two or more finished runs, or a scenario")
+        directory = out or Path("runs") / f"compare-{'-'.join(run.resolve().name for run in runs)}"[:_LONGEST_NAME]
+        rows = compare_runs(runs, directory)
+    if as_json:
+        typer.echo(json.dumps([_plain(row) for row in rows], indent=2))
+    elif not quiet:
+        _print(rows, directory)
 
 
 def _short(scenario: str) -> str:
@@ -157,22 +190,34 @@ def _print(rows: Sequence[Row], directory: Path) -> None:
 
     quantities = shown_quantities(rows)
     varied = [key for key, _ in rows[0].axes if len({dict(row.axes)[key] for row in rows}) > 1]
-    table = Table(padding=(0, 1) if PlainConsole().width > 100 else (0, 0))
-    for key in varied:  # 80 columns may break headings but must not cut names
-        table.add_column(key.rpartition(".")[2], min_width=max(len(dict(row.axes)[key]) for row in rows))
-    table.add_column("done", justify="right", min_width=3)
-    for quantity in quantities:
-        table.add_column(f"{quantity.label} [{quantity.unit}]", justify="right", min_width=5)
-    for row in rows:
-        axes = dict(row.axes)
-        table.add_row(
-            *(axes[key] for key in varied),
-            f"{row.completed}/{row.runs}",
-            *(text_of(quantity, row.numbers[quantity.path]) for quantity in quantities),
-        )
+    columns = [(key.rpartition(".")[2], [dict(row.axes)[key] for row in rows]) for key in varied]
+    columns.append(("done", [f"{row.completed}/{row.runs}" for row in rows]))
+    numbers = [(f"{q.label} [{q.unit}]", [text_of(q, row.numbers[q.path]) for row in rows]) for q in quantities]
     console = PlainConsole()
+    fitting = _fitting(columns, numbers, console.width)
+    table = Table(padding=(0, 0))
+    for k, (heading, cells) in enumerate([*columns, *fitting]):
+        table.add_column(heading, justify="left" if k < len(varied) else "right", width=_least(heading, cells))
+    for row in zip(*(cells for _, cells in (*columns, *fitting)), strict=True):
+        table.add_row(*row)
     console.print(table)
+    if left_out := [heading for heading, _ in numbers[len(fitting) :]]:
+        console.print(f"Left out, as the terminal is narrow: {', '.join(left_out)}", soft_wrap=True)
     for ending in dict.fromkeys(ending for row in rows for ending in row.endings):
         count = sum(row.runs - row.completed for row in rows if ending in row.endings)
         console.print(f"{ending}: {count} runs", soft_wrap=True)
     console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def _fitting(columns: Sequence[TextColumn], numbers: Sequence[TextColumn], width: int) -> Sequence[TextColumn]:
+    """As many of the numbers, from the first on, as fit beside the other columns on a terminal; at least one."""
+    for count in range(len(numbers), 1, -1):
+        shown = [*columns, *numbers[:count]]
+        if sum(_least(heading, cells) + 1 for heading, cells in shown) + 1 <= width:
+            return numbers[:count]
+    return numbers[:1]
+
+
+def _least(heading: str, cells: Sequence[str]) -> int:
+    """Least width of a column that cuts neither a number nor a word of its heading."""
+    return max(map(len, (*heading.split(), *cells)))

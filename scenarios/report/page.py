@@ -157,6 +157,7 @@ class Page:
     title: str  # of the browser's tab
     heading: str
     subtitle: str
+    changes: str = ""  # keys that are not those of the shipped scenario
     verdict: Verdict | None = None
     cards: Sequence[Card] = ()
     sections: Sequence[Section]

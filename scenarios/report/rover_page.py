@@ -26,7 +26,7 @@ _WHEELS, _CORRECTED = "dead reckoning by wheels and compass", "corrected by the 
 
 def rover_report_html(result: RoverResult, summary: Summary) -> str:
     """The page as HTML."""
-    return run_html(result, result.rover, summary, _ON_CARDS, _sections(result, summary))
+    return run_html(result, summary, _ON_CARDS, _sections(result, summary))
 
 
 def _sections(result: RoverResult, summary: Summary) -> Iterator[Section]:

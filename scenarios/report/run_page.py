@@ -28,8 +28,7 @@ _ON_CARDS: Final = (
 
 def report_html(result: RunResult, summary: Summary) -> str:
     """The page as HTML; ``summary`` is the run in numbers as :func:`scenarios.results.summary.summary` gives it."""
-    combination = " + ".join(unit.name for unit in result.units)
-    return run_html(result, combination, summary, _ON_CARDS, _sections(result, summary))
+    return run_html(result, summary, _ON_CARDS, _sections(result, summary))
 
 
 def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
+from scenarios.report.facts import changes, scenario_facts
 from scenarios.report.numbers import number_cards
 from scenarios.report.page import (
     Bar,
@@ -27,20 +30,30 @@ _COLOURS = ("#1f5fa8", "#2a9d8f", "#e0761a", "#b8c0c8")
 
 def run_html(
     result: RunResult | RoverResult,
-    vehicle: str,
     summary: Summary,
     on_cards: Sequence[str],
     sections: Iterable[Section],
 ) -> str:
     """The page of a run as HTML, with these numbers of the summary on cards."""
+    scenario = _table(result.scenario_toml)
+    facts = (scenario_facts(scenario), f"seed {result.seed}", f"{result.timing.simulated_s:.1f} s simulated")
     return Page(
         title=result.scenario,
         heading=result.scenario,
-        subtitle=f"{vehicle} · seed {result.seed} · {result.timing.simulated_s:.1f} s simulated",
+        subtitle=" · ".join(filter(None, facts)),
+        changes=changes(scenario),
         verdict=outcome_verdict(result.outcome),
         cards=number_cards(summary, on_cards),
         sections=list(sections),
     ).html()
+
+
+def _table(toml: str) -> Mapping[str, Any]:
+    """The scenario as a table; empty if its text is none, which must not cost the report."""
+    try:
+        return tomllib.loads(toml)
+    except tomllib.TOMLDecodeError:
+        return {}
 
 
 def timing_section(timing: Timing, stages: Sequence[str]) -> Section:

@@ -13,8 +13,10 @@ from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.numbers import number_at
 from scenarios.studies.identity import content, identity
+from scenarios.studies.part_parameters import expanded
 
 MOST_CASES: Final = 20_000  # of a study
+RUN: Final = "run"  # axis of finished runs
 Settings = tuple[tuple[str, str], ...]  # key and value of every --set, in order
 
 
@@ -29,8 +31,9 @@ class Case:
 
     @property
     def settings(self) -> tuple[str, ...]:
-        """All settings as KEY=VALUE."""
-        return tuple(f"{key}={value}" for key, value in (*self.fixed, *self.axes))
+        """All settings as KEY=VALUE; of a part with a file of parameters, the parameters too."""
+        pairs = (*self.fixed, *self.axes)
+        return tuple(f"{key}={value}" for pair in pairs for key, value in expanded(*pair))
 
     @property
     def title(self) -> str:
@@ -52,6 +55,16 @@ class Case:
             ValueError: one line, if the scenario is not valid with these settings.
         """
         return identities([self])[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinishedCase(Case):
+    """A finished run among others; its axis is its name."""
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """None: its scenario file holds all of them."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

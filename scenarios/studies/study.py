@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of, identities
+from scenarios.studies.part_parameters import parameters_beside
 from vehicle.parameter_file import parsed_toml, read_toml
 from vehicle.user_file import FileKind, shown
 
@@ -59,11 +60,14 @@ class _File(Options):
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)
-    vary: dict[str, list[Any]]
+    vary: dict[str, Any]
 
 
 def load_study(path: Path) -> Study:
-    """Load a study from TOML: scenario, seeds, and the tables ``set`` and ``vary`` of (dotted) keys.
+    """Load a study from TOML: scenario, seeds, and the tables ``set`` and ``vary``.
+
+    Their keys are dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a table
+    ``[set.surface]`` mean the same.
 
     Raises:
         ValueError: one line, naming file and key.
@@ -75,16 +79,27 @@ def load_study(path: Path) -> Study:
         raise ValueError(f"study {path}: {shown('.'.join(map(str, first['loc'])))}: {first['msg']}") from None
     if len(set(table.seeds)) != len(table.seeds):
         raise ValueError(f"study {path}: seeds: a seed is named twice")
-    axes = {key: tuple(_text(value) for value in values) for key, values in table.vary.items()}
-    for key, values in axes.items():
-        if not values or len(set(values)) != len(values):
-            raise ValueError(f"study {path}: vary.{key} must be a list of different values")
+    axes: dict[str, tuple[str, ...]] = {}
+    for key, values in _dotted(table.vary):
+        texts = tuple(_text(value) for value in values) if isinstance(values, list | tuple) else ()
+        if not texts or len(set(texts)) != len(texts) or key in axes:
+            raise ValueError(f"study {path}: vary.{shown(key)} must be one list of different values")
+        axes[key] = texts
     return Study(
         scenario=table.scenario,
-        fixed=tuple((key, _text(value)) for key, value in table.set.items()),
+        fixed=tuple((key, _text(value)) for key, value in _dotted(table.set)),
         axes=axes,
         seeds=table.seeds,
     )
+
+
+def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Values with their dotted keys."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _dotted(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
 
 
 def settings_of(pairs: Sequence[str], option: str) -> Settings:
@@ -105,7 +120,7 @@ def settings_of(pairs: Sequence[str], option: str) -> Settings:
 def _uses_off_tracking(case: Case) -> bool:
     """False if the law of a run is on an axis and does not use the off-tracking."""
     law = dict(case.axes).get("trailer_steering")
-    return law is None or law_uses_off_tracking(law)
+    return law is None or law_uses_off_tracking(parameters_beside(law)[0])
 
 
 def _typed(text: str) -> Any:

@@ -9,11 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from scenarios.options.scenario import load_scenario
 from scenarios.report.page import Figure
 from scenarios.report.plots import INK, drawn, plan_drawn, zero_line
 from scenarios.results.log import read_log
-from scenarios.studies.case import Outcome, Settings
+from scenarios.studies.case import RUN, Outcome, Settings
 from scenarios.studies.table import Quantity, Row
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
@@ -21,7 +20,7 @@ from vehicle.polyline import arc_length
 
 # apart for colour-blind readers, after Okabe and Ito
 _COLOURS: Final = ("#e0761a", "#1f5fa8", "#12935f", "#c2459c", "#7a5195", "#b8860b", "#4fa3d1", "#a33b2b", "#5b6673")
-_MOST_LINES: Final = len(_COLOURS)
+MOST_LINES: Final = len(_COLOURS)
 _LARGEST_RATIO: Final = 20.0  # of the values in one figure; beyond it the axis is logarithmic
 
 
@@ -37,9 +36,9 @@ class Drive:
 
 
 def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
-    """The first seed's runs, one for each law and off-tracking source; all other keys have their first value."""
+    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value."""
     first = outcomes[0].case
-    named = [key for key in ("trailer_steering", "off_tracking") if key in dict(first.axes)]
+    named = [key for key in ("trailer_steering", "off_tracking", RUN) if key in dict(first.axes)]
     alike = [
         outcome
         for outcome in outcomes
@@ -49,12 +48,12 @@ def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
         and outcome.signals
     ]
     distinct = [key for key in named if len({dict(outcome.case.axes)[key] for outcome in alike}) > 1]
-    return [_drive(outcome, outcome.signals, distinct) for outcome in alike[:_MOST_LINES] if outcome.signals]
+    return [_drive(outcome, outcome.signals, distinct) for outcome in alike if outcome.signals]
 
 
 def _drive(outcome: Outcome, signals: Path, distinct: Sequence[str]) -> Drive:
     log = read_log(signals)
-    scenario = load_scenario(outcome.case.scenario, outcome.case.settings)
+    scenario = outcome.case.resolved()
     trailer = load_vehicle(scenario.vehicle).units[-1]
     x, y, psi = (log[f"{part}_{trailer.name}"] for part in ("x", "y", "psi"))
     hitch, back = np.column_stack([x, y]), trailer.follow_x or 0.0
@@ -107,8 +106,8 @@ def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> Figure:
     with drawn(f"study {axis} {quantity.path}", 3.6) as (drawing, ax):
         for k, (others, points) in enumerate(lines.items()):
             label = " · ".join(value for key, value in others if key in varied) or quantity.label
-            style = ("-", "--", ":", "-.")[k // _MOST_LINES % 4]
-            ax.plot(*zip(*sorted(points), strict=True), style, marker="o", color=_COLOURS[k % _MOST_LINES], label=label)
+            style = ("-", "--", ":", "-.")[k // MOST_LINES % 4]
+            ax.plot(*zip(*sorted(points), strict=True), style, marker="o", color=_COLOURS[k % MOST_LINES], label=label)
         ax.set(xlabel=axis, ylabel=f"{quantity.label} [{quantity.unit}]")
         values = [value for points in lines.values() for _, value in points]
         if min(values) > 0.0 and max(values) > _LARGEST_RATIO * min(values):

@@ -2,31 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from scenarios.report import page
+from scenarios.report.facts import scenario_facts
 from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
 from scenarios.results.manifest import versions
 from scenarios.studies import study_figures as figures
-from scenarios.studies.case import Outcome
+from scenarios.studies.case import Case, Outcome
 from scenarios.studies.study import Study
 from scenarios.studies.table import Row, shown_quantities, text_of
 
 
 def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
     """The page as HTML."""
-    finished = sum(outcome.completed for outcome in outcomes)
     seeds = ", ".join(map(str, study.seeds))
+    facts = (study.scenario, _facts(outcomes[0].case, study.axes), _counted(outcomes), f"seeds {seeds}")
+    file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
+    changed = ", ".join(f"{key} = {value}" for key, value in study.fixed)
     return Page(
         title=title,
         heading=title,
-        subtitle=f"{study.scenario} · {len(outcomes)} runs, {finished} completed · seeds {seeds}",
-        sections=list(_sections(study, outcomes, rows)),
+        subtitle=" · ".join(filter(None, facts)),
+        changes=f"Changed in all runs: {changed}" if changed else "",
+        sections=[*_sections(outcomes, rows), file, software_section(versions())],
         wide=True,
     ).html()
 
 
-def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
+def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
+    """The page on finished runs that are compared, as HTML."""
+    names = [f"{run}: {_facts(o.case)}" for o in outcomes for _, run in o.case.axes]
+    return Page(
+        title="Comparison of runs",
+        heading="Comparison of runs",
+        subtitle=_counted(outcomes),
+        sections=[Section("Runs", content=[Items(names)]), *_sections(outcomes, rows), software_section(versions())],
+        wide=True,
+    ).html()
+
+
+def _facts(case: Case, varied: Collection[str] = ()) -> str:
+    """Vehicle, law and estimator of a run, without the keys that are varied; empty if its files are gone by now."""
+    try:
+        scenario = case.resolved().model_dump(mode="json", exclude_none=True)
+    except ValueError:
+        return ""
+    return scenario_facts({key: value for key, value in scenario.items() if key not in varied})
+
+
+def _counted(outcomes: Sequence[Outcome]) -> str:
+    return f"{len(outcomes)} runs, {sum(outcome.completed for outcome in outcomes)} completed"
+
+
+def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
     shown = shown_quantities(rows)
     columns = Items([f"{q.label} [{q.unit}]: {q.meaning}" for q in shown])
     text = (
@@ -37,6 +66,9 @@ def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) ->
     drives = figures.drives_of(outcomes) if _has_off_tracking(rows) else []
     if drives:
         text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."
+        if len(drives) > figures.MOST_LINES:
+            text += f" The first {figures.MOST_LINES} of {len(drives)} runs are drawn."
+            drives = drives[: figures.MOST_LINES]
         yield Section("Plan view", text, [figures.plan(drives)])
         text = "The same runs over the distance that the hitch has driven."
         yield Section("Off-tracking", text, [figures.off_tracking(drives)])
@@ -45,8 +77,6 @@ def _sections(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) ->
         for quantity in shown[:3]:
             meaning = f"{quantity.meaning[0].upper()}{quantity.meaning[1:]}"
             yield Section(f"{meaning}, over {axis}", content=[figures.trend(rows, axis, quantity)])
-    yield Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
-    yield software_section(versions())
 
 
 def _has_off_tracking(rows: Sequence[Row]) -> bool:

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+import offtrack
 from scenarios.cli import app
+from scenarios.commands import study as study_command
 from scenarios.results.files import digest
 from scenarios.studies.case import Case, Outcome, listed, seeds_of
 from scenarios.studies.files import check_study_directory, opened_study, study_text
@@ -227,3 +229,68 @@ def test_a_deeply_nested_value_stays_text_in_the_study_file() -> None:
     """The parser of TOML would recurse into it."""
     value = "[" * 5000 + "]" * 5000
     assert value in study(speed_kmh=(value,)).to_toml()
+
+
+def test_keys_of_a_study_may_be_quoted_dotted_or_nested(tmp_path: Path) -> None:
+    texts = (
+        '[set]\n"surface.friction" = 0.5\n[vary]\n"course.radius" = [12.0, 14.0]\n',
+        "[set]\nsurface.friction = 0.5\n[vary]\ncourse.radius = [12.0, 14.0]\n",
+        "[set.surface]\nfriction = 0.5\n[vary.course]\nradius = [12.0, 14.0]\n",
+    )
+    studies = []
+    for k, text in enumerate(texts):
+        (tmp_path / f"{k}.toml").write_text('scenario = "roundabout"\n' + text, encoding="utf-8")
+        studies.append(load_study(tmp_path / f"{k}.toml"))
+    assert studies[0] == studies[1] == studies[2]
+    (tmp_path / "both.toml").write_text(
+        'scenario = "roundabout"\n[vary]\n"course.radius" = [12.0]\ncourse.radius = [14.0]\n', encoding="utf-8"
+    )
+    with pytest.raises(ValueError, match=r"vary\.course\.radius must be one list"):
+        load_study(tmp_path / "both.toml")
+
+
+def test_a_law_with_a_file_of_parameters_is_that_law_with_them(tmp_path: Path) -> None:
+    alone, whole = tmp_path / "alone.toml", tmp_path / "tuned.toml"
+    alone.write_text("gain = 0.9\n", encoding="utf-8")
+    whole.write_text('name = "x"\n[course]\nkind = "roundabout"\n[steering]\ngain = 0.9\n', encoding="utf-8")
+    for file in (alone, whole):
+        axes = (("trailer_steering", f"path_preview@{file}"),)
+        case = Case(scenario="roundabout", fixed=(), axes=axes, seed=1)
+        assert case.settings == ("trailer_steering=path_preview", "steering.gain=0.9")
+    whole.write_text('[course]\nkind = "roundabout"\n', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"the file must hold the table \[steering\]"):
+        _ = Case(scenario="roundabout", fixed=(), axes=(("trailer_steering", f"mpc@{whole}"),), seed=1).settings
+
+
+def test_finished_runs_are_compared_by_their_names(tmp_path: Path) -> None:
+    settings = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
+    for name, law in (("first", "none"), ("second", "command_steer")):
+        offtrack.run("roundabout", trailer_steering=law, settings=settings).save(tmp_path / name)
+    arguments = ["compare", str(tmp_path / "first"), str(tmp_path / "second"), "--out", str(tmp_path / "both")]
+    answer = CliRunner().invoke(app, [*arguments, "--json"])
+    assert answer.exit_code == 0, answer.output
+    rows = json.loads(answer.stdout)
+    assert [row["axes"] for row in rows] == [{"run": "first"}, {"run": "second"}]
+    known = json.loads((tmp_path / "second" / "summary.json").read_text(encoding="utf-8"))
+    assert rows[1]["off_tracking.true_rms_m"] == known["off_tracking"]["true_rms_m"]
+    page = (tmp_path / "both" / "report.html").read_text(encoding="utf-8")
+    assert "second: uk_longer_semitrailer · trailer steering command_steer · off-tracking truth" in page
+    assert "follow point, first" in page
+    for wrong, line in (
+        ([str(tmp_path / "first")], "give two or more finished runs"),
+        ([str(tmp_path / "first")] * 2, "a run is named twice"),
+        ([str(tmp_path / "first"), str(tmp_path)], "is no finished run: it has no summary.json"),
+    ):
+        refused = CliRunner().invoke(app, ["compare", *wrong])
+        assert refused.exit_code == 2
+        assert line in refused.stderr
+
+
+def test_a_table_keeps_its_numbers_whole_on_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    columns = [("trailer_steering", ["path_preview@tuned.toml"]), ("done", ["1/1"])]
+    numbers = [(f"error {k} [m]", [f"{10.0**k:.3f}"]) for k in range(9)]
+    fitting = study_command._fitting(columns, numbers, 80)
+    assert 1 <= len(fitting) < len(numbers)
+    widths = [study_command._least(heading, cells) for heading, cells in (*columns, *fitting)]
+    assert sum(width + 1 for width in widths) + 1 <= 80
+    assert widths[-1] >= len(fitting[-1][1][0])
