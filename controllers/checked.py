@@ -16,6 +16,7 @@ from estimators.estimates import OffTracking
 from estimators.slip.rover_odometry import RoverPose
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
+from vehicle.own_code import defined_at, raised_at
 from vehicle.plant_like import EndedError
 from vehicle.rover.command import RoverCommand
 
@@ -45,16 +46,17 @@ class CheckedLaw(Generic[Memory]):
         Raises:
             LawError: if the law raises an exception, or returns anything but ``n_steered`` finite angles.
         """
-        result = _called(self._name, tick, lambda: self.law.step(memory, tick, off_tracking, signals), SteerCommand)
+        law, name = self.law, self._name
+        result = _called(name, tick, law, lambda: law.step(memory, tick, off_tracking, signals), SteerCommand)
         angles: object = result[1].angles  # of a user's law: of any type
         if not isinstance(angles, np.ndarray) or not np.issubdtype(angles.dtype, np.number):
-            raise misbehaviour(self._name, tick, f"returned the angles {angles!r}, not an array of numbers")
+            raise misbehaviour(name, tick, f"returned the angles {angles!r}, not an array of numbers", law)
         if angles.shape != (self._n_steered,):
             count = f"{angles.size} angles" if angles.ndim == 1 else f"angles of shape {angles.shape}"
             axles = "1 steered axle" if self._n_steered == 1 else f"{self._n_steered} steered axles"
-            raise misbehaviour(self._name, tick, f"returned {count}, the trailer has {axles}")
+            raise misbehaviour(name, tick, f"returned {count}, the trailer has {axles}", law)
         if not np.isfinite(angles).all():
-            raise misbehaviour(self._name, tick, f"returned the angles {angles.tolist()} rad")
+            raise misbehaviour(name, tick, f"returned the angles {angles.tolist()} rad", law)
         return result
 
 
@@ -75,8 +77,8 @@ class CheckedDriver(Generic[Memory]):
         Raises:
             LawError: if the driver raises an exception, or returns anything but finite numbers.
         """
-        result = _called(self._name, tick, lambda: self.driver.step(memory, tick, ego), DriverCommand)
-        _check_numbers(self._name, tick, result[1]._asdict())
+        result = _called(self._name, tick, self.driver, lambda: self.driver.step(memory, tick, ego), DriverCommand)
+        _check_numbers(self._name, tick, self.driver, result[1]._asdict())
         return result
 
 
@@ -97,18 +99,18 @@ class CheckedRoverDriver(Generic[Memory]):
         Raises:
             LawError: if the driver raises an exception, or returns anything but a finite number for every wheel.
         """
-        result = _called(self._name, pose.tick, lambda: self.driver.step(memory, pose), RoverCommand)
+        driver = self.driver
+        result = _called(self._name, pose.tick, driver, lambda: driver.step(memory, pose), RoverCommand)
         for field, values in result[1]._asdict().items():
             if not isinstance(values, tuple) or len(values) != self._n_wheels:
-                raise misbehaviour(
-                    self._name, pose.tick, f"returned {field} = {values!r}, the rover has {self._n_wheels} wheels"
-                )
-            _check_numbers(self._name, pose.tick, {f"{field}[{k}]": value for k, value in enumerate(values)})
+                event = f"returned {field} = {values!r}, the rover has {self._n_wheels} wheels"
+                raise misbehaviour(self._name, pose.tick, event, driver)
+            _check_numbers(self._name, pose.tick, driver, {f"{field}[{k}]": value for k, value in enumerate(values)})
         return result
 
 
 def _called(
-    name: str, tick: int, step: Callable[[], tuple[Memory, Command]], kind: type[Command]
+    name: str, tick: int, part: object, step: Callable[[], tuple[Memory, Command]], kind: type[Command]
 ) -> tuple[Memory, Command]:
     """Result of a step; a user's code may raise or return anything."""
     try:
@@ -116,20 +118,24 @@ def _called(
     except EndedError:
         raise
     except Exception as error:
-        raise misbehaviour(name, tick, f"raised {type(error).__name__}: {error}") from error
+        raise misbehaviour(name, tick, f"raised {type(error).__name__}: {error}", part, error) from error
     if not (isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], kind)):
-        raise misbehaviour(name, tick, f"returned {result!r}, not (memory, {kind.__name__})")
+        raise misbehaviour(name, tick, f"returned {result!r}, not (memory, {kind.__name__})", part)
     return result
 
 
-def _check_numbers(name: str, tick: int, values: dict[str, object]) -> None:
+def _check_numbers(name: str, tick: int, part: object, values: dict[str, object]) -> None:
     for field, value in values.items():
         if not isinstance(value, int | float | np.number) or not math.isfinite(value):
-            raise misbehaviour(name, tick, f"returned {field} = {value}")
+            raise misbehaviour(name, tick, f"returned {field} = {value}", part)
 
 
-def misbehaviour(name: str, tick: int, event: str) -> LawError:
-    """Error with one line that names a part, the time, and what the part did, such as "raised ValueError: …"."""
-    one_line = textwrap.shorten(event, 500, placeholder=" …")
+def misbehaviour(name: str, tick: int, event: str, part: object, error: BaseException | None = None) -> LawError:
+    """Error with one line that names a part, the time, what it did, such as "raised ValueError: …", and where.
+
+    The place is that of the exception, if there is one, or of the part's method ``step``, in the user's own code.
+    """
+    place = (raised_at(error) if error else "") or defined_at(getattr(type(part), "step", None))
+    one_line = textwrap.shorten(event, 500, placeholder=" …") + place
     one_line = one_line.encode(errors="replace").decode()  # without lone surrogates, which no file can hold
     return LawError(f"{name}: at tick {tick} ({tick * TICK:g} s) it {one_line}")

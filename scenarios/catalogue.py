@@ -16,6 +16,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 from sensors.faults.catalogue import FAULTS
 from vehicle.option import Option
+from vehicle.own_code import defined_at, raised_at
 from vehicle.parameter_file import nearest
 from vehicle.user_file import shown
 
@@ -159,7 +160,7 @@ def _module(key: str, name: str, module_name: str) -> ModuleType:
         if isinstance(error, ModuleNotFoundError) and f"{module_name}.".startswith(f"{error.name}."):
             line = f"no module {error.name}; run from its folder or set PYTHONPATH"
         else:
-            line = f"importing {module_name} failed: {type(error).__name__}: {error}"
+            line = f"importing {module_name} failed: {type(error).__name__}: {error}{raised_at(error)}"
         raise ValueError(f"{key} = {name}: {line}") from error
 
 
@@ -210,7 +211,15 @@ def constructed(key: str, name: str, construct: Callable[[], PartT]) -> PartT:
 
         if ":" not in name or isinstance(error, ValueError | OSError | RendererUnavailableError):
             raise
-        raise ValueError(f"{key} = {name}: {type(error).__name__}: {error}") from error
+        place = raised_at(error) or defined_at(_constructor(name))
+        raise ValueError(f"{key} = {name}: {type(error).__name__}: {error}{place}") from error
+
+
+def _constructor(name: str) -> object:
+    """Constructor of a user's class, which is imported already."""
+    module, _, attribute = name.partition(":")
+    part = getattr(sys.modules.get(module), attribute, None)
+    return getattr(part, "of", None) or getattr(part, "__init__", None)
 
 
 def check_made(key: str, name: str, made: object, methods: tuple[str, ...]) -> None:

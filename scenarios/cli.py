@@ -54,6 +54,9 @@ def _offtrack(
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Print the whole trace of an error; also after the command's name.")
+    ] = False,
 ) -> None:
     """Closed-loop co-simulation of slipping vehicles with camera-based steering."""
 

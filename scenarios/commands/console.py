@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Final, cast
@@ -16,11 +18,14 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from scenarios.progress import Progress
+from vehicle.own_code import raised_at
 from vehicle.user_file import reason, shown
 
 _LONGEST: Final = 1000  # characters of an error message
 _CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 _USAGE_ERROR: Final = cast(type[Exception], typer.BadParameter.__base__)  # of click, which newer typers bring along
+_DEBUG: Final = "OFFTRACK_DEBUG"
+_OPTION: Final = "--debug"
 CHECK_FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print no progress bar and no table.")]
@@ -29,17 +34,36 @@ ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario (see: offt
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """End expected errors in one line on standard error and exit code 2, an interrupt in exit code 130."""
+    """End expected errors, and those of the user's own code, in one line on standard error and exit code 2.
+
+    An interrupt ends in exit code 130.
+    """
     from sensors.render import RendererUnavailableError
 
     try:
         yield
     except (ValueError, OSError, RendererUnavailableError) as error:
+        if debugging():
+            typer.echo(traceback.format_exc(), err=True)
         remark(_line(error))
+        raise typer.Exit(BAD_INPUT) from error
+    except typer.Exit:
+        raise
+    except Exception as error:
+        if not (place := raised_at(error)):
+            raise
+        if debugging():
+            typer.echo(traceback.format_exc(), err=True)
+        remark(f"{type(error).__name__}: {error}{place}")
         raise typer.Exit(BAD_INPUT) from error
     except KeyboardInterrupt as interrupt:
         remark("interrupted; what is finished is kept")
         raise typer.Exit(INTERRUPTED) from interrupt
+
+
+def debugging() -> bool:
+    """True if the whole trace of an error is wanted: ``--debug``, or OFFTRACK_DEBUG=1."""
+    return bool(os.environ.get(_DEBUG))
 
 
 def _line(error: Exception) -> str:
@@ -54,14 +78,19 @@ def remark(line: str) -> None:
 
 
 class OneLineGroup(TyperGroup):
-    """Commands whose usage errors are one line, as all others."""
+    """Commands whose usage errors are one line, as all others; every one of them takes ``--debug``."""
 
-    def main(self, *args: Any, standalone_mode: bool = True, **options: Any) -> Any:
+    def main(self, args: Any = None, *more: Any, standalone_mode: bool = True, **options: Any) -> Any:
         """Run the command that the arguments name, and exit with its code unless it is not the whole program."""
+        arguments = list(sys.argv[1:] if args is None else args)
+        if _OPTION in arguments:
+            arguments = [argument for argument in arguments if argument != _OPTION]
+            os.environ[_DEBUG] = "1"  # worker processes too
+        args = arguments
         if not standalone_mode:
-            return super().main(*args, **options, standalone_mode=False)  # type: ignore[misc]
+            return super().main(args, *more, **options, standalone_mode=False)  # type: ignore[misc]
         try:
-            code = super().main(*args, **options, standalone_mode=False)  # type: ignore[misc]
+            code = super().main(args, *more, **options, standalone_mode=False)  # type: ignore[misc]
         except _USAGE_ERROR as error:
             problem: Any = error
             if type(error).__name__ == "NoArgsIsHelpError":

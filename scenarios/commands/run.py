@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +16,7 @@ from scenarios.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
+    debugging,
     one_line_errors,
     progress_bar,
     progress_display,
@@ -64,7 +64,7 @@ def run(
     """Run a scenario in the closed loop and write its report, signals and video to a run directory.
 
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
-    OFFTRACK_DEBUG=1 prints the traceback too.
+    --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
@@ -101,7 +101,7 @@ def run(
         raise typer.Exit(INTERRUPTED)
     if result.traceback:
         typer.echo(f"offtrack: {result.outcome} (see {directory / 'traceback.txt'})", err=True)
-        if os.environ.get("OFFTRACK_DEBUG"):
+        if debugging():
             typer.echo(result.traceback, err=True)
         raise typer.Exit(CHECK_FAILED)
 

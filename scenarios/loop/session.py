@@ -167,7 +167,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         except (Exception, SystemExit) as error:  # parts may be a user's own, and may do anything
             kind, part = self._running
             event = f"raised {type(error).__name__}: {error}"
-            self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event))
+            self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event, part, error))
 
     def _fail(self, line: LawError) -> None:
         self.outcome, self.traceback = f"{FAILED}: {line}", traceback.format_exc()

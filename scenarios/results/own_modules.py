@@ -5,16 +5,12 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
-import site
 import sys
-import sysconfig
 from collections.abc import Iterator
-from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from typing import Final
 
-PACKAGES: Final = ("controllers", "estimators", "offtrack", "scenarios", "sensors", "vehicle")
+from vehicle.own_code import is_library
 
 
 def own_modules(name: str) -> dict[str, Path]:
@@ -31,25 +27,6 @@ def own_modules(name: str) -> dict[str, Path]:
             found[name] = file
             waiting += [name.rpartition(".")[0] or name, *_imports(name, file)]
     return found
-
-
-def is_library(file: Path) -> bool:
-    """True if a file belongs to offtrack, Python or an installed library."""
-    return any(file.is_relative_to(folder) for folder in _library_folders())
-
-
-@cache
-def package_folders() -> tuple[Path, ...]:
-    """Folders of offtrack's packages."""
-    specs = (importlib.util.find_spec(package) for package in PACKAGES)
-    return tuple(Path(spec.origin).resolve().parent for spec in specs if spec and spec.origin)
-
-
-@cache
-def _library_folders() -> tuple[Path, ...]:
-    python = (sysconfig.get_path(key) for key in ("stdlib", "platstdlib", "purelib", "platlib"))
-    installed = {*python, *site.getsitepackages(), site.getusersitepackages()}
-    return (*package_folders(), *(Path(path).resolve() for path in installed))
 
 
 def _own_file(name: str) -> Path | None:

@@ -22,9 +22,9 @@ from typing import Any, Final
 
 from scenarios.results.file_names import is_file, texts
 from scenarios.results.files import digest
-from scenarios.results.own_modules import package_folders
 from scenarios.results.run_inputs import is_import_path, named_modules
 from vehicle.engine.compiler import compiler
+from vehicle.own_code import package_folders
 
 _DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from scenarios.results.files import digest
-from scenarios.results.own_modules import is_library
+from vehicle.own_code import is_library
 
 _SYSTEM: Final = (
     *("/proc", "/sys", "/dev", "/run", "/etc", "/usr", "/lib", "/var", "/opt", "/Library", "/System"),

@@ -108,7 +108,10 @@ def axes(vary: list[str]) -> Iterator[str]:
 
 
 def check_study(parameters: dict[str, Any]) -> None:
-    scenario, settings = parameters["scenario"], list(parameters["settings"] or [])
+    targets, settings = parameters.get("targets") or [parameters["scenario"]], list(parameters["settings"] or [])
+    if len(targets) > 1:
+        return  # finished runs
+    (scenario,) = targets
     check_scenario(scenario, settings)
     for setting in axes([*(parameters["vary"] or []), *(parameters.get("judge_vary") or [])]):
         check_scenario(scenario, [*settings, setting])
@@ -136,7 +139,7 @@ def check(name: str, parameters: dict[str, Any]) -> None:
         laws = parameters.get("controllers") or parameters.get("controller") or ""
         for law in laws.split(","):
             if law and ":" not in law:
-                resolve("trailer_steering", law, TRAILER_STEERING)
+                resolve("trailer_steering", law.partition("@")[0], TRAILER_STEERING)
     elif name == "reproduce":
         names_of(parameters["name"])
     elif name == "vehicle" and parameters["name"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import re
+import sys
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
@@ -40,6 +41,7 @@ from vehicle.rover.plant import RoverPlant
 SHORT = ("course.length=20", "off_tracking=truth", "surface.roughness=none", "reference_unit=false")  # 0.9 s
 ROVER = ("course.length=0.5", "surface.slope_from=0", "slip_estimator=truth")
 
+HERE = r" \(tests/scenarios/test_failures\.py, line \d+\)"  # this file is no library: it counts as the user's own code
 
 Breaker = Callable[[type, str, int, BaseException], None]
 
@@ -93,7 +95,7 @@ def test_an_exception_of_any_part_is_the_outcome_of_its_run(
     """In one line with part, time and error; the rows before it are kept, and make a summary and a report."""
     break_after(part, method, calls, ZeroDivisionError("two\nlines"))
     result = run_any(load_any_scenario(*scenario), 1)
-    line = rf"failed: {named}: at tick \d+ \([\d.]+ s\) it raised ZeroDivisionError: two lines"
+    line = rf"failed: {named}: at tick \d+ \([\d.]+ s\) it raised ZeroDivisionError: two lines{HERE}"
     assert re.fullmatch(line, result.outcome)
     assert "in breaking" in result.traceback
     assert len(result.log) <= 100
@@ -118,7 +120,11 @@ def test_a_run_that_fails_at_once_leaves_a_whole_directory(
     directory = write_run(result, tmp_path / "run", video=False)
     names = {"scenario.toml", "manifest.json", "signals.parquet", "summary.json", "report.html", "traceback.txt"}
     assert {path.name for path in directory.iterdir()} == names
-    assert json.loads((directory / "summary.json").read_text(encoding="utf-8"))["outcome"].endswith("[/] & <b>?")
+    assert (
+        json.loads((directory / "summary.json").read_text(encoding="utf-8"))["outcome"]
+        .partition(" (tests")[0]
+        .endswith("[/] & <b>?")
+    )
     assert "RuntimeError: [/] &amp; &lt;b&gt;?" in (directory / "report.html").read_text(encoding="utf-8")
     assert read_log(directory / "signals.parquet") == result.log
 
@@ -134,7 +140,11 @@ def test_the_command_writes_a_failed_run_and_exits_with_1(
         monkeypatch.setenv("OFFTRACK_DEBUG", debug)
         result = CliRunner().invoke(app, ["run", "cambered-road", *settings, video, "--out", str(tmp_path / out)])
         assert result.exit_code == 1
-        line = r"offtrack: failed: pilot CombinationPilot: at tick \d+ \(.* s\) it raised SystemExit: bye \[/\] \(see "
+        line = (
+            r"offtrack: failed: pilot CombinationPilot: at tick \d+ \(.* s\) it raised SystemExit: bye \[/\]"
+            + HERE
+            + r" \(see "
+        )
         assert re.search(line + str(tmp_path / out / "traceback.txt"), result.stderr)
         assert ("Traceback" in result.stderr) == bool(debug)
         assert "in breaking" in (tmp_path / out / "traceback.txt").read_text(encoding="utf-8")
@@ -196,7 +206,7 @@ def test_an_estimate_that_is_none_ends_the_run_and_not_its_log(
     monkeypatch.setattr(ReferenceOffTracking, "step", step)
     result = run_any(load_any_scenario("cambered-road", (*SHORT, "trailer_steering=none")), 1)
     assert result.outcome.startswith("failed: estimator ReferenceOffTracking: at tick ")
-    assert result.outcome.endswith(line)
+    assert re.search(f"{re.escape(line)}{HERE}$", result.outcome)
     assert len(result.log) > 5
 
 
@@ -218,3 +228,67 @@ def test_a_picture_that_is_none_does_not_lose_the_others() -> None:
     bad.set_exception(ValueError("three channels expected"))
     pictures._kept += [(0, bad), (100, good)]
     assert pictures.frames == [(100, b"jpeg")]
+
+
+OWN = """
+import numpy as np
+from controllers.trailer import SteerCommand
+
+class Law:
+    def __init__(self, trailer): pass
+    def init(self): return None
+    def step(self, memory, tick, off_tracking, signals):
+        return None, SteerCommand(angles=self.angles())
+    def angles(self): return np.zeros(2)
+
+class Needs(Law):
+    def __init__(self, trailer, gain): pass  # line 13
+
+class Divides(Law):
+    def __init__(self, trailer):
+        1 / 0  # line 17
+
+class NoMemory(Law):
+    def init(self):
+        raise RuntimeError("none today")  # line 21
+
+class Three(Law):
+    def step(self, memory, tick, off_tracking, signals):  # line 24
+        return None, SteerCommand(angles=np.zeros(3))
+
+class Fails(Law):
+    def angles(self):
+        return {}["gain"]  # line 29
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "code"),
+    [
+        ("Needs", "Needs.__init__() missing 1 required positional argument: 'gain' (own_laws.py, line 13)", 2),
+        ("Divides", "ZeroDivisionError: division by zero (own_laws.py, line 17)", 2),
+        ("NoMemory", "RuntimeError: none today (own_laws.py, line 21)", 2),
+        ("Three", "it returned 3 angles, the trailer has 2 steered axles (own_laws.py, line 24)", 1),
+        ("Fails", "it raised KeyError: 'gain' (own_laws.py, line 29)", 1),
+    ],
+)
+def test_a_fault_in_a_users_law_is_one_line_with_its_place(
+    name: str, line: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_laws.py").write_text(OWN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "own_laws", raising=False)
+    monkeypatch.setenv("OFFTRACK_DEBUG", "")
+    settings = [f"--set={setting}" for setting in ("off_tracking=truth", f"trailer_steering=own_laws:{name}")]
+    arguments = ["run", "roundabout", *settings, "--no-video", "--quiet", "--out", str(tmp_path / "run")]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == code
+    assert line in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert (tmp_path / "run").exists() == (code == 1)
+    if code == 2:
+        again = CliRunner().invoke(app, [*arguments, "--debug"])
+        assert again.exit_code == 2
+        assert "Traceback" in again.stderr
+        assert line in again.stderr.splitlines()[-1]
