@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -142,3 +143,9 @@ def test_a_folder_that_hides_a_package_is_named(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     hiding = tmp_path / "controllers" / "__init__.py"
     assert f"ImportError: {hiding} hides offtrack's package controllers" in done.stderr.splitlines()[-1]
+
+
+def test_the_import_registers_the_environments() -> None:
+    assert {"offtrack/TrailerSteering-v0", "offtrack/TractorTrailerDriving-v0", "offtrack/RoverSteering-v0"} <= set(
+        gymnasium.registry
+    )
