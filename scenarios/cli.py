@@ -13,6 +13,7 @@ from scenarios.commands import (
     calibrate,
     draw,
     estimate,
+    export,
     fit_surrogate,
     fmu,
     listing,
@@ -68,6 +69,7 @@ app.command(epilog=lines(run.EXAMPLES))(run.run)
 app.command(epilog=lines(vehicle.EXAMPLES))(vehicle.vehicle)
 app.command(epilog=lines(assess.EXAMPLES))(assess.assess)
 app.command(epilog=lines(draw.EXAMPLES))(draw.draw)
+app.command(epilog=lines(export.EXAMPLES))(export.export)
 app.command()(validate.validate)
 app.command(epilog=lines(calibrate.EXAMPLES))(calibrate.calibrate)
 app.command(epilog=lines(study.COMPARE_EXAMPLES))(study.compare)

@@ -19,6 +19,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.calibration_warnings import calibration_warnings
+from scenarios.results.load_signals import load_columns
 from scenarios.results.log import Log
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
@@ -157,7 +158,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         [_track(session, trailer) for trailer in session.trailers],
         units=[unit.name for unit in vehicle.units],
         n_front=len(vehicle.units[0].steered_axles),
-    )
+    ).with_columns(load_columns([row.truth for row in session.rows], vehicle))
     return RunResult(
         scenario=parts.scenario.name,
         scenario_toml=parts.scenario.to_toml(),

@@ -1,0 +1,1 @@
+"""Signals of finished runs as files for other tools."""
