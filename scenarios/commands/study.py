@@ -42,6 +42,10 @@ SWEEP_EXAMPLES = (
 TextColumn = tuple[str, list[str]]  # heading and cells
 _LONGEST_NAME = 100  # of a directory
 Jobs = Annotated[int | None, typer.Option(help="Number of parallel runs.", show_default="one per core")]
+Timeout = Annotated[
+    float | None,
+    typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="any time"),
+]
 Out = Annotated[
     Path | None,
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
@@ -82,6 +86,7 @@ def compare(
     ] = None,
     seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
     jobs: Jobs = None,
+    timeout: Timeout = None,
     out: Out = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -112,7 +117,7 @@ def compare(
         axes = {subject.compared: chosen, subject.estimator: sources}
         axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
         study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
-    _run_study(f"compare-{_short(scenario)}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+    _run_study(f"compare-{_short(scenario)}", study, jobs=jobs, timeout=timeout, out=out, quiet=quiet, as_json=as_json)
 
 
 def sweep(
@@ -124,6 +129,7 @@ def sweep(
         ),
     ],
     jobs: Jobs = None,
+    timeout: Timeout = None,
     out: Out = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -133,7 +139,7 @@ def sweep(
 
     with one_line_errors():
         study = load_study(study_file)
-    _run_study(f"sweep-{study_file.stem}", study, jobs=jobs, out=out, quiet=quiet, as_json=as_json)
+    _run_study(f"sweep-{study_file.stem}", study, jobs=jobs, timeout=timeout, out=out, quiet=quiet, as_json=as_json)
 
 
 def _compare_runs(runs: Sequence[Path], out: Path | None, *, quiet: bool, as_json: bool) -> None:
@@ -154,7 +160,9 @@ def _short(scenario: str) -> str:
     return Path(scenario).stem if scenario.endswith(".toml") else scenario
 
 
-def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, quiet: bool, as_json: bool) -> None:
+def _run_study(
+    title: str, study: Study, *, jobs: int | None, timeout: float | None, out: Path | None, quiet: bool, as_json: bool
+) -> None:
     """Run the study, write its directory and print its table."""
     from scenarios.processes import default_jobs
     from scenarios.studies.run_study import run_study
@@ -162,10 +170,17 @@ def _run_study(title: str, study: Study, *, jobs: int | None, out: Path | None, 
     directory = out or Path("runs") / title
     with one_line_errors():
         check_number("--jobs", jobs, 1, MOST_JOBS)
+        check_number("--timeout", timeout, 1.0, 1e6)
         with progress_display(shown=not (quiet or as_json)) as bar:
             progress = progress_bar(bar, title)
             outcomes, rows = run_study(
-                title, study, directory, jobs=jobs or default_jobs(), progress=progress, remark=remark
+                title,
+                study,
+                directory,
+                jobs=jobs or default_jobs(),
+                timeout=timeout,
+                progress=progress,
+                remark=remark,
             )
     if as_json:
         typer.echo(json.dumps([_plain(row) for row in rows], indent=2))

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from scenarios.processes import workers
+from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import digest, replacing
 from scenarios.studies.case import Case, Outcome, identities
@@ -28,13 +28,15 @@ def run_cases(
     *,
     jobs: int,
     known: Sequence[str] | None = None,
+    timeout: float | None = None,
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
 ) -> list[Outcome]:
     """Run all cases that are not saved in the folder ``cells``, and return the outcomes in their order.
 
-    ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. ``remark``
-    receives a line on every damaged file, whose run is repeated.
+    ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. A run
+    whose process dies is tried once more; one that takes longer than ``timeout`` [s], or dies twice, fails.
+    ``remark`` receives a line on every damaged file, whose run is repeated.
 
     Raises:
         ValueError: one line, for the first invalid scenario, before any run.
@@ -47,15 +49,14 @@ def run_cases(
     }
     done, failed = len(cases) - len(missing), dict[str, str]()
     progress(done, len(cases), "from an earlier run" if done else "")
-    with workers(min(jobs, len(missing))) as pool:
-        waiting = {pool.submit(run_case, case, cells, identity): identity for identity, case in missing.items()}
-        while waiting:
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                identity = waiting.pop(future)
-                if problem := _problem(future):
-                    failed[identity] = problem
-                done += 1
-                progress(done, len(cases), missing[identity].title)
+    tasks = {identity: (case, cells, identity) for identity, case in missing.items()}
+    processes = max(1, min(jobs, len(tasks)))
+    with closing(each_in_a_worker(run_case, tasks, jobs=processes, timeout=timeout)) as results:
+        for identity, result in results:
+            if problem := _problem(result):
+                failed[identity] = problem
+            done += 1
+            progress(done, len(cases), missing[identity].title)
     return [_outcome(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
 
 
@@ -126,7 +127,9 @@ def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> 
     return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity))
 
 
-def _problem(future: Future[str]) -> str:
+def _problem(result: str | BaseException) -> str:
     """The outcome of a run that failed, empty for others; a study continues after an error in a single run."""
-    error = future.exception()
-    return future.result() if error is None else f"failed: {type(error).__name__}: {error}".splitlines()[0]
+    if isinstance(result, str):
+        return result
+    kind = "" if isinstance(result, WorkerDiedError) else f"{type(result).__name__}: "
+    return f"failed: {kind}{result}".splitlines()[0]

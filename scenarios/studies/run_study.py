@@ -19,10 +19,13 @@ def run_study(
     directory: Path,
     *,
     jobs: int,
+    timeout: float | None = None,
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Outcome], list[Row]]:
     """Run what the directory does not hold yet of a study, and write its tables and report.
+
+    A run that takes longer than ``timeout`` [s] fails; None: any time.
 
     Raises:
         ValueError: one line, for an invalid scenario or directory, before anything is written.
@@ -32,7 +35,9 @@ def run_study(
     cases = study.cases()
     known = identities(cases)  # refuses invalid scenarios before anything is written
     with opened_study(directory, FILE, study_text(study, directory)):
-        outcomes = run_cases(cases, directory / CELLS, jobs=jobs, known=known, progress=progress, remark=remark)
+        outcomes = run_cases(
+            cases, directory / CELLS, jobs=jobs, known=known, timeout=timeout, progress=progress, remark=remark
+        )
         rows = rows_of(outcomes)
         write_study(title, study, outcomes, rows, directory)
     return outcomes, rows

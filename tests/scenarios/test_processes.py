@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from scenarios.interrupts import postponed_interrupts
-from scenarios.processes import workers
+from scenarios.processes import WorkerDiedError, each_in_a_worker, workers
 from scenarios.progress import no_progress
 
 STUCK = """
 import time
-from scenarios.processes import workers
+from scenarios.processes import WorkerDiedError, each_in_a_worker, workers
 
 with workers(2) as pool:
     busy = [pool.submit(time.sleep, 600) for _ in range(2)]
@@ -80,3 +82,29 @@ def test_an_interrupt_waits_for_the_end_of_a_step() -> None:
             assert done == expected
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_process_that_dies_costs_its_own_task_one_more_try(tmp_path: Path) -> None:
+    """One task dies at its first try, one at every try, one takes too long; the others are done as if nothing was."""
+    once = "import os, pathlib\nmark = pathlib.Path({!r})\n"
+    once += "if not mark.exists():\n    mark.touch()\n    os.kill(os.getpid(), 9)"
+    tasks: dict[str, tuple[object, ...]] = {
+        "dies once": (exec, once.format(str(tmp_path / "mark"))),
+        "dies": (exec, "import os\nos.kill(os.getpid(), 11)"),
+        "leaves": (os._exit, 7),
+        "sleeps": (time.sleep, 60.0),
+        "raises": (int, "one"),
+        **{f"good {k}": (abs, -k) for k in range(6)},
+    }
+    results = dict(each_in_a_worker(operator.call, tasks, jobs=2, timeout=3.0))
+    assert set(results) == set(tasks)
+    assert results["dies once"] is None
+    assert [results[f"good {k}"] for k in range(6)] == list(range(6))
+    assert isinstance(results["raises"], ValueError)
+    for key, line in (
+        ("dies", "its process died twice, at last by SIGSEGV"),
+        ("leaves", "its process died twice, at last by exit code 7"),
+        ("sleeps", "took longer than 3 s"),
+    ):
+        assert isinstance(results[key], WorkerDiedError)
+        assert str(results[key]) == line
