@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,12 +17,20 @@ MAP_EXAMPLES = (
     "offtrack run roundabout --set plant.fmu=truck.fmu --set vehicle=eu_tractor_semitrailer"
 )
 
+PLANT_EXAMPLES = (
+    "Examples: offtrack fmu plant eu_tractor_semitrailer   offtrack fmu plant a_double --fmi 2 -o a_double.fmu   "
+    "offtrack fmu plant my_truck.toml --platform win64 -o my_truck.fmu   "
+    "offtrack fmu plant el_dorado_ii --soil beach_sand   fmpy info eu_tractor_semitrailer.fmu"
+)
+
 app = typer.Typer(
     cls=OneLineGroup,
     no_args_is_help=True,
     rich_markup_mode=None,
     help=(
-        "Use FMUs of other tools as steering law, driver or plant.\n\n"
+        "Co-simulation with other tools by FMI: offtrack's vehicles there, their models here.\n\n"
+        "offtrack fmu plant writes a truck or rover as an FMU that Simulink, Dymola, FMPy and others simulate without "
+        "Python.\n\n"
         "An FMU for co-simulation, FMI 2 or 3, is a part of a run where its file is named: trailer_steering=law.fmu. A "
         "TOML file beside it says which of its variables is which signal; offtrack fmu map writes a first one."
     ),
@@ -31,6 +40,55 @@ app = typer.Typer(
 @app.callback()
 def _fmu() -> None:
     """Co-simulation with other tools by FMI."""
+
+
+@app.command(epilog=lines(PLANT_EXAMPLES))
+def plant(
+    vehicle: Annotated[str, typer.Argument(help="Vehicle or rover: a name (see: offtrack vehicle) or a TOML file.")],
+    fmi: Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")] = 3,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="VEHICLE.fmu")
+    ] = None,
+    platform: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Further platform with a library in the FMU: win64, darwin64, linux-arm64, darwin-arm64; may be "
+            "repeated. Needs the extra zig."
+        ),
+    ] = None,
+    soil: Annotated[
+        str | None, typer.Option(help="Soil that a rover drives in: a name or a TOML file; without it, firm ground.")
+    ] = None,
+    wind: Annotated[bool, typer.Option("--wind", help="Add inputs for the wind at each unit of a truck.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a truck or rover as an FMU: its equations in C, with a library for 64-bit Linux and all source code.
+
+    It is for co-simulation, steps by 1 ms inside, and runs without Python. The numbers of the vehicle file are
+    parameters; documentation/index.html in the FMU lists all variables, and what is fixed. Importing tools give it
+    steer angle, acceleration and the ground; it gives everything that offtrack knows of its own vehicle.
+    """
+    with one_line_errors():
+        from scenarios.fmi_export.archive import write_fmu
+        from scenarios.fmi_export.binaries import checked_platforms
+        from scenarios.fmi_export.plants import plant_model
+        from scenarios.results.files import check_new_file
+
+        if fmi not in (2, 3):
+            raise ValueError(f"--fmi {fmi}: must be 2 or 3")
+        platforms = checked_platforms(platform or [], fmi)
+        model = plant_model(vehicle, soil, wind=wind)
+        path = out or Path(f"{model.name}.fmu")
+        if path.suffix != ".fmu":
+            raise ValueError(f"--out {path}: the name must end in .fmu")
+        check_new_file(path)
+        write_fmu(path, model, fmi, platforms)
+        if not quiet:
+            count = Counter(variable.causality for variable in model.interface.variables())
+            typer.echo(
+                f"FMU: {path} (FMI {fmi}, {', '.join(platforms)}): {count['parameter']} parameters, "
+                f"{count['input']} inputs, {count['output']} outputs"
+            )
 
 
 @app.command(name="map", epilog=lines(MAP_EXAMPLES))

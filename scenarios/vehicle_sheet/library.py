@@ -27,10 +27,15 @@ def open_sheet(name_or_path: str) -> VehicleSheet:
     Raises:
         ValueError: one line naming file, key, value, limit and unit, or the nearest known name.
     """
-    return rover_sheet(name_or_path) if _is_rover(name_or_path) else combination_sheet(name_or_path)
+    return rover_sheet(name_or_path) if is_rover(name_or_path) else combination_sheet(name_or_path)
 
 
-def _is_rover(name_or_path: str) -> bool:
+def is_rover(name_or_path: str) -> bool:
+    """True for a rover, False for a combination.
+
+    Raises:
+        ValueError: one line, if it is no name of one and no ``.toml`` file that can be read.
+    """
     if name_or_path.endswith(".toml"):
         return "sinkage_limit" in read_toml(Path(name_or_path))
     vehicles, rovers = vehicle_names(), rover_names()

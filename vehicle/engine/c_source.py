@@ -91,6 +91,27 @@ $body
 """)
 
 
+# Of a part: what it derives from a vehicle's numbers.
+_DERIVED: Final = Template("""
+FUNCTION derive_$k(const real *restrict p, real *restrict c) {
+$derived
+}
+""")
+
+
+def numbers_source(program: Program) -> str:
+    """C source of ``derive``: the numbers c of ``run`` from a vehicle's numbers p, for one vehicle.
+
+    It stands behind ``c_source`` in one file, compiled with LANES 1.
+    """
+    functions = "".join(
+        _DERIVED.substitute(k=k, derived=_assignments(part.numbers, ["", "", "p"], "c"))
+        for k, part in enumerate(program.parts)
+    )
+    calls = [f"derive_{k}(p, c + {place.start});" for k, place in enumerate(program.numbers_of)]
+    return f"{functions}\nvoid derive(const double *p, double *c) {{\n{_indented(2, calls)}\n}}\n"
+
+
 def c_source(program: Program) -> str:
     """C source of the function ``run`` of a program; the macros LANES and OWN_NUMBERS choose its variants."""
     first = [of_part.start for of_part in program.numbers_of]

@@ -23,7 +23,7 @@ from vehicle.rover.description import Rover
 from vehicle.rover.footprint import Footprint
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
 from vehicle.rover.soil import Soil
-from vehicle.rover.terramechanics import GRAVITY
+from vehicle.rover.terramechanics import GRAVITY, Rolling, soil_force
 from vehicle.rover.wheel import WheelForce, WheelGround, WheelState, ground_force, sinkage_rate, slip_rate, spin_up
 from vehicle.tyres import Num
 
@@ -192,6 +192,16 @@ def step_function(rover: Rover, soil: Soil | None) -> Any:
 def load_function(rover: Rover, soil: Soil | None) -> Any:
     """Function (state, input, numbers) -> the wheels' loads [N]."""
     return _functions(_bare_rover(rover), None if soil is None else _bare(soil))[1]
+
+
+@lru_cache(maxsize=16)
+def lift_function(rover: Rover, soil: Soil) -> Any:
+    """Function (nothing, sinkage, numbers) -> lift [N] of a wheel that rolls without slip at a sinkage [m]."""
+    symbols: list[ca.SX] = []
+    rover, soil = _symbolic(_bare_rover(rover), symbols), _symbolic(_bare(soil), symbols)
+    h, numbers = ca.SX.sym("h"), ca.vertcat(*symbols, ca.SX.sym("footprint", 2))
+    lift = soil_force(rover, soil, h, Rolling(1.0, 0.0)).F_z
+    return ca.Function("lift", [ca.SX(0, 1), h, numbers], [ca.cse(ca.densify(lift))])
 
 
 @lru_cache(maxsize=16)

@@ -1,0 +1,100 @@
+"""C files of a plant: its functions as programs, and the sizes and names that the fixed files include."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from typing import Final
+
+from scenarios.fmi_export.variables import Interface
+from vehicle.engine.c_source import c_source, numbers_source
+from vehicle.engine.program import Program
+from vehicle.engine.tape import Entry
+
+_PARAMETERS: Final = 2  # argument of the programs
+_ARGUMENTS: Final = "(long n, long ticks, const double *x, const double *u, const double *c, double *y)"
+HEADERS: Final = {
+    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
+}
+_WRAPPERS: Final = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_unused.c")}
+
+
+def parameters_read(programs: Mapping[str, Program]) -> frozenset[int]:
+    """Places of the parameters that any program reads."""
+    return frozenset(
+        node.place
+        for program in programs.values()
+        for part in program.parts
+        for node in part.numbers.nodes
+        if isinstance(node, Entry) and node.argument == _PARAMETERS
+    )
+
+
+def c_files(
+    prefix: str, plant: str, version: int, programs: Mapping[str, Program], defined: Mapping[str, object]
+) -> dict[str, str]:
+    """All source files by name, without ``plant.h``.
+
+    ``plant`` names the fixed file of the kind of plant, ``defined`` are macros that it reads.
+    """
+    fixed = ("model.c", f"{plant}.c", *_WRAPPERS[version], "model.h", "portable.h")
+    return {
+        **{name: _text("sources", name) for name in fixed},
+        **{name: _text("headers", name) for name in (*HEADERS[version], "LICENSE.txt")},
+        **{f"{name}.c": _program_file(prefix, name, program) for name, program in programs.items()},
+        "programs.h": _programs_header(prefix, programs, defined),
+    }
+
+
+def plant_header(interface: Interface, programs: Mapping[str, Program], gear: int | None) -> str:
+    """``plant.h`` without the token: sizes of all vectors, start values and names."""
+    step = programs["step"]
+    numbers = step.n_numbers + programs["observe"].n_numbers
+    lines = [
+        f"#define N_PARAMETERS {len(interface.parameters)}",
+        f"#define N_INPUTS {len(interface.inputs)}",
+        f"#define N_OUTPUTS {len(interface.outputs)}",
+        f"#define N_STATES {step.n_state}",
+        f"#define N_NUMBERS {numbers + 1}",
+        *([] if gear is None else [f"#define GEAR {gear} /* place of this input */"]),
+        "#define PARAMETER_STARTS \\\n  " + _rows(repr(float(q.start)) for q in interface.parameters),
+        "#define INPUT_STARTS \\\n  " + _rows(repr(float(q.start)) for q in interface.inputs),
+        "#define INPUT_NAMES \\\n  " + _rows(f'"{q.name}"' for q in interface.inputs),
+    ]
+    return "/* Sizes, start values and names of this plant. */\n\n" + "\n".join(lines) + "\n"
+
+
+def _rows(entries: Iterable[str]) -> str:
+    values = list(entries)
+    return ", \\\n  ".join(", ".join(values[k : k + 8]) for k in range(0, len(values), 8))
+
+
+def _program_file(prefix: str, name: str, program: Program) -> str:
+    return (
+        f'#include "portable.h"\n\n#define LANES 1\n#define run {prefix}_{name}_run\n'
+        f"#define derive {prefix}_{name}_derive\n"
+        f"HIDDEN void run{_ARGUMENTS};\nHIDDEN void derive(const double *p, double *c);\n\n"
+        + c_source(program)
+        + numbers_source(program)
+    )
+
+
+def _programs_header(prefix: str, programs: Mapping[str, Program], defined: Mapping[str, object]) -> str:
+    lines = ["/* The functions of this plant; each with its file. */", "", '#include "portable.h"', ""]
+    for name, program in programs.items():
+        lines += [
+            f"#define {name}_run {prefix}_{name}_run",
+            f"#define {name}_derive {prefix}_{name}_derive",
+            f"#define {name.upper()}_NU {program.n_input}",
+            f"#define {name.upper()}_NC {program.n_numbers}",
+            f"HIDDEN void {name}_run{_ARGUMENTS};",
+            f"HIDDEN void {name}_derive(const double *p, double *c);",
+            "",
+        ]
+    lines += [f"#define {name} {value}" for name, value in defined.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _text(folder: str, name: str) -> str:
+    return (resources.files("scenarios.fmi_export") / folder / name).read_text(encoding="utf-8")

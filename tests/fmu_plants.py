@@ -1,0 +1,178 @@
+"""Exported plants in FMPy, stepped through a weave, and the plants of this process beside them."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import fmpy
+import numpy as np
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+from vehicle.combination.description import Vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.plant_inputs import command_sizes
+from vehicle.combination.truth import Truth
+from vehicle.frames import FloatArray, Pose2, rotation_zyx
+from vehicle.surface import Surface
+
+START: Final = {"start_x": 1.0, "start_y": 2.0, "start_psi": 0.3, "start_speed": 8.0}
+STEP: Final = 0.01  # [s]
+
+
+class Slave:
+    """An initialised instance of an FMU of either version."""
+
+    def __init__(self, fmu: Path, folder: Path, values: Mapping[str, float] | None = None) -> None:
+        self.description = fmpy.read_model_description(str(fmu))
+        self.reference = {one.name: one.valueReference for one in self.description.modelVariables}
+        self.messages: list[str] = []
+        if not folder.exists():
+            fmpy.extract(str(fmu), str(folder))
+        is_2 = self.description.fmiVersion == "2.0"
+        token = self.description.guid if is_2 else self.description.instantiationToken
+        self.fmu: Any = (FMU2Slave if is_2 else FMU3Slave)(
+            guid=token,
+            unzipDirectory=str(folder),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        self._set, self._get = (
+            (self.fmu.setReal, self.fmu.getReal) if is_2 else (self.fmu.setFloat64, self.fmu.getFloat64)
+        )
+        self._instantiate(is_2)
+        if is_2:
+            self.fmu.setupExperiment(startTime=0.0)
+        self.fmu.enterInitializationMode()
+        self.set(values or {})
+        self.fmu.exitInitializationMode()
+        self.time = 0.0
+
+    def _instantiate(self, is_2: bool) -> None:
+        if not is_2:
+            from fmpy.fmi3 import fmi3LogMessageCallback
+
+            self._log = fmi3LogMessageCallback(
+                lambda _env, _status, _kind, message: self.messages.append((message or b"").decode())
+            )
+            self.fmu.instantiate(logMessage=self._log)
+            return
+        from fmpy.fmi2 import (
+            fmi2CallbackAllocateMemoryTYPE,
+            fmi2CallbackFreeMemoryTYPE,
+            fmi2CallbackFunctions,
+            fmi2CallbackLoggerTYPE,
+        )
+
+        # the message is an argument of a "%s", which this callback of fixed arguments takes as well
+        logger_type = ctypes.CFUNCTYPE(
+            None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_char_p
+        )
+        self._log = logger_type(lambda _e, _n, _s, _c, _format, message: self.messages.append(message.decode()))
+        self._callbacks = fmi2CallbackFunctions()
+        self._callbacks.logger = ctypes.cast(self._log, fmi2CallbackLoggerTYPE)
+        self._callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(0)
+        self._callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(0)
+        self.fmu.instantiate(callbacks=self._callbacks)
+
+    def set(self, values: Mapping[str, float]) -> None:
+        """Set variables by name."""
+        self._set([self.reference[name] for name in values], list(values.values()))
+
+    def get(self, names: list[str]) -> list[float]:
+        """Values of variables by name."""
+        values: list[float] = self._get([self.reference[name] for name in names])
+        return values
+
+    def step(self, length: float = STEP) -> None:
+        """One communication step [s]."""
+        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=length)
+        self.time = round(self.time + length, 9)
+
+    @property
+    def outputs(self) -> list[str]:
+        """Names of all outputs."""
+        return [one.name for one in self.description.modelVariables if one.causality == "output"]
+
+    def close(self) -> None:
+        """Free the instance and unload the library."""
+        self.fmu.freeInstance()
+
+
+class Drive(NamedTuple):
+    """Commands of a weave with changing speed."""
+
+    steer: FloatArray
+    acceleration: FloatArray
+    trailer: FloatArray
+
+
+def weave(seconds: float) -> Drive:
+    """A weave of some seconds."""
+    t = np.arange(round(seconds / STEP)) * STEP
+    return Drive(0.1 * np.sin(0.6 * t), 0.5 * np.sin(0.4 * t), 0.05 * np.sin(0.8 * t))
+
+
+def driven_here(vehicle: Vehicle, drive: Drive) -> list[Truth]:
+    """Ground truth of the plant of this process before the first and after every step."""
+    plant = Plant(vehicle, Surface(friction=0.8))
+    state = plant.initial_state(Pose2(1.0, 2.0, 0.3), 8.0)
+    truths = [plant.observe(state, 0)]
+    n = command_sizes(vehicle).trailer_steer
+    for steer, acceleration, trailer in zip(*drive, strict=True):
+        state = plant.step(state, VehicleCommand(float(steer), float(acceleration), (float(trailer),) * n), 10)
+        truths.append(plant.observe(state, 0))
+    return truths
+
+
+def driven_there(slave: Slave, vehicle: Vehicle, drive: Drive) -> dict[str, FloatArray]:
+    """Outputs of an FMU by name, before the first and after every step."""
+    names, n = slave.outputs, command_sizes(vehicle).trailer_steer
+    rows = [slave.get(names)]
+    for steer, acceleration, trailer in zip(*drive, strict=True):
+        demands = {f"steer_trailer_{k}": trailer for k in range(1, n + 1)}
+        slave.set({"steer": steer, "acceleration": acceleration, **demands})
+        slave.step()
+        rows.append(slave.get(names))
+    return dict(zip(names, np.array(rows).T, strict=True))
+
+
+def deviations(truths: list[Truth], outputs: Mapping[str, FloatArray]) -> dict[str, float]:
+    """Largest difference of every kind of quantity, from all fields of ``Truth``."""
+
+    def numbered(name: str, n: int) -> FloatArray:
+        return np.column_stack([outputs[f"{name}_{k}"] for k in range(1, n + 1)])
+
+    found: dict[str, float] = {}
+
+    def compare(name: str, of: Callable[[Truth], FloatArray]) -> None:
+        there = np.array([of(truth) for truth in truths])
+        found[name] = float(np.max(np.abs(numbered(name, there.shape[1]) - there)))
+
+    for k, name in enumerate(("x", "y", "psi")):
+        compare(name, lambda truth, k=k: truth.poses[:, k])  # type: ignore[misc]
+    for k, name in enumerate(("v_x", "v_y", "yaw_rate")):
+        compare(name, lambda truth, k=k: truth.velocities[:, k])  # type: ignore[misc]
+    for k, name in enumerate(("body_x", "body_y", "body_z")):
+        compare(name, lambda truth, k=k: truth.bodies[:, k, 3])  # type: ignore[misc]
+    compare("steer_angle", lambda truth: truth.steer)
+    compare("wheel_load", lambda truth: truth.wheel_loads)
+    compare("wheel_slip_angle", lambda truth: truth.wheel_slip_angles)
+    compare("friction_used", lambda truth: truth.friction_used)
+    compare("load_transfer", lambda truth: truth.load_transfer)
+    angles = [numbered(f"body_{name}", len(truths[0].poses)) for name in ("yaw", "pitch", "roll")]
+    found["attitude"] = max(
+        float(np.max(np.abs(rotation_zyx(*(float(angle[row, unit]) for angle in angles)) - X[:3, :3])))
+        for row, truth in enumerate(truths)
+        for unit, X in enumerate(truth.bodies)
+    )
+    return found
+
+
+def c_compiler() -> str | None:
+    """Path of a C compiler."""
+    return shutil.which("cc") or shutil.which("gcc")

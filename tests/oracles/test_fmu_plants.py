@@ -1,0 +1,131 @@
+"""Exported plants of several topologies in FMPy against the plants of this process, and compiled by other means.
+
+Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. Libraries of
+other platforms need the extra ``zig``.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+from scenarios.fmi_export.archive import write_fmu
+from scenarios.fmi_export.binaries import PLATFORMS, library_path
+from scenarios.fmi_export.plants import plant_model
+from tests.fmu_plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
+from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray, Pose2, rotation_zyx
+from vehicle.rover.command import RoverCommand
+from vehicle.rover.description import load_rover
+from vehicle.rover.plant import RoverPlant
+from vehicle.rover.soil import load_soil
+from vehicle.rover.terrain import Terrain
+from vehicle.rover.truth import RoverTruth
+
+MAGIC: Final = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
+ROVERS: Final = (("el_dorado_ii", "beach_sand"), ("el_dorado_ii_skid", None), ("six_wheel_rover", "toyoura_sand"))
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("name", ["eu_tractor_semitrailer", "a_double", "b_double_steered", "rigid_truck"])
+def test_a_truck_weaves_as_the_plant_here(name: str, version: int, tmp_path: Path) -> None:
+    vehicle, fmu, drive = load_vehicle(name), tmp_path / "truck.fmu", weave(20.0)
+    write_fmu(fmu, plant_model(name, None, wind=False), version, ("linux64",), optimisation=1)
+    assert validate_fmu(str(fmu)) == []
+    slave = Slave(fmu, tmp_path / "unpacked", START)
+    outputs = driven_there(slave, vehicle, drive)
+    slave.close()
+    found = deviations(driven_here(vehicle, drive), outputs)
+    assert found.pop("wheel_load") < 1e-5  # N, of some 1e5
+    assert max(found.values()) < 1e-9
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(("name", "soil_name"), ROVERS)
+def test_a_rover_winds_as_the_plant_here(name: str, soil_name: str | None, version: int, tmp_path: Path) -> None:
+    rover, fmu = load_rover(name), tmp_path / "rover.fmu"
+    soil, n = None if soil_name is None else load_soil(soil_name), len(rover.wheels)
+    write_fmu(fmu, plant_model(name, soil_name, wind=False), version, ("linux64",), optimisation=1)
+    assert validate_fmu(str(fmu)) == []
+    plant = RoverPlant(rover, Terrain(), soil)
+    state = plant.initial_state(Pose2(1.0, 2.0, 0.3), 0.2)
+    start = {**START, "start_speed": 0.2}
+    slave = Slave(fmu, tmp_path / "unpacked", start)
+    names, sides = slave.outputs, np.sign([wheel.y for wheel in rover.wheels])
+    steered = np.array([float(wheel.steered) for wheel in rover.wheels])
+    worst = 0.0
+    for k in range(2000):
+        t = k * STEP
+        spin, steer = 0.2 / rover.radius * (1.0 + 0.3 * np.sin(0.5 * t) * sides), steered * 0.2 * np.sin(0.7 * t)
+        state = plant.step(state, RoverCommand(tuple(spin), tuple(steer)), 10)
+        slave.set({f"wheel_speed_demand_{w + 1}": spin[w] for w in range(n)})
+        slave.set({f"steer_demand_{w + 1}": steer[w] for w in range(n)})
+        slave.step()
+        values = dict(zip(names, slave.get(names), strict=True))
+        expected = rover_values(plant.observe(state, 0))
+        worst = max(worst, max(abs(values[key] - value) for key, value in expected.items()))
+        R = rotation_zyx(values["body_yaw"], values["body_pitch"], values["body_roll"])
+        worst = max(worst, float(np.max(np.abs(R - plant.observe(state, 0).X_WB[:3, :3]))))
+    slave.close()
+    assert worst < 1e-9
+
+
+def rover_values(truth: RoverTruth) -> dict[str, float]:
+    """Outputs that the truth says, by name."""
+    single = dict(zip(("x", "y", "psi"), truth.pose, strict=True))
+    single |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocity, strict=True))
+    single |= dict(zip(("body_x", "body_y", "body_z"), truth.X_WB[:3, 3], strict=True))
+    by_wheel: dict[str, FloatArray] = {
+        **{f"wheel_{axis}": truth.wheel_positions[:, k] for k, axis in enumerate("xyz")},
+        "wheel_heading": truth.wheel_headings,
+        "wheel_v_along": truth.wheel_velocities[:, 0],
+        "wheel_v_across": truth.wheel_velocities[:, 1],
+        "wheel_speed": truth.wheel_speeds,
+        "wheel_turn": truth.wheel_turns,
+        "steer_angle": truth.steer,
+        "slip_ratio": truth.slip_ratios,
+        "slip_angle": truth.slip_angles,
+        "sinkage": truth.sinkages,
+        "wheel_load": truth.loads,
+    }
+    numbered = {f"{name}_{w}": v for name, of in by_wheel.items() for w, v in enumerate(of, start=1)}
+    return {name: float(value) for name, value in (single | numbered).items()}
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> None:
+    fmu, vehicle = tmp_path / "truck.fmu", load_vehicle("rigid_truck")
+    write_fmu(fmu, plant_model("rigid_truck", None, wind=False), version, (), optimisation=1)
+    done = subprocess.run(
+        [sys.executable, "-m", "fmpy", "compile", str(fmu)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    slave, drive = Slave(fmu, tmp_path / "unpacked", START), weave(2.0)
+    found = deviations(driven_here(vehicle, drive), driven_there(slave, vehicle, drive))
+    slave.close()
+    assert found.pop("wheel_load") < 1e-5
+    assert max(found.values()) < 1e-9
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the extra zig")
+@pytest.mark.parametrize("version", [2, 3])
+def test_libraries_of_all_platforms_are_what_they_say(version: int, tmp_path: Path) -> None:
+    fmu, model = tmp_path / "truck.fmu", plant_model("rigid_truck", None, wind=False)
+    platforms = [name for name, of in PLATFORMS.items() if version == 3 or of.folder_2]
+    write_fmu(fmu, model, version, platforms, optimisation=1)
+    assert validate_fmu(str(fmu)) == []
+    with zipfile.ZipFile(fmu) as archive:
+        for name in platforms:
+            content = archive.read(library_path(name, version, model.identifier))
+            assert content.startswith(MAGIC[PLATFORMS[name].suffix])
+            assert f"fmi{version}DoStep".encode() in content

@@ -1,0 +1,263 @@
+"""Plants out as FMUs: one small truck, compiled without optimisation; more of them in ``tests/oracles``."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import threading
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.fmi3 import fmi3IntermediateUpdateCallback
+from fmpy.validation import validate_fmu
+from typer.testing import CliRunner
+
+from scenarios.cli import app
+from scenarios.fmi_export import binaries
+from scenarios.fmi_export.archive import write_fmu
+from scenarios.fmi_export.combination import combination_inputs, combination_model
+from scenarios.fmi_export.model import PlantModel
+from scenarios.fmi_export.plants import plant_model
+from scenarios.fmi_export.units import base_unit
+from tests.fmu_plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
+from vehicle.combination.description import Vehicle, load_vehicle
+
+pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
+TRUCK = "rigid_truck"
+HEADERS = Path(binaries.__file__).parent / "headers"
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return load_vehicle(TRUCK)
+
+
+@pytest.fixture(scope="module")
+def model(vehicle: Vehicle) -> PlantModel:
+    return combination_model(vehicle)
+
+
+@pytest.fixture(scope="module")
+def fmus(model: PlantModel, tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The truck in both versions, compiled by the system's compiler: the quickest."""
+    folder = tmp_path_factory.mktemp("fmus")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(binaries, "_has_zig", lambda: False)
+        for version in (2, 3):
+            write_fmu(folder / f"{version}.fmu", model, version, ("linux64",), optimisation=0)
+    return {version: folder / f"{version}.fmu" for version in (2, 3)}
+
+
+def slave_of(fmus: dict[int, Path], version: int, values: dict[str, float] | None = None) -> Slave:
+    return Slave(fmus[version], fmus[version].with_suffix(""), values)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
+    assert validate_fmu(str(fmus[version])) == []
+
+
+def test_a_weave_of_20_s_is_that_of_the_plant_here(fmus: dict[int, Path], vehicle: Vehicle) -> None:
+    """The same equations, compiled with other flags: rounding grows by the sensitivity of the motion only."""
+    drive = weave(20.0)
+    slave = slave_of(fmus, 3, START)
+    outputs = driven_there(slave, vehicle, drive)
+    slave.close()
+    found = deviations(driven_here(vehicle, drive), outputs)
+    assert found.pop("wheel_load") < 1e-6  # N, of some 1e5
+    assert max(found.values()) < 1e-9
+
+
+def test_both_versions_compute_the_same_bits(fmus: dict[int, Path], vehicle: Vehicle) -> None:
+    rows = []
+    for version in (2, 3):
+        slave = slave_of(fmus, version, START)
+        rows.append(driven_there(slave, vehicle, weave(0.2)))
+        slave.close()
+    assert all(np.array_equal(rows[0][name], rows[1][name]) for name in rows[0])
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_program_in_c_loads_and_steps_it(fmus: dict[int, Path], version: int, tmp_path: Path) -> None:
+    slave = slave_of(fmus, version)
+    slave.set({"steer": 0.1})
+    slave.step()
+    (expected,) = slave.get(["yaw_rate_1"])
+    slave.close()
+    description = fmpy.read_model_description(str(fmus[version]))
+    token = description.guid if version == 2 else description.instantiationToken
+    (library,) = fmus[version].with_suffix("").rglob("*.so")
+    host = tmp_path / "host"
+    source = Path(__file__).parents[1] / "fmu_host.c"
+    compiler = c_compiler()
+    assert compiler is not None
+    subprocess.run([compiler, "-w", f"-I{HEADERS}", str(source), "-o", str(host), "-ldl"], check=True)
+    arguments = [library, version, token, slave.reference["steer"], slave.reference["yaw_rate_1"]]
+    done = subprocess.run([host, *map(str, arguments)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert float(done.stdout) == expected
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_step_of_no_whole_ticks_is_refused_with_a_message(fmus: dict[int, Path], version: int) -> None:
+    slave = slave_of(fmus, version)
+    with pytest.raises(Exception, match="failed"):
+        slave.step(0.0015)
+    assert slave.messages[-1] == "communication step of 0.0015 s must be a whole number of ticks of 1 ms"
+    slave.set({"gear": 0.5})
+    with pytest.raises(Exception, match="failed"):
+        slave.step()
+    assert slave.messages[-1] == "gear = 0.5 must be 1 (forward) or -1 (backward)"
+    with pytest.raises(Exception, match="failed"):
+        slave.set({"units.0.mass": 9000.0})
+    assert "fixed after the initialisation" in slave.messages[-1]
+    slave.close()
+
+
+def test_a_parameter_is_that_number_of_the_vehicle_file(fmus: dict[int, Path], vehicle: Vehicle) -> None:
+    """A heavier truck in the FMU drives as one whose file says so."""
+    unit = vehicle.units[0]
+    mass = unit.mass * 1.1
+    heavier = vehicle.model_copy(update={"units": (unit.model_copy(update={"mass": mass}), *vehicle.units[1:])})
+    drive = weave(1.0)
+    slave = slave_of(fmus, 2, {**START, "units.0.mass": mass})
+    found = deviations(driven_here(heavier, drive), driven_there(slave, vehicle, drive))
+    slave.close()
+    assert found["wheel_load"] < 1e-6
+    assert found["y"] < 1e-9
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_restored_state_goes_on_as_before(fmus: dict[int, Path], version: int) -> None:
+    slave = slave_of(fmus, version, START)
+    slave.set({"steer": 0.1})
+    slave.step()
+    fmu, kind = slave.fmu, "FMUstate" if version == 2 else "FMUState"
+    state = getattr(fmu, f"get{kind}")()
+    data = (fmu.serializeFMUstate if version == 2 else fmu.serializeFMUState)(state)
+    first_time, ends = slave.time, []
+    for _ in range(2):
+        slave.time = first_time
+        for _ in range(5):
+            slave.step()
+        ends.append(slave.get(slave.outputs))
+        getattr(fmu, f"set{kind}")((fmu.deSerializeFMUstate if version == 2 else fmu.deserializeFMUState)(data))
+    slave.close()
+    assert ends[0] == ends[1]
+
+
+def test_two_instances_in_two_threads_are_independent(fmus: dict[int, Path]) -> None:
+    def end(steer: float, into: dict[float, list[float]]) -> None:
+        slave = slave_of(fmus, 3, START)
+        slave.set({"steer": steer})
+        for _ in range(50):
+            slave.step()
+        into[steer] = slave.get(slave.outputs)
+        slave.fmu.fmi3FreeInstance(slave.fmu.component)
+
+    alone: dict[float, list[float]] = {}
+    together: dict[float, list[float]] = {}
+    for steer in (0.1, -0.2):
+        end(steer, alone)
+    threads = [threading.Thread(target=end, args=(steer, together)) for steer in (0.1, -0.2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert alone == together
+    assert alone[0.1] != alone[-0.2]
+
+
+def test_a_thousand_instances_leave_no_memory(fmus: dict[int, Path]) -> None:
+    """An instance has some 10 kB: a thousand that stay would be 10 MB."""
+
+    def resident() -> int:
+        return int(re.findall(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text())[0])
+
+    slave = slave_of(fmus, 3)
+    fmu, token = slave.fmu, slave.description.instantiationToken.encode()
+    no_update = fmi3IntermediateUpdateCallback(0)
+
+    def cycle() -> None:
+        one = fmu.fmi3InstantiateCoSimulation(
+            b"x", token, None, False, False, False, False, None, 0, None, slave._log, no_update
+        )
+        assert one
+        fmu.fmi3FreeInstance(one)
+
+    for _ in range(100):
+        cycle()
+    before = resident()
+    for _ in range(1000):
+        cycle()
+    slave.close()
+    assert resident() - before < 2000  # kB
+
+
+def test_every_unit_is_known(model: PlantModel) -> None:
+    variables = model.interface.variables()
+    assert all(one.quantity.unit == "-" or base_unit(one.quantity.unit) for one in variables)
+    assert base_unit("rad/(m/s2)") == base_unit("rad s2/m")
+    starts = {one.quantity.name: one.quantity for one in variables if one.quantity.low is not None}
+    assert all(one.low is not None and one.low <= one.start for one in starts.values())
+
+
+def test_poses_follow_no_input_at_once_and_loads_follow_slopes(model: PlantModel, vehicle: Vehicle) -> None:
+    variables = {one.quantity.name: one for one in model.interface.variables()}
+    assert variables["x_1"].feed_through == ()
+    commands = {variables[name].reference for name in ("steer", "acceleration", "gear")}
+    assert all(not commands & set(one.feed_through) for one in variables.values())
+    assert variables["friction_wheel_1"].reference in variables["friction_used_1"].feed_through
+    assert len(combination_inputs(vehicle)) == len(model.interface.inputs)
+
+
+def test_what_is_fixed_stands_in_the_fmu(fmus: dict[int, Path]) -> None:
+    with zipfile.ZipFile(fmus[2]) as archive:
+        page = archive.read("documentation/index.html").decode()
+    assert "units.0.axles.0.steered" in page
+    assert "units.0.width" in page  # no equation reads it
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["nix"], "unknown vehicle or rover 'nix'"),
+        ([TRUCK, "--fmi", "4"], "--fmi 4: must be 2 or 3"),
+        ([TRUCK, "-o", "truck.zip"], "must end in .fmu"),
+        ([TRUCK, "-o", "nowhere/truck.fmu"], "there is no folder nowhere"),
+        ([TRUCK, "--platform", "amiga"], "must be one of linux64"),
+        ([TRUCK, "--platform", "darwin-arm64", "--fmi", "2"], "FMI 2 has no name for it"),
+        ([TRUCK, "--soil", "beach_sand"], "is no rover"),
+        (["el_dorado_ii", "--wind"], "no inputs for the wind"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["fmu", "plant", *arguments])
+    assert result.exit_code == 2
+    assert reason in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_compiler_that_fails_leaves_no_file(
+    model: PlantModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(binaries, "_FLAGS", ("--no-such-flag",))
+    with pytest.raises(ValueError, match="the compiler failed") as error:
+        write_fmu(tmp_path / "x.fmu", model, 3, ("linux64",))
+    assert "\n" not in str(error.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_rover_has_inputs_for_every_wheel() -> None:
+    variables = plant_model("el_dorado_ii_skid", None, wind=False).interface.variables()
+    names = [one.quantity.name for one in variables]
+    assert {"wheel_speed_demand_4", "ground_slope_x_4", "firm_4", "ground_height_4"} <= set(names)
+    assert {"mass", "wheels.half_length", "start_psi"} <= set(names)
+    assert len(names) == len(set(names))
