@@ -152,8 +152,10 @@ def first_map(fmu: FmuFile, part: PartSignals) -> str:
                 lines.append(f'"{variable.name}" = "{chosen.name}"{meaning}')
         lines += [f"# signal {one.name} [{one.unit}]: {one.meaning}" for one in left]
     parameters = _of_causality(fmu, "parameters")
-    lines += ["", "[parameters]", *(f'# "{one.name}" = {one.start or "0"}  # {one.meaning}' for one in parameters)]
-    lines += [f'# "…" = "{one.name}"  # {one.meaning} [{one.unit}]' for one in part.starts]
+    starts = {one.name for one in part.starts} & {one.name for one in parameters}
+    lines += ["", "[parameters]", *(f'"{name}" = "{name}"' for name in sorted(starts))]
+    lines += [f'# "{one.name}" = {one.start or "0"}  # {one.meaning}' for one in parameters if one.name not in starts]
+    lines += [f'# "…" = "{one.name}"  # {one.meaning} [{one.unit}]' for one in part.starts if one.name not in starts]
     return "\n".join(lines) + "\n"
 
 
@@ -164,7 +166,7 @@ def _by_names(fmu: FmuFile, part: PartSignals) -> dict[str, Any]:
             for variable in _of_causality(fmu, name)
             if any(variable.name == signal.name for signal in signals)
         }
-        for name, signals in (("inputs", part.inputs), ("outputs", part.outputs))
+        for name, signals in (("inputs", part.inputs), ("outputs", part.outputs), ("parameters", part.starts))
     }
 
 
