@@ -185,14 +185,16 @@ class FmuPlant:
         )
 
     def _bodies(self, poses: FloatArray, found: Mapping[str, float]) -> FloatArray:
-        """Poses of the bodies: on the ground, moved by heave, pitch and roll of the FMU."""
+        """Poses of the bodies: on the ground, with heave, pitch and roll about the roll axis below the mass centre."""
         n = len(poses)
         heave, pitch, roll = (_or(_column(found, name, n), np.zeros(n)) for name in ("heave", "pitch", "roll"))
         bodies = []
         for k, (x, y, psi) in enumerate(poses.tolist()):
             motion = np.eye(4)
             motion[:3, :3] = _turned(float(pitch[k]), float(roll[k]))
-            motion[2, 3] = heave[k]
+            unit = self._vehicle.units[k]
+            pivot = np.array([unit.cg_x, 0.0, unit.roll_axis_height])
+            motion[:3, 3] = pivot + np.array([0.0, 0.0, heave[k]]) - motion[:3, :3] @ pivot
             bodies.append(self._surface.pose_on(x, y, psi, self._vehicle.supports(k)) @ motion)
         return np.array(bodies)
 
