@@ -15,6 +15,7 @@ from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
+import offtrack
 from scenarios.cli import app
 from scenarios.fmi_export import binaries
 from scenarios.fmi_export.archive import write_fmu
@@ -261,3 +262,28 @@ def test_a_rover_has_inputs_for_every_wheel() -> None:
     assert {"wheel_speed_demand_4", "ground_slope_x_4", "firm_4", "ground_height_4"} <= set(names)
     assert {"mass", "wheels.half_length", "start_psi"} <= set(names)
     assert len(names) == len(set(names))
+
+
+def test_our_own_fmu_in_a_run_drives_as_the_plant_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a bank, with rough ground and another friction under the right wheels.
+
+    The plant here looks the ground up anew every 0.1 m, the FMU gets it every 10 ms: 0.01 mm.
+    """
+    file = tmp_path / "truck.fmu"
+    monkeypatch.setattr(binaries, "_has_zig", lambda: False)
+    write_fmu(file, combination_model(load_vehicle("eu_tractor_semitrailer")), 2, ("linux64",), optimisation=0)
+    settings = {
+        "vehicle": "eu_tractor_semitrailer",
+        "off_tracking": "truth",
+        "trailer_steering": "none",
+        "course.turn_deg": 30.0,
+        "course.entry": 20.0,
+        "course.exit": 5.0,
+        "surface.cross_fall": 0.04,
+        "surface.friction_right": 0.4,
+        "surface.roughness": "C",
+    }
+    own = offtrack.run("roundabout", settings=settings)
+    other = offtrack.run("roundabout", settings=settings | {"plant.fmu": str(file)})
+    for name in ("x_tractor", "y_semitrailer", "psi_semitrailer", "roll_semitrailer", "off_tracking_true"):
+        np.testing.assert_allclose(other[name], own[name], atol=2e-5)
