@@ -131,6 +131,7 @@ FILES: Final[Sequence[Read]] = (
     ),
     Read("study", FileKind.STUDY, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
     Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
+    Read("FMU", FileKind.FMU, "ground", ("law.fmu",), "binary", (trailer("trailer_steering=law.fmu"),)),
     Read("drive", FileKind.TABLE, "ground", ("drive.csv",), "text", (trailer("driver.trace=drive.csv"),)),
     Read("path", FileKind.TABLE, "ground", ("path.csv",), "text", (along("path.csv"),)),
     Read("track", FileKind.ROAD, "ground", ("path.gpx",), "text", (along("path.gpx"),)),

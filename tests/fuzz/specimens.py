@@ -25,6 +25,7 @@ from sensors.camera.lens import CameraModel, RawStereoRig
 from sensors.camera.rig import StereoRig
 from sensors.messages import RoverView, StereoFrame
 from sensors.sand.rig import nominal_rig
+from tests.fmus import proportional_law
 from tests.fuzz.case import Case
 from tests.open_drive import crossing
 from vehicle.frames import transform
@@ -68,7 +69,7 @@ def _parameters(folder: Path) -> None:
 
 
 def _ground(folder: Path) -> None:
-    """Maps of heights and of friction, a recorded drive and a trained network."""
+    """Maps of heights and of friction, a recorded drive, roads, an FMU and a trained network."""
     y, x = np.mgrid[0:12, 0:16]
     heights = 0.02 * np.sin(x) * np.cos(y)
     np.save(folder / "heights.npy", heights)
@@ -90,6 +91,7 @@ def _ground(folder: Path) -> None:
         json.dumps({"type": "LineString", "coordinates": [[lon, lat, 30.0] for lon, lat in earth]}), encoding="utf-8"
     )
     (folder / "road.xodr").write_text(crossing(), encoding="utf-8")
+    proportional_law(folder)
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")
     (folder / "training").mkdir()

@@ -97,6 +97,7 @@ def test_a_rover_that_leaves_its_path_does_not_complete() -> None:
 def test_a_driver_of_ones_own_that_commands_no_number_ends_in_one_line() -> None:
     """The line names the driver, the tick and the value."""
     line = r"failed: driver = rover_parts:Broken: at tick 0 \(0 s\) it returned steer.* = nan"
+    line += r" \(.*rover_parts\.py, line \d+\)"
     assert re.fullmatch(line, driven("driver=rover_parts:Broken").outcome)
 
 

@@ -119,7 +119,9 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
         patch.chdir(tmp_path)
         cases = study(trailer_steering=("broken:Broken",)).cases()[:1]
         (outcome,) = run_cases(cases, tmp_path / "cells", jobs=1)
-    assert str(outcome.numbers["outcome"]).endswith("at tick 0 (0 s) it raised RuntimeError: no idea (broken.py, line 4)")
+    assert str(outcome.numbers["outcome"]).endswith(
+        "at tick 0 (0 s) it raised RuntimeError: no idea (broken.py, line 4)"
+    )
     assert str(outcome.numbers["outcome"]).startswith("failed: ")
     assert not list((tmp_path / "cells").glob("*.json"))
 
