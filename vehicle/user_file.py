@@ -30,6 +30,7 @@ class FileKind(Enum):
     CHECKPOINT = "a checkpoint of a training", 64 * _MB
     RECORD = "a record of an earlier command", 64 * _MB
     ROAD = "a file of a road or path", 32 * _MB
+    SURFACE = "a measured surface", 512 * _MB
     FMU = "an FMU", 512 * _MB
 
     def __init__(self, noun: str, limit: int) -> None:

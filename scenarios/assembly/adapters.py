@@ -19,7 +19,7 @@ from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
 from vehicle.combination.description import Unit, Vehicle, load_vehicle
 from vehicle.combination.load_cases import with_load
-from vehicle.surface import Gust, Roughness, RoughProfile, Surface, scattered_potholes
+from vehicle.surface import Gust, MeasuredRoad, Roughness, RoughProfile, SumOfReliefs, Surface, scattered_potholes
 
 
 def trailer_geometry(vehicle: Vehicle, unit: int) -> TrailerGeometry:
@@ -141,20 +141,24 @@ def tractor_geometry(vehicle: Vehicle, course: Course) -> TractorGeometry:
     return tractor_guided_at(vehicle, course.reference)
 
 
-def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> Surface:
+def surface_of(
+    scenario: Scenario, course: Course, rng: np.random.Generator, measured: MeasuredRoad | None = None
+) -> Surface:
     """The ground of the course and the gust across it; ``rng`` determines roughness and potholes.
 
     Raises:
         ValueError: one line, if the friction image cannot be read.
     """
     options, roughness = scenario.surface, None
-    if options.roughness != "none" or options.potholes > 0.0:
+    if options.roughness != "none" or options.potholes > 0.0 or measured is not None:
         profile_rng, holes_rng = rng.spawn(2)  # separate streams: neither depends on the other
         line, half_width = course.centreline, float(np.min(course.road_half_width))
         roughness = Roughness(
             profile=RoughProfile(profile_rng, options.roughness) if options.roughness != "none" else None,
             potholes=scattered_potholes(holes_rng, line, half_width, options.potholes) if options.potholes else None,
+            measured=measured,
         )
+    reliefs = [relief for relief in (course.relief, measured.relief if measured else None) if relief is not None]
     wind = scenario.wind
     return Surface(
         gust=Gust(speed=wind.speed, start=wind.start, length=wind.length, edge=wind.edge) if wind.speed else None,
@@ -162,7 +166,7 @@ def surface_of(scenario: Scenario, course: Course, rng: np.random.Generator) -> 
         cross_fall=options.cross_fall,
         grade=options.grade,
         centre=course.surface_centre,
-        relief=course.relief,
+        relief=SumOfReliefs(*reliefs) if len(reliefs) > 1 else next(iter(reliefs), None),
         roughness=roughness,
     )
 

@@ -13,6 +13,7 @@ from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry, vehicle_of, watched_units
 from scenarios.assembly.drivers import OpenedDriver, opened_driver
+from scenarios.assembly.measured_ground import measured_ground
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.assembly.rig_schedule import rig_schedule
@@ -63,6 +64,7 @@ class Assembly:
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
     schedule: Schedule  # of the cameras, or of the reference units instead
+    remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 
     @property
     def cameras(self) -> Cameras | None:
@@ -109,7 +111,8 @@ def assemble(
     simulated = plant_vehicle(scenario, nominal)
     units = watched_units(nominal, scenario)
     course = course_of(scenario, nominal)
-    surface = surface_of(scenario, course, stream(seed, "surface"))
+    measured = measured_ground(scenario.surface, course)
+    surface = surface_of(scenario, course, stream(seed, "surface"), measured.road if measured else None)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
     laws = {unit: _law(scenario, nominal, unit, geometry) for unit, geometry in geometries.items()}
     plant = opened_plant(scenario, simulated, surface)
@@ -171,6 +174,7 @@ def assemble(
         views=views,
         recording=recording,
         schedule=schedule,
+        remarks=measured.remarks if measured else (),
     )
 
 

@@ -189,6 +189,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         },
         warnings=(
             *filter(None, (session.reason,)),
+            *parts.remarks,
             *data_sheet(vehicle).warnings,
             *_steer_warnings(parts, log),
             *_camera_warnings(session),

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from scenarios.options.base import FullPath, Options, option, quantity
+from vehicle.surface import Beyond
 
 
 class _PatchOptions(Options):
@@ -46,6 +47,13 @@ class SurfaceOptions(Options):
     grade: float = quantity(0.0, "-", -0.2, 0.2, "Slope along W's x; the ground rises.")
     roughness: Literal["none", "A", "B", "C", "D", "E", "F", "G", "H"] = option("Roughness class of ISO 8608.", "none")
     potholes: float = quantity(0.0, "1/100 m", 0.0, 100.0, "Potholes per 100 m of road.")
+    crg: FullPath | None = option("OpenCRG file of a measured surface, laid along the course.", None)
+    crg_start: float = quantity(
+        0.0, "m", -1e4, 3e4, "Where the measured surface begins, along the road from where the guided point starts."
+    )
+    crg_beyond: Beyond = option(
+        "Road before and after the measured surface: level, or the surface mirrored to and fro.", "level"
+    )
     friction_left: float | None = quantity(
         None, "-", 0.05, 1.5, "Friction left of the road's middle; not given: surface.friction."
     )

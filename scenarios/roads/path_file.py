@@ -1,4 +1,4 @@
-"""Points of a path from a file: CSV of x and y, a GPX track or route, or a GeoJSON line."""
+"""Points of a path from a file: CSV of x and y, a GPX track or route, a GeoJSON line, or an OpenCRG reference line."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from scenarios.roads.crg_file import read_crg
 from scenarios.roads.tangent_plane import tangent_plane
 from vehicle.frames import FloatArray
 from vehicle.parameter_file import nearest
@@ -28,7 +29,8 @@ _COLUMNS: Final = {
 }
 _LATITUDE, _LONGITUDE = Column("latitude", 90.0, "deg"), Column("longitude", 180.0, "deg")
 _HEIGHT: Final = Column("elevation", 1e4, "m")
-_READABLE: Final = ".csv, .gpx, .geojson or .json"
+_READABLE: Final = ".csv, .gpx, .geojson, .json or .crg"
+_CRG_SPACING: Final = 1.0  # of the points of a measured surface's reference line [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,9 +50,13 @@ def read_path(path: Path) -> PathPoints:
     Raises:
         ValueError: one line naming file, place, value and limit.
     """
-    reader = {".csv": _read_csv, ".gpx": _read_gpx, ".geojson": _read_geojson, ".json": _read_geojson}.get(
-        path.suffix.lower()
-    )
+    reader = {
+        ".csv": _read_csv,
+        ".gpx": _read_gpx,
+        ".geojson": _read_geojson,
+        ".json": _read_geojson,
+        ".crg": _read_reference_line,
+    }.get(path.suffix.lower())
     if reader is None:
         raise ValueError(f"{path}: the name of a file of a path must end with {_READABLE}")
     points = reader(path)
@@ -85,6 +91,12 @@ def _read_csv(path: Path) -> PathPoints:
         widths=np.column_stack([columns[side] for side in sides]) if sides else None,
         friction=columns.get("friction"),
     )
+
+
+def _read_reference_line(path: Path) -> PathPoints:
+    """The reference line of an OpenCRG file; its heights are those of ``surface.crg``."""
+    surface = read_crg(path)
+    return PathPoints(places=surface.line[:: max(1, round(_CRG_SPACING / surface.u_step))])
 
 
 def _read_gpx(path: Path) -> PathPoints:

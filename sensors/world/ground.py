@@ -22,6 +22,9 @@ _FINE = 12.0  # distance from the centreline with the finest cells; cameras are 
 _CELL = 2.5  # finest cell: the error on a cone of 2.5 % is then h^2 c/8R = 2 mm at R = 10 m [m]
 _COARSEST = 20.0  # largest cell near the course: half a wavelength of the texture's distortion [m]
 _WIDEST = 32  # largest cell anywhere [finest cells]
+_UNEVEN = 2e-3  # heights of a measured surface that are drawn: some of its forms are 5 mm high [m]
+_UNEVEN_CELL = 0.16  # largest cell there: some points over the length of a small bump [m]
+_MOST_UNEVEN_CELLS = 300_000  # each pair of triangles costs time in every picture
 _GRADING = 0.4  # width of a cell over its distance from the centreline
 _SAG, _SAG_ANGLE = 0.6e-3, 2e-4  # allowed error of the triangles near the course [m], and its increase with distance
 _BENDS, _BEND = (40.0, 140.0), 1.6  # wavelengths and standard deviation of the texture's distortion [m]
@@ -64,11 +67,15 @@ class Landscape:
         height: FloatArray = ground_height(self._surface, inside) + hills
         return height
 
-    def slope(self, xy: FloatArray) -> FloatArray:
-        """Slope along both axes [-] at xy (..., 2) [m], over the width of a cell."""
-        steps = _CELL * np.eye(2)
-        rise = [self.height(xy + step) - self.height(xy - step) for step in steps]
-        return np.stack(rise, axis=-1) / (2.0 * _CELL)
+    def slope(self, xy: FloatArray, over: float = _CELL) -> FloatArray:
+        """Slope along both axes [-] at xy (..., 2) [m], over the width of a cell [m]."""
+        rise = [self.height(xy + step) - self.height(xy - step) for step in over * np.eye(2)]
+        return np.stack(rise, axis=-1) / (2.0 * over)
+
+    def uneven_places(self) -> FloatArray:
+        """Places (n, 2) [m] of a measured surface whose forms are finer than a cell and high enough to be drawn."""
+        measured = self._surface.roughness.measured if self._surface.roughness else None
+        return np.empty((0, 2)) if measured is None else measured.uneven_places(_UNEVEN, _CELL)
 
 
 def ground_height(surface: Surface, xy: FloatArray) -> FloatArray:
@@ -165,8 +172,13 @@ def ground_mesh(
     nowhere shifted by the same vector.
     """
     bends = [Waves(rng, wavelengths=_BENDS, count=7) for _ in range(2)]
-    xy, faces = _triangulated(landscape, line, low, high)
+    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
+    uneven = _Uneven.of(landscape.uneven_places(), cell)
+    xy, faces = _triangulated(landscape, line, low, high, cell, uneven)
     normals = np.concatenate([-landscape.slope(xy), np.ones((len(xy), 1))], axis=1)
+    if uneven is not None:
+        near = uneven.touches(xy, uneven.cell)
+        normals[near, :2] = -landscape.slope(xy[near], 0.5 * uneven.cell)
     return Mesh(
         vertices=np.column_stack([xy, landscape.height(xy)]),
         normals=normals / np.linalg.norm(normals, axis=1, keepdims=True),
@@ -176,18 +188,51 @@ def ground_mesh(
     )
 
 
+class _Uneven:
+    """Places whose ground has forms finer than the other ground's cells."""
+
+    def __init__(self, places: FloatArray, cell: float, parts: int) -> None:
+        self.parts, self.cell = parts, cell / parts  # of a finest cell elsewhere [-], [m]
+        self._tree = cKDTree(places)
+
+    @classmethod
+    def of(cls, places: FloatArray, cell: float) -> _Uneven | None:
+        """The places (n, 2) [m] on ground with finest cells of ``cell`` [m]; None if there are none."""
+        if not len(places):
+            return None
+        parts = 2 ** math.ceil(math.log2(cell / _UNEVEN_CELL))
+        while parts > 1 and _squares(places, cell / parts) > _MOST_UNEVEN_CELLS:
+            parts //= 2
+        return cls(np.unique(np.floor(places * parts / cell), axis=0) * cell / parts, cell, parts)
+
+    def touches(self, middles: FloatArray, side: float) -> NDArray[np.bool_]:
+        """True for squares (n, 2) with that side [m] that hold such a place, or nearly."""
+        distance, _ = self._tree.query(middles, distance_upper_bound=0.5 * side + 1.5 * self.cell, p=np.inf)
+        touching: NDArray[np.bool_] = np.isfinite(distance)
+        return touching
+
+
+def _squares(places: FloatArray, side: float) -> int:
+    """Number of squares of that side [m] that hold places (n, 2) [m]."""
+    return len(np.unique(np.floor(places / side), axis=0))
+
+
 def _triangulated(
-    landscape: Landscape, line: Centreline, low: FloatArray, high: FloatArray
+    landscape: Landscape, line: Centreline, low: FloatArray, high: FloatArray, cell: float, uneven: _Uneven | None
 ) -> tuple[FloatArray, FaceArray]:
-    """Nodes (n, 2) [m] up to the horizon, and the triangles between them."""
-    cell = max(_CELL, float((high - low).max() + 2 * _FINE) / _CELLS)
+    """Nodes (n, 2) [m] up to the horizon, and the triangles between them; finest cells are ``cell`` [m] wide."""
     start = low - _HORIZON
     side = _WIDEST  # of square cells, in finest cells; all nodes are whole multiples of these
     nx, ny = np.ceil((high - low + 2 * _HORIZON) / (side * cell)).astype(int)
     cells = side * np.stack(np.meshgrid(np.arange(nx), np.arange(ny)), axis=-1).reshape(-1, 2)
+    finest = cell
+    if uneven is not None:
+        side, cells, cell = side * uneven.parts, cells * uneven.parts, uneven.cell
     corners = []
     while len(cells):
-        split = _too_wide(landscape, line, start + cell * cells, side * cell, cell)
+        split = _too_wide(landscape, line, start + cell * cells, side * cell, finest)
+        if uneven is not None and side > 1:
+            split |= uneven.touches(start + cell * (cells + 0.5 * side), side * cell)
         corners.append((cells[~split, None] + side * _CORNERS).reshape(-1, 2))
         side //= 2
         cells = (cells[split, None] + side * _CORNERS).reshape(-1, 2)

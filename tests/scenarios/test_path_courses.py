@@ -294,7 +294,7 @@ REFUSED = {
     "bank in degrees": ("path.csv", csv(with_column(3.0), "x,y,bank"), "bank = 3 must be within"),
     "wall": ("path.csv", csv(climbing(bend(), 0.5), "x,y,z"), "slope = 0.5"),
     "bridge": ("path.csv", csv(climbing(bend(20.0, 1.6 * math.pi), 0.02), "x,y,z"), "crosses itself"),
-    "unknown ending": ("path.txt", csv(bend()), "must end with .csv, .gpx, .geojson or .json"),
+    "unknown ending": ("path.txt", csv(bend()), "must end with .csv, .gpx, .geojson, .json or .crg"),
     "no XML": ("path.gpx", "x,y\n1,2\n", "not XML: line 1"),
     "cut off": ("path.gpx", gpx(bend())[:700], "not XML"),
     "two tracks": ("path.gpx", gpx(bend()).replace("</trk>", "</trk><trk></trk>"), "has 2 tracks and 0 routes"),

@@ -12,8 +12,10 @@ from vehicle.surface.friction import (
 )
 from vehicle.surface.ground import Surface
 from vehicle.surface.gust import Gust
-from vehicle.surface.relief import RoadRelief
+from vehicle.surface.measured import PROFILE_WAVES, Beyond, MeasuredRoad
+from vehicle.surface.relief import Relief, RoadRelief, SumOfReliefs
 from vehicle.surface.roughness import (
+    PATCH_SPREAD,
     ROAD_CLASSES,
     Potholes,
     Roughness,
@@ -23,18 +25,24 @@ from vehicle.surface.roughness import (
 )
 
 __all__ = [
+    "PATCH_SPREAD",
+    "PROFILE_WAVES",
     "ROAD_CLASSES",
+    "Beyond",
     "Friction",
     "FrictionImage",
     "FrictionMap",
     "Gust",
     "LineFriction",
+    "MeasuredRoad",
     "PatchedFriction",
     "Potholes",
+    "Relief",
     "RoadRelief",
     "RoughProfile",
     "Roughness",
     "SplitFriction",
+    "SumOfReliefs",
     "Surface",
     "circle",
     "displacement_psd",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from vehicle.frames import FloatArray, rotation_zyx, transform
 from vehicle.surface.friction import Friction, check_friction, friction_of
 from vehicle.surface.gust import Gust
-from vehicle.surface.relief import RoadRelief
+from vehicle.surface.relief import Relief
 from vehicle.surface.roughness import Roughness
 
 _APEX_RADIUS = 3.0  # rounding of the cone's tip, so that the slope is continuous there [m]
@@ -32,7 +32,7 @@ class Surface:
     centre: tuple[float, float] | None = None  # [m]
     roughness: Roughness | None = None
     gust: Gust | None = None  # wind across the road
-    relief: RoadRelief | None = None  # heights and banks of a road
+    relief: Relief | None = None  # heights and banks of a road
 
     def __post_init__(self) -> None:
         check_friction("friction", self.friction)

@@ -26,6 +26,7 @@ from scipy.special import erfc
 
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
+from vehicle.surface.measured import MeasuredRoad
 
 _WHEEL_RADIUS = 0.5  # of a truck's wheel, 0.48..0.53 m for 315/70 R 22.5 and 385/65 R 22.5 [m]
 # Sizes are assumed: moderate to severe in terms of road maintenance. Potholes are counted from some 0.15 m on, which a
@@ -129,6 +130,7 @@ class Roughness:
 
     profile: RoughProfile | None = None
     potholes: Potholes | None = None
+    measured: MeasuredRoad | None = None
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Height of the road above the smooth ground [m] at x, y [m], of their common shape."""
@@ -138,9 +140,12 @@ class Roughness:
 
     def waves(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Height without the potholes [m]."""
-        if self.profile is None:
-            return np.zeros(np.broadcast_shapes(np.shape(x), np.shape(y)))
-        return self.profile.height(x, y)
+        if self.measured is None:
+            return (
+                np.zeros(np.broadcast_shapes(x.shape, y.shape)) if self.profile is None else self.profile.height(x, y)
+            )
+        measured = self.measured.height(x, y)
+        return measured if self.profile is None else measured + self.profile.height(x, y)
 
 
 def displacement_psd(road_class: str, n: FloatArray) -> FloatArray:

@@ -1,0 +1,101 @@
+"""Read the measured surface of a road from an OpenCRG file, by the package pyopencrg."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from vehicle.frames import FloatArray
+from vehicle.user_file import FileKind, read_bytes, shown
+
+_MOST_MISSING: Final = 0.5  # share of heights that a file may lack
+_LENGTH: Final = (1.0, 30e3)  # of the grid [m]
+_WIDTH: Final = (0.2, 100.0)  # [m]
+_STEP: Final = (1e-3, 1.0)  # between heights along the road [m]
+_MOST_HEIGHTS: Final = 32_000_000
+_FINEST_ACROSS: Final = 0.01  # of grids that are brought to an even spacing [m]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CrgSurface:
+    """Heights of a road on a grid: u along its reference line, v to the left."""
+
+    heights: FloatArray  # (nu, nv) [m], all finite
+    u_step: float  # [m]
+    v: FloatArray  # (nv,) evenly spaced, rising [m]
+    line: FloatArray  # reference line (nu, 2) in the file's plane [m]
+    missing: float  # share of heights that the file lacked: filled from their neighbours across the road
+
+    @property
+    def length(self) -> float:
+        """Length along the reference line [m]."""
+        return (len(self.heights) - 1) * self.u_step
+
+
+def read_crg(path: Path) -> CrgSurface:
+    """Surface of an OpenCRG file, text or binary, with its slope, banking and modifiers.
+
+    Missing heights (NaN) between others of a cross section are interpolated, those at its edge get the height of the
+    last one, as the file's modifiers say or, if they do not, as OpenCRG's default is. A cross section without any
+    height is copied from the next one.
+
+    Raises:
+        ValueError: one line naming file, value and limit.
+    """
+    if importlib.util.find_spec("pyopencrg") is None:
+        raise ValueError(f"{path}: OpenCRG files need the extra 'roads': pip install 'offtrack[roads]'")
+    if b"$ROAD_CRG_FILE" in read_bytes(path, FileKind.SURFACE)[:65_536].upper():
+        raise ValueError(f"{path}: refers to another file ($ROAD_CRG_FILE): save header and heights as one file")
+    road = _opened(path)
+    v, u_step = np.asarray(road.v, dtype=np.float64), float(road.u_inc)
+    missing = float(np.mean(~np.isfinite(np.asarray(road.z))))
+    _check(path, "share of missing heights", missing, 0.0, _MOST_MISSING, "")
+    _check(path, "length", (road.nu - 1) * u_step, *_LENGTH, " m")
+    _check(path, "width", float(v[-1] - v[0]), *_WIDTH, " m")
+    _check(path, "spacing along the road", u_step, *_STEP, " m")
+    road = road.apply_mods().fill_nan(2)  # what its modifiers leave missing
+    heights = np.asarray(road.z) + np.asarray(road.zr)[:, None] + np.asarray(road.banking)[:, None] * v
+    if not np.isfinite(heights).all():
+        raise ValueError(f"{path}: the slope or banking of its reference line is not a number everywhere")
+    even = _even(v)
+    if even is not v:
+        heights = np.asarray(make_interp_spline(v, heights, k=1, axis=1)(even))
+    line = np.column_stack([road.x, road.y])
+    return CrgSurface(heights=heights, u_step=u_step, v=even, line=line, missing=missing)
+
+
+def _opened(path: Path) -> Any:
+    """The package's road."""
+    import pyopencrg
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the package's remarks on headers, many lines
+            with pyopencrg.open(str(path)) as file:
+                count = int(file.nu * file.nv)
+            if count <= _MOST_HEIGHTS:
+                return pyopencrg.read(str(path), dtype="float32")
+    except Exception as error:  # of any class: the package meets any bytes
+        said = " ".join(str(error).replace(str(path), "it").replace("\n  -", "").split())
+        raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
+    raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
+
+
+def _check(path: Path, name: str, value: float, least: float, most: float, unit: str) -> None:
+    if not least <= value <= most:
+        raise ValueError(f"{path}: {name} = {value:g}{unit} must be between {least:g} and {most:g}{unit}")
+
+
+def _even(v: FloatArray) -> FloatArray:
+    """The positions across the road, or evenly spaced ones as close as the closest of them."""
+    steps = np.diff(v)
+    if np.ptp(steps) <= 1e-6 * (v[-1] - v[0]):
+        return v
+    count = int(np.ceil((v[-1] - v[0]) / max(float(steps.min()), _FINEST_ACROSS))) + 1
+    return np.linspace(v[0], v[-1], count)

@@ -1,0 +1,175 @@
+"""OpenCRG surfaces: read in every format, laid along the course, felt by the wheels and drawn for the cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyopencrg
+import pytest
+
+from scenarios.assembly.adapters import course_of, surface_of
+from scenarios.assembly.measured_ground import measured_ground
+from scenarios.courses import Course
+from scenarios.loop.run import run
+from scenarios.options.scenario import Scenario, load_scenario
+from scenarios.randomness import stream
+from scenarios.roads import crg_file
+from scenarios.roads.crg_file import read_crg
+from scenarios.roads.path_file import read_path
+from sensors.world.ground import Centreline, Landscape, ground_mesh
+from vehicle.combination.description import load_vehicle
+from vehicle.frames import FloatArray
+from vehicle.surface import Surface
+
+U, V = np.arange(0.0, 20.001, 0.05), np.arange(-2.0, 2.001, 0.1)  # [m]
+BUMP: Final = 0.06 * np.exp(-0.5 * ((U - 10.0) / 0.4) ** 2)[:, None] * np.ones_like(V)  # a rounded speed hump [m]
+
+
+def written(path: Path, heights: FloatArray = BUMP, kind: str = "LDFI", **keys: Any) -> Path:
+    """Path of an OpenCRG file with these heights."""
+    pyopencrg.CrgRoad(heights, u_inc=0.05, **{"v": V, **keys}).save(path, fmt=kind)
+    return path
+
+
+def scenario_on(path: Path, *settings: str) -> Scenario:
+    """A lane change on that surface."""
+    return load_scenario("lane-change", (f"surface.crg={path}", "off_tracking=truth", *settings))
+
+
+def laid(path: Path, *settings: str) -> tuple[Surface, Course]:
+    """The ground and course of that lane change."""
+    scenario = scenario_on(path, *settings)
+    course = course_of(scenario, load_vehicle(scenario.vehicle))
+    measured = measured_ground(scenario.surface, course)
+    assert measured is not None
+    return surface_of(scenario, course, stream(1, "surface"), measured.road), course
+
+
+@pytest.mark.parametrize("kind", ["LRFI", "LDFI", "KRBI", "KDBI"])
+def test_all_formats_are_read(tmp_path: Path, kind: str) -> None:
+    """Text and binary, single and double precision."""
+    surface = read_crg(written(tmp_path / "hump.crg", kind=kind))
+    np.testing.assert_allclose(surface.heights, BUMP, atol=1e-6)
+    np.testing.assert_allclose(surface.v, V, atol=1e-6)
+    assert surface.length == pytest.approx(20.0)
+
+
+def test_slope_banking_and_uneven_spacing_are_in_the_heights(tmp_path: Path) -> None:
+    """A plane on positions across the road that lie closer in the wheel tracks."""
+    v = np.array([-2.0, -1.5, -1.2, -1.0, 0.0, 1.0, 1.2, 1.5, 2.0])
+    heights = np.tile(0.01 * v, (len(U), 1))
+    surface = read_crg(written(tmp_path / "plane.crg", heights, v=v, slope=0.03, banking=0.02))
+    assert np.ptp(np.diff(surface.v)) < 1e-12
+    expected = 0.03 * U[:, None] + (0.01 + 0.02) * surface.v
+    np.testing.assert_allclose(surface.heights, expected, atol=1e-6)
+
+
+def test_missing_heights_are_filled_from_beside_and_told(tmp_path: Path) -> None:
+    """A hole, and an edge that the scanner did not see."""
+    heights = np.tile(0.01 * V, (len(U), 1))
+    heights[100:120, 15:20], heights[200:210, :6] = np.nan, np.nan
+    path = written(tmp_path / "holes.crg", heights)
+    surface = read_crg(path)
+    np.testing.assert_allclose(surface.heights[100:120], np.tile(0.01 * V, (20, 1)), atol=1e-6)
+    np.testing.assert_allclose(surface.heights[200:210, :6], 0.01 * V[6], atol=1e-6)
+    scenario = scenario_on(path)
+    measured = measured_ground(scenario.surface, course_of(scenario, load_vehicle(scenario.vehicle)))
+    assert measured is not None
+    missing, narrow = measured.remarks
+    assert missing == "surface.crg: 0.97 % of its heights are missing: filled in from beside"
+    assert narrow.startswith("surface.crg: reaches from -2.00 to +2.00 m across, the road from -4.50 to +4.50 m")
+
+
+def test_it_begins_where_the_guided_point_starts(tmp_path: Path) -> None:
+    """Or as many metres later as the scenario says."""
+    path = written(tmp_path / "hump.crg")
+    for settings, begin in ((), 0.0), (("surface.crg_start=30",), 30.0):
+        surface, course = laid(path, *settings)
+        x = course.path.start.x + begin + np.arange(0.0, 20.0, 0.01)
+        height = surface.height(x, 0.0 * x) + surface.roughness_at(x, 0.0 * x)
+        assert x[np.argmax(height)] - course.path.start.x - begin == pytest.approx(10.0, abs=0.03)
+        assert np.ptp(height) == pytest.approx(0.06, rel=0.03)  # a tyre spans little of it
+
+
+def test_its_own_reference_line_is_a_course(tmp_path: Path) -> None:
+    """A bend of 40 m radius as ``course.file`` and ``surface.crg``."""
+    heading = U[:-1] / 40.0
+    path = written(tmp_path / "bend.crg", heading=heading)
+    places = read_path(path).places
+    middle = np.array([0.0, 40.0])
+    np.testing.assert_allclose(np.linalg.norm(places - middle, axis=1), 40.0, atol=0.03)
+    assert math.dist(places[0], places[1]) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_wheels_and_cameras_meet_the_same_hump(tmp_path: Path) -> None:
+    """Half a hump lifts the wheels of one side; the drawn ground is as high as it, within 5 mm."""
+    path = written(tmp_path / "hump.crg", np.where(V > 0.0, BUMP, 0.0), "KRBI")
+    passed = run(scenario_on(path, "course.exit=20", "speed_kmh=40"), 1)
+    level = run(load_scenario("lane-change", ("off_tracking=truth", "course.exit=20", "speed_kmh=40")), 1)
+    assert passed.outcome == "completed"
+    for unit in "tractor", "semitrailer":
+        by_hump = passed.log[f"roll_{unit}"] - level.log[f"roll_{unit}"]
+        assert by_hump.max() > math.radians(0.3)  # to the right, + about the forward axis
+        assert by_hump.max() > -1.5 * by_hump.min()
+    surface, course = laid(path)
+    low, high = course.centreline.min(axis=0), course.centreline.max(axis=0)
+    landscape = Landscape(np.random.default_rng(0), surface, low, high)
+    line = Centreline(course.centreline, course.road_half_width)
+    mesh = ground_mesh(np.random.default_rng(0), landscape, line, low, high)
+    x, y, z = mesh.vertices.T
+    for side, height in ((1.0, 0.06), (-1.0, 0.0)):
+        near = (np.abs(y - side) < 0.6) & (np.abs(x - course.path.start.x - 10.0) < 0.6)
+        assert near.sum() > 30
+        assert z[near].max() == pytest.approx(height, abs=0.005)
+
+
+BAD: Final[dict[str, tuple[Callable[[Path], object], str]]] = {
+    "empty": (lambda path: path.write_bytes(b""), "not a readable OpenCRG file"),
+    "text": (lambda path: path.write_text("x,y\n1,2\n", encoding="utf-8"), "not a readable OpenCRG file"),
+    "random": (lambda path: path.write_bytes(bytes((7 * k * k) % 256 for k in range(5000))), "not a readable OpenCRG"),
+    "cut header": (lambda path: _cut(path, "LDFI", 200), "not a readable OpenCRG file"),
+    "cut binary": (lambda path: _cut(path, "KRBI", -4000), "not a readable OpenCRG file"),
+    "cut text": (lambda path: _cut(path, "LDFI", -333), "not a readable OpenCRG file"),
+    "missing": (lambda path: written(path, np.where(V > -1.5, np.nan, BUMP)), "share of missing heights = 0.8"),
+    "short": (lambda path: written(path, BUMP[:10]), r"length = 0.45 m must be between 1 and 30000 m"),
+    "narrow": (lambda path: written(path, v=0.001 * V), "increment"),
+    "coarse": (lambda path: pyopencrg.CrgRoad(BUMP, u_inc=5.0, v=V).save(path), "spacing along the road = 5 m"),
+    "millimetres": (lambda path: written(path, 1000.0 * BUMP), "m higher or lower than its mean profile"),
+    "wall": (lambda path: written(path, slope=0.4), "slope = 0.28"),  # of the profile, which ends 20 m on
+    "elsewhere": (lambda path: path.write_bytes(b"$ROAD_CRG_FILE\nother.crg\n$$$$\n"), "refers to another file"),
+}
+
+
+def _cut(path: Path, kind: str, end: int) -> None:
+    written(path, kind=kind)
+    path.write_bytes(path.read_bytes()[:end])
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_file_is_refused_in_one_line(tmp_path: Path, case: str) -> None:
+    """With the key, the file and what is wrong."""
+    write, wanted = BAD[case]
+    path = tmp_path / "bad.crg"
+    write(path)
+    with pytest.raises(ValueError, match=r"^surface\.crg = [^\n]{1,500}$") as refusal:
+        laid(path)
+    assert "bad.crg" in str(refusal.value)
+    assert refusal.match(wanted)
+
+
+def test_a_file_too_large_is_refused_before_its_heights_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(crg_file, "_MOST_HEIGHTS", 1000)
+    with pytest.raises(ValueError, match="has 16441 heights: must be at most 1000"):
+        read_crg(written(tmp_path / "hump.crg"))
+
+
+def test_without_the_package_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"need the extra 'roads': pip install 'offtrack\[roads\]'"):
+        read_crg(tmp_path / "hump.crg")
