@@ -109,5 +109,5 @@ def test_places_of_high_forms_are_found() -> None:
 
 
 def test_a_profile_too_steep_for_a_road_is_refused() -> None:
-    with pytest.raises(ValueError, match="slope = 0.3"):
+    with pytest.raises(ValueError, match=r"slope = 0\.3"):
         _road(np.tile(0.3 * U[:, None], len(V)))
