@@ -3,21 +3,23 @@
 The network was trained in the environment ``TrailerSteering`` and receives the same inputs as there: the newest
 estimate, constant until the next one, and the combination's own sensors. A ``.npz`` file contains
 
-    W0, b0, W1, b1 ...   weights (n_out, n_in) and biases (n_out,), layer by layer, tanh between them
+    W0, b0, W1, b1 ...   weights (n_out, n_in) and biases (n_out,), layer by layer
     mean, scale          (n_features,) subtracted from every feature, and divisor of the difference
     features             (n_features,) their names, in order
+    functions            (2,) between the layers: tanh or relu; of the output: clip or tanh. Not given: tanh and clip
 
-The output of the last layer, clipped to -1 .. 1, is the demanded angle over the actuators' limit.
+The output, within -1 .. 1, is the demanded angle over the actuators' limit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Final, NamedTuple
+from typing import Any, BinaryIO, ClassVar, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered, reachable
@@ -33,6 +35,14 @@ from vehicle.user_file import FileKind, shown
 
 _SHIPPED: Final = resources.files("controllers.trailer_steering") / "networks"
 _LARGEST: Final = 1e9  # number of a network: its outputs cannot overflow then
+_HIDDEN: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
+    "tanh": np.tanh,
+    "relu": lambda values: np.maximum(values, 0.0),
+}
+_OUTPUT: Final[dict[str, Callable[[FloatArray], FloatArray]]] = {
+    "clip": lambda values: np.clip(values, -1.0, 1.0),
+    "tanh": np.tanh,
+}
 AHEAD = (0.25, 0.5, 0.75)  # of the follow distance: points on the path from the follow point to the hitch
 
 
@@ -44,13 +54,15 @@ class Network(NamedTuple):
     mean: FloatArray
     scale: FloatArray
     features: tuple[str, ...]
+    hidden: str = "tanh"  # function between the layers: tanh or relu
+    output: str = "clip"  # function of the output: clip to -1 .. 1, or tanh
 
     def __call__(self, features: FloatArray) -> FloatArray:
         """The action, within -1 .. 1, for features (n_features,), or the actions for rows of them."""
         values = (features - self.mean) / self.scale
         for weights, biases in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            values = np.tanh(values @ weights.T + biases)
-        return np.clip(values @ self.weights[-1].T + self.biases[-1], -1.0, 1.0)
+            values = _HIDDEN[self.hidden](values @ weights.T + biases)
+        return _OUTPUT[self.output](values @ self.weights[-1].T + self.biases[-1])
 
 
 def shipped_networks() -> tuple[str, ...]:
@@ -69,6 +81,8 @@ def load_network(path: Path) -> Network:
     Raises:
         ValueError: one line, if there is none, or its arrays do not fit together.
     """
+    if path.suffix.lower() == ".zip":
+        raise ValueError(f"policy {path}: convert a model of stable-baselines3 first: offtrack convert-policy {path}")
     try:
         arrays = read_arrays(path, FileKind.NETWORK)
     except ValueError as error:
@@ -88,6 +102,7 @@ def load_network(path: Path) -> Network:
         arrays["mean"].astype(np.float64),
         arrays["scale"].astype(np.float64),
         tuple(str(name) for name in arrays["features"]),
+        *_functions(path, arrays),
     )
     _check(network, path)
     return network
@@ -97,7 +112,10 @@ def save_network(network: Network, path: Path | BinaryIO) -> None:
     """Write a file for ``load_network``."""
     layers = {f"W{k}": weights for k, weights in enumerate(network.weights)}
     layers |= {f"b{k}": biases for k, biases in enumerate(network.biases)}
-    np.savez(path, mean=network.mean, scale=network.scale, features=np.array(network.features), **layers)  # type: ignore[arg-type]  # its stubs take the layers for allow_pickle
+    words = {"features": np.array(network.features)}
+    if (network.hidden, network.output) != ("tanh", "clip"):
+        words["functions"] = np.array([network.hidden, network.output])
+    np.savez(path, mean=network.mean, scale=network.scale, **words, **layers)  # type: ignore[arg-type]  # its stubs take the layers for allow_pickle
 
 
 class PolicyMemory(NamedTuple):
@@ -194,6 +212,18 @@ def feature_names(n_steered: int, units: Sequence[str]) -> tuple[str, ...]:
         *(f"yaw_rate_{name}" for name in units),
         "follow_distance",
     )
+
+
+def _functions(path: Path, arrays: Mapping[str, NDArray[Any]]) -> tuple[str, str]:
+    """Functions between the layers and of the output."""
+    if "functions" not in arrays:
+        return "tanh", "clip"
+    hidden, output, *more = (*(str(name) for name in np.ravel(arrays["functions"])[:3]), "", "")
+    if hidden not in _HIDDEN or output not in _OUTPUT or any(more):
+        raise ValueError(
+            f"policy {path}: functions must be one of {', '.join(_HIDDEN)} and one of {', '.join(_OUTPUT)}"
+        )
+    return hidden, output
 
 
 def _check(network: Network, path: Path) -> None:

@@ -112,6 +112,43 @@ def train(
         _print(result, scores, network)
 
 
+CONVERT_EXAMPLES = (
+    "Example: offtrack convert-policy model.zip --out policy.npz   Then: "
+    "offtrack run roundabout --set trailer_steering=policy --set policy.path=policy.npz"
+)
+
+
+def convert_policy(
+    model: Annotated[Path, typer.Argument(help="File that a model's save() wrote: PPO, A2C, SAC, TD3 or DDPG.")],
+    vehicle: Annotated[
+        str, typer.Option(help="Name of the vehicle, or its TOML file, that the model was trained with.")
+    ] = "uk_longer_semitrailer",
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; it must not exist yet.", show_default="MODEL with .npz")
+    ] = None,
+) -> None:
+    """Convert a model of stable-baselines3 for trailer_steering=policy.
+
+    The model must have been trained in offtrack/TrailerSteering-v0 with an MlpPolicy, without wrappers that change
+    observations or actions. Its mean action becomes the steering law. Pickled objects in the file are not loaded. Needs
+    the extra rl.
+    """
+    with one_line_errors():
+        _check_extra()
+        from controllers.trailer_steering.policy import save_network
+        from scenarios.results.files import check_new_file, replacing
+        from scenarios.training.saved_model import saved_network
+        from vehicle.combination.description import load_vehicle
+
+        written = out or model.with_suffix(".npz")
+        check_new_file(written)
+        network = saved_network(model, load_vehicle(vehicle))
+        with replacing(written) as unfinished, unfinished.open("wb") as file:
+            save_network(network, file)
+        layers = " x ".join(str(len(biases)) for biases in network.biases)
+        typer.echo(f"{written}: {len(network.features)} inputs, layers of {layers}, {network.hidden}")
+
+
 def _check_extra() -> None:
     """Check that the learner is installed.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from scenarios.environments.moment import Moment
 from vehicle.frames import FloatArray
 
 Reward = Callable[[Moment], FloatArray]  # (n,)
+M = TypeVar("M", bound=tuple[Any, ...])  # a moment of trailers or rovers; its first field is (n,)
 
 _MAX_ERROR = 3.0  # larger distances from the path cost no more: the trailer is off the road [m]
 _KERB = 0.5  # free space to either side: a lane of 3.5 m and a trailer of 2.55 m [m]
@@ -50,13 +51,13 @@ def steer_effort(moment: Moment) -> FloatArray:
     return -effort
 
 
-def weighted(parts: Mapping[Reward, float]) -> Reward:
+def weighted(parts: Mapping[Callable[[M], FloatArray], float]) -> Callable[[M], FloatArray]:
     """Weighted sum of parts."""
     return partial(_sum, tuple(parts.items()))
 
 
-def _sum(terms: tuple[tuple[Reward, float], ...], moment: Moment) -> FloatArray:
-    total = np.zeros(len(moment.off_tracking))
+def _sum(terms: tuple[tuple[Callable[[M], FloatArray], float], ...], moment: M) -> FloatArray:
+    total = np.zeros(len(moment[0]))
     for part, weight in terms:
         total += weight * part(moment)
     return total

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from pydantic.dataclasses import dataclass
@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass
 from scenarios.environments.checks import CHECKED
 from scenarios.environments.domain import Range, drawn_within
 from scenarios.environments.observations import ObservationKind
+from scenarios.environments.rover_rewards import RoverReward
 from scenarios.environments.sensed_rover import check_slip_sensing
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario
@@ -59,6 +60,7 @@ class RoverSteeringOptions:
     )
     image_scale: int = 1  # factor that reduces images, for ``camera``
     domain: RoverDomain = dataclasses.field(default_factory=RoverDomain)
+    reward: Mapping[RoverReward, float] | None = None  # None: ``rover_rewards.USUAL``
     engine: Engine = "auto"
 
     def soil_names(self) -> tuple[str, ...]:

@@ -29,8 +29,9 @@ Observation, ``Box((11,))`` in SI units, each clipped to its limit; ``core.featu
 
 Sand needs no renderer: a reset takes a second and a frame some tens of milliseconds, one rover after the other.
 
-Reward of a step: minus the squared cross-track error [dm2], 0.1 of the squared relative speed deficit and 0.01 of the
-squared difference of the sides' demands; -100 once at a mishap.
+Reward of a step: ``rover_rewards.USUAL``, minus the squared cross-track error [dm2], 0.1 of the squared relative speed
+deficit and 0.01 of the squared difference of the sides' demands; ``rover_rewards.MISHAP`` once at a mishap.
+``reward={part: weight}`` replaces it.
 
 Start: at rest on the path, wheels turning for the set speed; 0.5 m straight, then an arc, 7 m in total. Slopes, speed,
 curvature, sensor error and soil are drawn from the episode's seed, or set: ``reset(options={"cross_fall": 0.08})``.
@@ -53,13 +54,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from controllers.path import Path, arc, line
+from scenarios.environments import rover_rewards
 from scenarios.environments.core import Info, Lanes, Observation, Result, observation_space, within
 from scenarios.environments.domain import narrowed
 from scenarios.environments.images import ImageObservation
 from scenarios.environments.picture import side_by_side
+from scenarios.environments.rewards import weighted
 from scenarios.environments.rover_features import FEATURES, IMAGE_FEATURES, SLIP
 from scenarios.environments.rover_options import FIRM, LIMITS, RoverDomain, RoverSteeringOptions
 from scenarios.environments.rover_picture import rover_picture
+from scenarios.environments.rover_rewards import RoverMoment
 from scenarios.environments.sensed_rover import SensedRover
 from scenarios.report.canvas import Picture
 from sensors.sand.rig import nominal_rig
@@ -82,7 +86,6 @@ _MAX_CROSS_TRACK: Final = 1.0  # nearly two lengths of the rover [m]
 _PREVIEW: Final = 0.5  # ahead on the path, as in a driver's law [m]
 _TIME_LIMIT: Final = 2.0  # of an episode, relative to its path at set speed
 _SLIP_NOISE: Final = math.radians(1.4)  # of a slip angle from a wheel's trace, RMS (Reina 2008, conclusion)
-_MISHAP: Final = -100.0
 _SEEDS: Final = 2**31
 
 
@@ -126,6 +129,7 @@ class RoverSteering:
         self._names = options.soil_names()
         self._soils: list[Soil | None] = [None if name == FIRM else load_soil(name) for name in self._names]
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self._reward = weighted(rover_rewards.USUAL if options.reward is None else options.reward)
         self._scenario = options.scenario(_STEP)
         self.features = IMAGE_FEATURES if options.observation == "camera" else FEATURES
         self._space = observation_space(self.features)
@@ -150,11 +154,20 @@ class RoverSteering:
 
     def step(self, actions: NDArray[np.float32]) -> Result:
         """Advance all episodes by 0.1 s."""
+        before = np.array([episode.station for episode in self._episodes])
         results = [self._stepped(episode, action) for episode, action in zip(self._episodes, actions, strict=True)]
-        reward, ended, cut, outcome = zip(*results, strict=True)
+        ended, cut, outcome = zip(*results, strict=True)
         outcomes = np.empty(self.n, dtype=object)
         outcomes[:] = outcome
-        return Result(np.array(reward), np.array(ended), np.array(cut), outcomes)
+        with np.errstate(invalid="ignore"):  # where the physics diverged
+            reward = self._reward(self._moment(before, np.clip(actions.astype(np.float64), -1.0, 1.0)))
+        finite = np.array([episode.finite for episode in self._episodes])
+        return Result(
+            np.where(finite, reward, 0.0) + rover_rewards.MISHAP * np.array(ended),
+            np.array(ended),
+            np.array(cut),
+            outcomes,
+        )
 
     def observe(self) -> Observation:
         """Observation of all episodes."""
@@ -215,10 +228,26 @@ class RoverSteering:
             sensed.look(truth)
         return _Episode(plant, state, truth, path, speed, noise, sensed, rng)
 
-    def _stepped(self, episode: _Episode, action: NDArray[np.float32]) -> tuple[float, bool, bool, str]:
-        """Reward, terminated, truncated and outcome of a control step."""
+    def _moment(self, before: FloatArray, actions: FloatArray) -> RoverMoment:
+        """Moment after a step from the stations ``before`` (n,) [m] with these actions (n, 2)."""
+        episodes = self._episodes
+        headings = [wrap(float(e.truth.pose[2]) - e.path.pose(e.station).psi) for e in episodes]
+        return RoverMoment(
+            cross_track=np.array([e.cross_track for e in episodes]),
+            heading_error=np.array(headings),
+            slip_angle=np.array([e.truth.slip_angle for e in episodes]),
+            yaw_rate=np.array([float(e.truth.velocity[2]) for e in episodes]),
+            progress=(np.array([e.station for e in episodes]) - before) / _PERIOD,
+            speed=np.array([e.speed for e in episodes]),
+            demand_left=actions[:, 0],
+            demand_right=actions[:, 1],
+            sinkage=np.array([float(np.max(e.truth.sinkages)) for e in episodes]),
+        )
+
+    def _stepped(self, episode: _Episode, action: NDArray[np.float32]) -> tuple[bool, bool, str]:
+        """Terminated, truncated and outcome of a control step."""
         if not episode.finite:
-            return _MISHAP, True, False, "diverged"
+            return True, False, "diverged"
         fastest = _MAX_WHEEL_SPEED * episode.speed / self._rover.radius
         left, right = (fastest * max(-1.0, min(1.0, float(a))) for a in action)
         speeds = tuple(left if is_left else right for is_left in self._left)
@@ -227,10 +256,9 @@ class RoverSteering:
             self._drive(episode, command)
         except DivergedError:
             episode.finite = False
-            return _MISHAP, True, False, "diverged"
-        before = episode.station
+            return True, False, "diverged"
         self._look(episode)
-        return self._judged(episode, (episode.station - before) / _PERIOD, (left - right) / fastest)
+        return self._judged(episode)
 
     def _drive(self, episode: _Episode, command: RoverCommand) -> None:
         """Advance the plant by a control step."""
@@ -256,17 +284,15 @@ class RoverSteering:
             episode.sensed.look(truth)
             episode.slip_estimate = episode.sensed.slip_angle
 
-    def _judged(self, episode: _Episode, progress: float, turn: float) -> tuple[float, bool, bool, str]:
-        slow = 1.0 - progress / episode.speed
-        reward = -((episode.cross_track / 0.1) ** 2) - 0.1 * slow**2 - 0.01 * turn**2
+    def _judged(self, episode: _Episode) -> tuple[bool, bool, str]:
         if episode.plant.entrapped(episode.truth):
-            return reward + _MISHAP, True, False, "entrapped"
+            return True, False, "entrapped"
         if abs(episode.cross_track) > _MAX_CROSS_TRACK:
-            return reward + _MISHAP, True, False, "left the path"
+            return True, False, "left the path"
         if episode.station >= episode.path.length:
-            return reward, False, True, "completed"
+            return False, True, "completed"
         late = episode.elapsed > _TIME_LIMIT * episode.path.length / episode.speed
-        return reward, False, late, "timed out" if late else ""
+        return False, late, "timed out" if late else ""
 
     def _features(self, episode: _Episode) -> list[float]:
         truth, path = episode.truth, episode.path

@@ -94,6 +94,19 @@ def test_a_network_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert read(x) == pytest.approx(np.clip(deep.weights[1] @ hidden, -1.0, 1.0), rel=1e-12)
 
 
+def test_rectified_layers_and_a_smooth_limit_are_kept(tmp_path: Path) -> None:
+    """Functions other than the usual ones are in the file; unknown ones are refused."""
+    rng, n = np.random.default_rng(1), len(NAMES)
+    weights = (rng.normal(size=(4, n)), rng.normal(size=(2, 4)))
+    network = Network(weights, (np.zeros(4), np.zeros(2)), np.zeros(n), np.ones(n), NAMES, "relu", "tanh")
+    save_network(network, tmp_path / "relu.npz")
+    read, x = load_network(tmp_path / "relu.npz"), rng.normal(size=n)
+    assert read(x) == pytest.approx(np.tanh(weights[1] @ np.maximum(weights[0] @ x, 0.0)), rel=1e-12)
+    save_network(network._replace(hidden="sin"), tmp_path / "sin.npz")
+    with pytest.raises(ValueError, match="functions must be one of tanh, relu and one of clip, tanh"):
+        load_network(tmp_path / "sin.npz")
+
+
 def broken(**change: Any) -> Network:
     """The linear network with something wrong."""
     return LINEAR._replace(**change)
@@ -120,7 +133,8 @@ def test_a_file_that_is_no_network_is_refused_in_one_line(tmp_path: Path) -> Non
     """One that is not there, and one of something else."""
     (tmp_path / "text.npz").write_text("not one")
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
-    for name, words in (("none.npz", "cannot be read"), ("text.npz", "cannot be read"), ("other.npz", "has no mean")):
+    cases = ("none.npz", "cannot be read"), ("text.npz", "cannot be read"), ("other.npz", "has no mean")
+    for name, words in (*cases, ("model.zip", "offtrack convert-policy")):
         with pytest.raises(ValueError, match=words):
             load_network(tmp_path / name)
 

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 
 import scenarios.gym_env  # noqa: F401  # registers the environments
+from scenarios.environments import rover_rewards
+from scenarios.environments.rover_rewards import RoverMoment
+from vehicle.frames import FloatArray
 
 LEVEL = {"cross_fall": 0.0, "grade": 0.0, "curvature": 0.0, "speed": 0.1, "sensor_error": 1.0}
 AHEAD = np.array([0.5, 0.5], dtype=np.float32)  # half of twice the set speed
@@ -34,6 +37,28 @@ def test_straight_ahead_on_level_ground_completes_the_path() -> None:
     assert info["outcome"] == "completed"
     assert info["cross_track_max_m"] < 1e-3
     assert len(told) == pytest.approx(7.0 / 0.1 / 0.1, rel=0.05)  # steps of 0.1 s; firm ground slips little
+
+
+def test_the_reward_is_the_sum_of_its_parts_and_can_be_ones_own() -> None:
+    """The usual one as documented, and one function of the rover's moment alone."""
+
+    def rewarded(**options: Any) -> tuple[float, dict[str, Any]]:
+        env = gymnasium.make("offtrack/RoverSteering-v0", observation="truth", **options)
+        env.reset(seed=1, options={**LEVEL, "soil": "none", "cross_fall": 0.1})
+        for _ in range(20):
+            _, reward, _, _, info = env.step(np.array([0.4, 0.5], dtype=np.float32))
+        return float(reward), info
+
+    def left_of_path(moment: RoverMoment) -> FloatArray:
+        assert moment.demand_right[0] - moment.demand_left[0] == pytest.approx(0.1, abs=1e-6)
+        return moment.cross_track
+
+    usual, info = rewarded()
+    slowness, _ = rewarded(reward={rover_rewards.slowness: 1.0})
+    own, _ = rewarded(reward={left_of_path: 2.0})
+    assert own == pytest.approx(2.0 * info["cross_track"], rel=1e-6)
+    assert usual == pytest.approx(-((info["cross_track"] / 0.1) ** 2) + 0.1 * slowness - 0.01 * 0.1**2, rel=1e-5)
+    assert -0.2 < slowness < 0.0
 
 
 def test_a_side_slope_of_sand_pulls_the_rover_down() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import zipfile
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -14,9 +16,12 @@ from scenarios.environments.moment import Moment
 
 pytest.importorskip("stable_baselines3", reason="the extra rl is not installed: pip install 'offtrack[rl]'")
 
+from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.env_checker import check_env
 
 from scenarios.environments.sb3 import Sb3VecEnv, sb3_vector
+from scenarios.training.saved_model import saved_network
+from vehicle.combination.description import load_vehicle
 
 NAMES = list(scenarios.gym_env.CORES)
 
@@ -91,3 +96,32 @@ def test_it_is_one_object() -> None:
         env.set_attr("num_envs", 1, indices=[0])
     with pytest.raises(ValueError, match="SAME_STEP"):
         Sb3VecEnv(scenarios.gym_env.vector("TrailerSteering-v0", 2))
+
+
+@pytest.mark.parametrize("make", [PPO, A2C, SAC, TD3])
+def test_a_saved_model_becomes_a_law(make: Any, tmp_path: Path) -> None:
+    """Its network gives the model's own mean actions; what does not fit is refused in one line."""
+    env = sb3_vector("TrailerSteering-v0", 2, action_repeat=4)
+    few = {"learning_starts": 4, "buffer_size": 100} if make in (SAC, TD3) else {"n_steps": 8}
+    if make is PPO:
+        few["batch_size"] = 16
+    model = make("MlpPolicy", env, policy_kwargs={"net_arch": [16, 8]}, **few)
+    model.learn(16)
+    model.save(tmp_path / "model")
+    seen = features(env.reset())
+    network = saved_network(tmp_path / "model.zip", load_vehicle("uk_longer_semitrailer"))
+    assert network(seen.astype(np.float64)) == pytest.approx(model.predict(seen, deterministic=True)[0], abs=1e-5)
+    with pytest.raises(ValueError, match="has 18 inputs, offtrack/TrailerSteering-v0 gives 20 for this vehicle"):
+        saved_network(tmp_path / "model.zip", load_vehicle("a_double"))
+
+
+def test_other_files_are_no_models(tmp_path: Path) -> None:
+    """An archive of something else, and a model whose weights are damaged."""
+    with zipfile.ZipFile(tmp_path / "other.zip", "w") as archive:
+        archive.writestr("data", "{}")
+    with zipfile.ZipFile(tmp_path / "damaged.zip", "w") as archive:
+        archive.writestr("data", "{}")
+        archive.writestr("policy.pth", b"no archive")
+    for name, words in (("other", "it holds no 'policy.pth'"), ("damaged", "cannot be read")):
+        with pytest.raises(ValueError, match=words):
+            saved_network(tmp_path / f"{name}.zip", load_vehicle("uk_longer_semitrailer"))
