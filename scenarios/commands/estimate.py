@@ -25,8 +25,7 @@ from scenarios.commands.console import (
 from scenarios.interrupts import postponed_interrupts
 
 if TYPE_CHECKING:
-    from estimators.context import OffTrackingSource
-    from scenarios.recordings.stereo_reader import Recording
+    pass
 
 app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.")
 
@@ -104,6 +103,19 @@ def off_tracking(
             "watched, and degrades the estimates.",
         ),
     ] = True,
+    estimator: Annotated[
+        str, typer.Option(help="Off-tracking estimator: viso_ot, or package.module:Name of your own.")
+    ] = "viso_ot",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Option of the estimator, such as estimator.smoothing=true."),
+    ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            help="Vehicle whose data sheet an estimator of your own receives.", show_default="uk_longer_semitrailer"
+        ),
+    ] = None,
     agreement: Annotated[
         bool,
         typer.Option(
@@ -126,10 +138,12 @@ def off_tracking(
     options, else from rig.toml; otherwise it is assumed, and the assumptions are reported.
     """
     from scenarios.catalogue import ODOMETRY, resolve
+    from scenarios.options.scenario import estimator_options
     from scenarios.recordings.agreement import agreement_numbers
     from scenarios.recordings.estimation import estimate
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.off_tracking_files import write_estimation
+    from scenarios.recordings.off_tracking_source import Chosen, off_tracking_source
     from scenarios.recordings.stereo_reader import open_recording
     from scenarios.results.run_directory import results_directory
 
@@ -146,7 +160,16 @@ def off_tracking(
             z=camera_height,
         )
         recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
-        name, source = _source(recording, odometry, self_calibration=self_calibration)
+        chosen = Chosen(
+            estimator=estimator,
+            self_calibration=self_calibration,
+            vehicle=vehicle,
+            options=estimator_options(settings or ()),
+        )
+        if odometry is not None:
+            chosen = chosen._replace(odometry=odometry)
+        source, recording = off_tracking_source(recording, chosen)
+        name = chosen.odometry
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             estimation = estimate(recording, source, checked(progress_bar(display, "off-tracking")))
             compared = agreement_numbers(estimation, resolve("--odometry", name, ODOMETRY)) if agreement else None
@@ -154,6 +177,7 @@ def off_tracking(
                 estimation,
                 name,
                 results,
+                estimator=estimator,
                 video=video and estimation.outcome == "completed",
                 agreement=compared,
                 progress=checked(progress_bar(display, "video")),
@@ -212,27 +236,6 @@ def slip(
                 progress=checked(progress_bar(display, "video")),
             )
     _finish(numbers, results, _SLIP_GROUPS, quiet=quiet, as_json=as_json)
-
-
-def _source(recording: Recording, odometry: str | None, *, self_calibration: bool) -> tuple[str, OffTrackingSource]:
-    """Estimator with an odometry of this name, and the name."""
-    from estimators.calibration.self_calibration import SelfCalibratedOdometry
-    from scenarios.catalogue import ODOMETRY, OFF_TRACKING, constructed, resolve
-    from scenarios.options.scenario import Scenario
-
-    name = odometry or str(Scenario.model_fields["odometry"].default)
-    kind = resolve("--odometry", name, ODOMETRY)
-    motions = constructed("--odometry", name, lambda: kind(recording.calibration))
-    motions = SelfCalibratedOdometry(recording.calibration, motions, correcting=self_calibration)
-    estimator = resolve("off_tracking", "viso_ot", OFF_TRACKING)
-    source: OffTrackingSource = estimator(
-        recording.calibration,
-        recording.follow_distance,
-        motions,
-        path_height=recording.roll_axis_height,
-        direction_std=recording.direction_std,
-    )
-    return name, source
 
 
 def _finish(numbers: dict[str, Any], directory: Path, groups: tuple[str, ...], *, quiet: bool, as_json: bool) -> None:

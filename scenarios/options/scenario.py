@@ -196,6 +196,22 @@ def _read(name_or_path: str) -> Table:
     return with_neighbours(read_toml(Path(name_or_path), FileKind.SCENARIO), Path(name_or_path).parent)
 
 
+def estimator_options(settings: Sequence[str]) -> dict[str, Parameter]:
+    """Options of an estimator from settings ``estimator.NAME=VALUE``, by name.
+
+    Raises:
+        ValueError: one line, if a setting has another form.
+    """
+    table: Table = {}
+    for setting in settings:
+        _apply(table, setting)
+    for key, value in table.items():
+        if key != "estimator" or not isinstance(value, dict):
+            raise ValueError(f"--set {shown(key)}: expected estimator.NAME=VALUE, for example estimator.smoothing=true")
+    options: dict[str, Parameter] = table.get("estimator", {})
+    return options
+
+
 def _comes_first(setting: str) -> bool:
     return setting.partition("=")[0].strip() == _COURSE_KIND  # it clears the keys of the kind before
 

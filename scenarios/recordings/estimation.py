@@ -49,6 +49,11 @@ class Estimation:
     odometry_s: float
 
     @property
+    def states_motions(self) -> bool:
+        """True if the estimator stated motions of the cameras."""
+        return any(frame.motion for frame in self.frames)
+
+    @property
     def X_S0S(self) -> FloatArray:
         """Poses (n, 4, 4) of the trailer relative to the first frame, by the odometry."""
         return body_poses(self.recording, self.X_C0C)
@@ -98,6 +103,8 @@ def estimate(recording: Recording, source: OffTrackingSource, progress: Progress
 def _frame(files: FrameFiles, result: Any) -> FrameEstimate:
     if result is None:
         return FrameEstimate(files=files)
+    if isinstance(result, OffTracking):  # of the user's own estimator
+        return FrameEstimate(files=files, off_tracking=result)
     return FrameEstimate(files=files, off_tracking=result.off_tracking, motion=result.motion)
 
 

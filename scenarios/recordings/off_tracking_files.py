@@ -21,6 +21,7 @@ def write_estimation(
     directory: Path,
     *,
     video: bool,
+    estimator: str = "viso_ot",
     agreement: dict[str, float | None] | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
@@ -38,12 +39,13 @@ def write_estimation(
     from scenarios.recordings.summary import summary
 
     log = estimate_log(estimation)
-    numbers = {**summary(estimation, log, odometry), "agreement": agreement or {}}
+    numbers = {**summary(estimation, log, odometry), "estimator": estimator, "agreement": agreement or {}}
     with appearing_at_once(directory) as folder:
         used = [k for k, frame in enumerate(estimation.frames) if not frame.dropped]
         times = [estimation.frames[k].files.time for k in used]
-        (folder / "trajectory_tum.txt").write_text(tum_text(times, estimation.X_C0C[used]), encoding="utf-8")
-        (folder / "trajectory_kitti.txt").write_text(kitti_text(estimation.X_C0C), encoding="utf-8")
+        if estimation.states_motions or not estimation.frames:
+            (folder / "trajectory_tum.txt").write_text(tum_text(times, estimation.X_C0C[used]), encoding="utf-8")
+            (folder / "trajectory_kitti.txt").write_text(kitti_text(estimation.X_C0C), encoding="utf-8")
         (folder / "off_tracking.csv").write_text(csv_text(log), encoding="utf-8")
         write_log(log, folder / "off_tracking.parquet")
         (folder / "report.html").write_text(report_page(estimation, log, numbers), encoding="utf-8")
@@ -52,7 +54,12 @@ def write_estimation(
                 write_video(estimation, log, folder / "video", progress=progress)
             except KeyboardInterrupt:
                 numbers["outcome"] = "interrupted"
-        manifest = {"recording": numbers["recording"], "odometry": odometry, "versions": versions()}
+        manifest = {
+            "recording": numbers["recording"],
+            "estimator": estimator,
+            "odometry": odometry,
+            "versions": versions(),
+        }
         (folder / "summary.json").write_text(json.dumps(numbers, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (folder / "manifest.json").write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
         if numbers["outcome"] == "interrupted":

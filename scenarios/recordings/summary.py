@@ -36,8 +36,15 @@ def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
         "dropped_frames": [{"frame": k, "reason": f.dropped} for k, f in enumerate(estimation.frames) if f.dropped],
         "warnings": list(warnings(estimation)),
         "assumed": list(recording.assumed),
-        "notes": list(recording.notes),
+        "notes": [*recording.notes, *_no_motions(estimation)],
     }
+
+
+def _no_motions(estimation: Estimation) -> list[str]:
+    """A note on estimates without motions of the cameras."""
+    if estimation.states_motions or not any(frame.off_tracking for frame in estimation.frames):
+        return []
+    return ["the estimator states no motions of the cameras: there is no trajectory"]
 
 
 def warnings(estimation: Estimation) -> tuple[str, ...]:

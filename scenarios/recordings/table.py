@@ -71,10 +71,12 @@ def estimate_log(estimation: Estimation) -> Log:
 
 
 def _estimated(frame: FrameEstimate) -> tuple[float, ...]:
-    if frame.off_tracking is None or frame.motion is None:
-        return (math.nan,) * 6
     e, motion = frame.off_tracking, frame.motion
+    if e is None:
+        return (math.nan,) * 6
     value, std = (math.nan, math.nan) if e.health is Health.LOST else (e.value, e.std)
+    if motion is None:
+        return (value, std, HEALTH[e.health], math.nan, math.nan, math.nan)
     return (value, std, HEALTH[e.health], motion.matches, motion.inliers, HEALTH[motion.health])
 
 

@@ -17,7 +17,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner, Result
 
-from estimators.estimates import Health, Motion
+from estimators.context import TrailerContext
+from estimators.estimates import Health, Motion, OffTracking
 from scenarios.commands.estimate import app
 from scenarios.recordings import images
 from scenarios.recordings.recording_video import Composition
@@ -28,6 +29,7 @@ from scenarios.results.metrics import true_off_tracking
 from sensors.camera.rig import StereoCalibration, StereoRig
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray, inverse, rotation_zyx, transform
+from vehicle.option import Option, option_values
 
 RIG = StereoRig(facing="rear", width=160, height=96, hfov=math.radians(100), x=-10.0, y=0.0, z=3.0, baseline=0.5)
 FOLLOW = 10.0  # [m]
@@ -113,6 +115,42 @@ class LosingOracle(Oracle):
     lost = (40, 41)
 
 
+class HeldValue:
+    """An off-tracking estimator that knows no motions: every second estimate is the constant of its option."""
+
+    sensor = "stereo_camera"
+    options = (Option("value", 0.1, "off-tracking", "m", low=-1.0, high=1.0),)
+
+    def __init__(self, value: float, follow_distance: float) -> None:
+        self.value, self.follow_distance = value, follow_distance
+
+    @classmethod
+    def of(cls, context: TrailerContext) -> HeldValue:
+        assert context.roll_axis_height == 0.0
+        assert context.odometry is not None
+        return cls(float(option_values(cls.options, context.options, "estimator")["value"]), context.follow_distance)
+
+    def init(self) -> int:
+        return 0
+
+    def step(self, memory: int, frame: StereoFrame) -> tuple[int, OffTracking | None]:
+        if self.value < 0.0:
+            raise RuntimeError("no such off-tracking")
+        if memory % 2 == 0:
+            return memory + 1, None
+        still = {"path_tangent": 0.0, "hitch_direction": 0.0, "hitch_direction_rate": 0.0}
+        moving = {"v_x": 5.0, "v_y": 0.0, "yaw_rate": 0.0}
+        path = np.array([[0.0, 0.0], [-self.follow_distance, self.value]])
+        told = OffTracking(tick=frame.tick, value=self.value, std=0.01, health=Health.OK, path=path, **still, **moving)
+        return memory + 1, told
+
+
+class OfPoses(HeldValue):
+    """An estimator that a recording has nothing for."""
+
+    sensor = "reference_pose"
+
+
 @pytest.fixture(autouse=True)
 def importable(monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes this file importable by a name, as a user's own module is."""
@@ -186,6 +224,36 @@ def test_trajectories_are_those_of_the_camera(yard: Path) -> None:
     np.testing.assert_allclose(tum[:, 0], np.loadtxt(yard / "times.txt"))
     np.testing.assert_allclose(tum[:, 1:4], poses.reshape(-1, 3, 4)[:, :, 3], atol=1e-8)
     np.testing.assert_allclose(np.linalg.norm(tum[:, 4:], axis=1), 1.0, atol=1e-8)
+
+
+def test_an_estimator_of_ones_own_works_on_a_recording(yard: Path) -> None:
+    """Its options come from ``--set``; what it was given of the trailer is said; nothing is made up for motions."""
+    told = numbers(yard, "--no-video", "--estimator", "oracles:HeldValue", "--set", "estimator.value=0.25")
+    assert told["estimator"] == "oracles:HeldValue"
+    assert told["off_tracking"]["max_m"] == 0.25
+    assert "data sheet for the estimator: uk_longer_semitrailer (--vehicle)" in told["assumed"]
+    assert told["notes"][-1] == "the estimator states no motions of the cameras: there is no trajectory"
+    assert {row["off_tracking_m"] for row in rows()} == {"", "0.250000"}
+    assert {path.name for path in Path("out").iterdir()} == WRITTEN - {"trajectory_kitti.txt", "trajectory_tum.txt"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["oracles:HeldValue", "--set", "estimator.value=7"], "estimator.value = 7"),
+        (["oracles:HeldValue", "--set", "value=0.2"], "expected estimator.NAME=VALUE"),
+        (["oracles:HeldValue", "--set", "estimator.size=1"], "size"),
+        (["oracles:HeldValue", "--vehicle", "gb_rigid"], "gb_rigid"),
+        (["oracles:OfPoses"], "needs the sensor reference_pose: a recording holds the images of a stereo camera only"),
+        (["oracles:HeldValue", "--set", "estimator.value=-0.5"], "test_estimate.py, line "),
+    ],
+)
+def test_an_estimator_that_does_not_fit_is_refused_in_one_line(yard: Path, arguments: list[str], says: str) -> None:
+    result = estimated(yard, "--no-video", "--out", "out", "--estimator", *arguments)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert says in line
+    assert not Path("out").exists()
 
 
 def test_drift_is_compared_with_the_poses(yard: Path) -> None:
