@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from sensors.messages import CombinationSignals, StereoFrame, TrailerView
@@ -38,6 +39,14 @@ class TrailerViewSensor(Generic[TruthT]):
 
     def sample(self, truth: TruthT) -> TrailerView | None:
         """View at this tick; None if no frame is due."""
+        rest = self.begin(truth)
+        return None if rest is None else rest()
+
+    def begin(self, truth: TruthT) -> Callable[[], TrailerView] | None:
+        """Collect the signals of this tick; the returned function takes the frame, also in another thread.
+
+        None if no frame is due.
+        """
         if self._readings.due(truth.tick):
             reading = self._signals.sample(truth)
             self._waiting += () if reading is None else (reading,)
@@ -46,4 +55,4 @@ class TrailerViewSensor(Generic[TruthT]):
         known = truth.tick + self._frames.latency - self._readings.latency  # newest reading when the frame is processed
         arrived = tuple(reading for reading in self._waiting if reading.tick <= known)
         self._waiting = self._waiting[len(arrived) :]
-        return TrailerView(tick=truth.tick, frame=self._camera.sample(truth), signals=arrived)
+        return lambda: TrailerView(tick=truth.tick, frame=self._camera.sample(truth), signals=arrived)

@@ -16,6 +16,7 @@ from scenarios.commands.console import (
     PlainConsole,
     Quiet,
     ScenarioName,
+    check_number,
     debugging,
     one_line_errors,
     progress_bar,
@@ -32,6 +33,7 @@ EXAMPLES = (
     "offtrack run roundabout --set traffic=following --set faults=dropout:0.1   "
     "offtrack run roundabout --set rig.calibration=boards --set rig.self_calibration=true   "
     "offtrack run roundabout --set odometry=viso2 --set viso_ot.smoothing=true (a Kalman filter of the motions)   "
+    "offtrack run roundabout --paced --speed 0.5   "
     "offtrack run rover-slope --set slip_compensation=none"
 )
 
@@ -57,6 +59,13 @@ def run(
         ),
     ] = None,
     video: Annotated[bool, typer.Option(help="Write a video; a GIF if the extra 'video' is not installed.")] = True,
+    paced: Annotated[
+        bool, typer.Option("--paced", help="Keep wall time: every step begins when its time has come; misses are told.")
+    ] = False,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Simulated time over wall time of --paced.", show_default="1"),
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
@@ -66,6 +75,7 @@ def run(
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
     --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
+    from scenarios.loop.pacer import Pacer
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
     from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
@@ -73,6 +83,9 @@ def run(
     from scenarios.results.summary import summary
 
     with one_line_errors(), ExitStack() as cleanup:
+        check_number("--speed", speed, 0.01, 100.0)
+        if speed is not None and not paced:
+            raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
@@ -88,6 +101,7 @@ def run(
                 record=record,
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
+                pacer=Pacer(1.0 if speed is None else speed) if paced else None,
             )
             video = video and result.outcome != "interrupted"
             write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))

@@ -1,15 +1,18 @@
 """A channel of the loop: a sensor, its schedule, its messages in flight, and the estimator that receives them.
 
 An estimate depends only on the messages before it. The estimator therefore runs in a worker thread between the capture
-of a message and its delivery, while the loop continues on another core. The results are bitwise the same as in line.
+of a message and its delivery, while the loop continues on another core. Cameras of a paced run are rendered between
+the two as well, by a thread of their own. The results are bitwise the same as in line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from typing import Any, Concatenate, Generic, ParamSpec, TypeVar
+from functools import partial
+from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, runtime_checkable
 
+from controllers.checked import misbehaviour
 from estimators.checked import check_estimate
 from estimators.protocol import Estimator
 from scenarios.loop.stopwatch import Stopwatch
@@ -24,6 +27,14 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+@runtime_checkable
+class TwoPart(Protocol):
+    """A sensor whose sample has a part that must be done in the loop, and one that may be done later."""
+
+    def begin(self, truth: Any, /) -> Callable[[], Any] | None:
+        """Do the first part; the returned function does the second. None: nothing is sent at this tick."""
+
+
 class Channel(Generic[TruthT, MessageT, EstimateT]):
     """One sensor with the estimator behind it; without an estimator it only captures messages."""
 
@@ -35,6 +46,8 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         worker: Executor,
         stopwatch: Stopwatch,
         *kinds: type[EstimateT],
+        renderer: Executor | None = None,
+        see: Callable[[MessageT, TruthT], None] | None = None,
     ) -> None:
         """Create a channel before its first sample.
 
@@ -45,6 +58,8 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
             worker: runs the estimator.
             stopwatch: accounts for the time of sensor and estimator.
             kinds: classes of the estimates, which are checked; none: they are not.
+            renderer: samples the sensor, one message after the other; None: the loop does.
+            see: receives the messages that ``renderer`` samples.
         """
         self.schedule = schedule
         self.sensor, self.estimator = sensor, estimator
@@ -52,6 +67,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         self._worker, self._stopwatch, self._kinds = worker, stopwatch, kinds
         self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
+        self._renderer, self._see = renderer, see
 
     @property
     def newest(self) -> EstimateT | None:
@@ -59,8 +75,11 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         return self.delivered[-1] if self.delivered else None
 
     def sample(self, truth: TruthT, tick: int) -> MessageT | None:
-        """Sample the sensor if it is due, and send the message to the estimator."""
+        """Sample the sensor if it is due, and send the message to the estimator; None if a renderer samples it."""
         if not self.schedule.due(tick):
+            return None
+        if self._renderer is not None:
+            self._sample_aside(self._renderer, truth, tick)
             return None
         with self._stopwatch.timed("render"):
             message = self.sensor.sample(truth)
@@ -68,6 +87,42 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
             estimate = self._worker.submit(self._timed, self._estimate, message)
             self._in_flight = self._in_flight.put(tick + self.schedule.latency, estimate)
         return message
+
+    def _sample_aside(self, renderer: Executor, truth: TruthT, tick: int) -> None:
+        """Let the renderer sample the sensor and send the message on; the loop waits for it at its delivery."""
+        sensor: object = self.sensor
+        rest = sensor.begin(truth) if isinstance(sensor, TwoPart) else partial(self.sensor.sample, truth)
+        if rest is None:
+            return
+        promised: Future[EstimateT | None] = Future()
+        self._in_flight = self._in_flight.put(tick + self.schedule.latency, promised)
+        renderer.submit(self._rendered, rest, truth, promised)
+
+    def _rendered(self, rest: Callable[[], MessageT | None], truth: TruthT, promised: Future[EstimateT | None]) -> None:
+        try:
+            with self._stopwatch.timed("render"):
+                message = rest()
+            if message is not None and self._see is not None:
+                self._see(message, truth)
+            if message is None or self._estimate is None:
+                promised.set_result(None)
+            else:
+                self._worker.submit(self._keep_promise, self._estimate, message, promised)
+        except Exception as error:  # of a user's sensor: of any kind
+            event = f"raised {type(error).__name__}: {error}"
+            name = f"sensor {type(self.sensor).__name__}"
+            promised.set_exception(misbehaviour(name, truth.tick, event, self.sensor, error))
+
+    def _keep_promise(
+        self,
+        estimate: Callable[[MessageT], EstimateT | None],
+        message: MessageT,
+        promised: Future[EstimateT | None],
+    ) -> None:
+        try:
+            promised.set_result(self._timed(estimate, message))
+        except BaseException as error:
+            promised.set_exception(error)
 
     def deliver(self, tick: int) -> None:
         """Receive the estimates that are due by this tick.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -42,11 +43,27 @@ _GRACE = 10.0  # added for a start on a slope [s]
 class SteeredTrailer:
     """A watched trailer in a running loop: its channel, its steering law, and the law's latest demand."""
 
-    def __init__(self, trailer: WatchedTrailer, worker: Executor, stopwatch: Stopwatch) -> None:
+    def __init__(
+        self,
+        trailer: WatchedTrailer,
+        worker: Executor,
+        stopwatch: Stopwatch,
+        *,
+        renderer: Executor | None = None,
+        see: Callable[[Message, Truth], None] | None = None,
+    ) -> None:
         sensing = trailer.sensing
         self.trailer = trailer
         self.channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
-            sensing.sensor, sensing.schedule, sensing.estimator, worker, stopwatch, OffTracking, CameraOffTracking
+            sensing.sensor,
+            sensing.schedule,
+            sensing.estimator,
+            worker,
+            stopwatch,
+            OffTracking,
+            CameraOffTracking,
+            renderer=renderer if sensing.cameras else None,
+            see=see,
         )
         self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
         self._law = Stateful(trailer.law.init(), trailer.law.step)
@@ -154,6 +171,7 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
         keep_frames: bool = False,
         recorder: RecordingWriter | None = None,
         worker: Executor | None = None,
+        renderer: Executor | None = None,
     ) -> None:
         """Begin at tick 0 at the start of the course, rolling at set speed.
 
@@ -162,15 +180,23 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             keep_frames: keep pictures of the last trailer's left camera for the report.
             recorder: receives the last trailer's stereo frames.
             worker: runs the estimators, one message after the other; None: a thread of its own.
+            renderer: renders the cameras, one picture after the other, while the loop goes on: the thread that has
+                assembled ``parts``. None: the loop renders.
         """
         self.parts = parts
-        self._worker = worker or estimator_thread()
+        self._worker, self._renderer = worker or estimator_thread(), renderer
         stopwatch = Stopwatch()
-        self.trailers = tuple(SteeredTrailer(trailer, self._worker, stopwatch) for trailer in parts.trailers)
+        self.trailers = tuple(
+            SteeredTrailer(trailer, self._worker, stopwatch, renderer=renderer, see=partial(self._see, number))
+            for number, trailer in enumerate(parts.trailers)
+        )
         channels: list[Channel[Truth, Message, OffTrackingEstimate]] = [trailer.channel for trailer in self.trailers]
         if parts.recording is not None:
             recording = parts.recording
-            channels.append(Channel(recording.sensor, recording.schedule, None, self._worker, stopwatch))
+            see = partial(self._see, len(channels))
+            channels.append(
+                Channel(recording.sensor, recording.schedule, None, self._worker, stopwatch, renderer=renderer, see=see)
+            )
         self.pictures = StereoPictures(
             len(channels) - 1, parts.trailers[-1].unit, parts.cameras, self._worker, keep=keep_frames, recorder=recorder
         )
@@ -184,6 +210,14 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             observers=[self.pictures],
             stopwatch=stopwatch,
         )
+
+    def _see(self, channel: int, message: Message, truth: Truth) -> None:
+        self.pictures.see(channel, message, truth)
+
+    def finish_pictures(self) -> None:
+        """Wait until all pictures taken so far are rendered."""
+        if self._renderer is not None:
+            self._renderer.submit(lambda: None).result()
 
     def close(self) -> None:
         """End the estimator's thread; delivered estimates stay."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,6 +15,7 @@ from scenarios.assembly.adapters import outlines
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import Assembly, assemble, trailer_stream
 from scenarios.loop.combination import SteeredTrailer, TrailerSession
+from scenarios.loop.pacer import Pacer
 from scenarios.loop.referee import lift_warnings
 from scenarios.loop.rover import RoverSession
 from scenarios.options.rover import RoverScenario
@@ -32,6 +37,8 @@ from vehicle.clock import TICK
 from vehicle.combination.data_sheet import data_sheet
 from vehicle.frames import FloatArray
 
+ResultT = TypeVar("ResultT", RunResult, RoverResult)
+
 _SPACING = 0.02  # distance between points of a rover's path in figures [m]
 
 
@@ -43,10 +50,11 @@ def run_any(
     record: Path | None = None,
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
+    pacer: Pacer | None = None,
 ) -> RunResult | RoverResult:
     """Run a trailer's or a rover's scenario; see :func:`run` and :func:`run_rover`."""
     if isinstance(scenario, RoverScenario):
-        return run_rover(scenario, seed, keep_frames=keep_frames, record=record, progress=progress)
+        return run_rover(scenario, seed, keep_frames=keep_frames, record=record, progress=progress, pacer=pacer)
     return run(
         scenario,
         seed,
@@ -54,6 +62,7 @@ def run_any(
         record=record,
         progress=progress,
         calibration_progress=calibration_progress,
+        pacer=pacer,
     )
 
 
@@ -65,6 +74,7 @@ def run(
     record: Path | None = None,
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
+    pacer: Pacer | None = None,
 ) -> RunResult:
     """Run a trailer's scenario in the closed loop; an interrupt or an exception ends it early; results so far are kept.
 
@@ -75,26 +85,34 @@ def run(
         record: folder for the stereo images, written as a KITTI-style sequence.
         progress: receives the completed share of the course.
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
+        pacer: keeps the run to wall time; cameras are rendered while the loop goes on.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     inputs = run_inputs(scenario.model_dump(exclude_none=True))
+    renderer: Executor | None = None
     with ExitStack() as cleanup:
-        parts = cleanup.enter_context(
-            closing(
-                assemble(
-                    scenario, seed, keep_colour=keep_frames, record=record is not None, progress=calibration_progress
-                )
-            )
-        )
+        opened = partial(assemble, scenario, seed, keep_colour=keep_frames, record=record is not None)
+        if pacer is None:
+            parts = cleanup.enter_context(closing(opened(progress=calibration_progress)))
+        else:  # OpenGL's objects belong to the thread that made them
+            renderer = cleanup.enter_context(ThreadPoolExecutor(max_workers=1, thread_name_prefix="renderer"))
+            parts = renderer.submit(opened).result()
+            cleanup.callback(renderer.submit, parts.close)
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
-        session = cleanup.enter_context(TrailerSession(parts, keep_frames=keep_frames, recorder=recorder))
-        session.run(progress)
+        session = cleanup.enter_context(
+            TrailerSession(parts, keep_frames=keep_frames, recorder=recorder, renderer=renderer)
+        )
+        if pacer is None:
+            session.run(progress)
+        else:
+            session.run_paced(pacer, progress)
+            session.finish_pictures()
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
-        return trailer_result(session, inputs)
+        return with_pace(trailer_result(session, inputs), pacer)
 
 
 def run_rover(
@@ -104,8 +122,11 @@ def run_rover(
     keep_frames: bool = False,
     record: Path | None = None,
     progress: Progress = no_progress,
+    pacer: Pacer | None = None,
 ) -> RoverResult:
     """Run a rover's scenario in the closed loop like :func:`run`; ``record`` gets images, readings and calibration.
+
+    A rover's camera sees the sand that the wheels have just shaped, so the loop renders it also where it is paced.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
@@ -115,10 +136,18 @@ def run_rover(
         parts = assemble_rover(scenario, seed, record=record is not None)
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
         session = cleanup.enter_context(RoverSession(parts, keep_frames=keep_frames, recorder=recorder))
-        session.run(progress)
+        if pacer is None:
+            session.run(progress)
+        else:
+            session.run_paced(pacer, progress)
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
-        return rover_result(session, seed, inputs)
+        return with_pace(rover_result(session, seed, inputs), pacer)
+
+
+def with_pace(result: ResultT, pacer: Pacer | None) -> ResultT:
+    """The result with the report of the pacer, if there was one."""
+    return result if pacer is None else replace(result, paced=pacer.report())
 
 
 def rover_result(session: RoverSession, seed: int, inputs: RunInputs) -> RoverResult:

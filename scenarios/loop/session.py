@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
 from controllers.checked import LawError, misbehaviour
+from scenarios.loop.pacer import Pacer, steady_python
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.progress import Progress, no_progress
 from scenarios.results.log import Row
@@ -24,6 +25,7 @@ CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
 
+_SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
 
@@ -147,6 +149,23 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             self._integrate(command)
             self._running = ("judge", self._judge)
             self.outcome = self._judge.outcome(truth) if self.outcome is None else self.outcome
+
+    def run_paced(self, pacer: Pacer, progress: Progress = no_progress) -> None:
+        """Run as ``run``, every step at its time on the clock; only the times differ, not the results."""
+
+        def paced(done: float, total: float, note: str = "", /) -> None:
+            pacer.end(self.tick, self.stopwatch.seconds("wait"))
+            if self.tick % _SHOWN == 0:
+                progress(done, total, note)
+            if self.outcome is None:
+                pacer.begin(self.tick, self.stopwatch.seconds("wait"))
+
+        with steady_python():
+            try:
+                pacer.begin(self.tick, self.stopwatch.seconds("wait"))
+            except KeyboardInterrupt:
+                self.outcome = "interrupted"
+            self.run(paced)
 
     def run(self, progress: Progress = no_progress) -> None:
         """Advance until there is an outcome; an interrupt is one, and so is an exception of any part."""

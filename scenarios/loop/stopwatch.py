@@ -27,6 +27,10 @@ class Stopwatch:
         finally:
             self._seconds[stage] += time.perf_counter() - begin
 
+    def seconds(self, stage: Stage) -> float:
+        """Wall time of a stage so far [s]."""
+        return self._seconds[stage]
+
     def timing(self, simulated_s: float) -> Timing:
         """Computing time by stage of a run that simulated this time [s]."""
         seconds = self._seconds

@@ -12,6 +12,7 @@ from estimators.slip.reference import LaserSlip
 from scenarios.results import metrics
 from scenarios.results.log import LOST, Log
 from scenarios.results.numbers import Numbers, Summary, number, timing_numbers
+from scenarios.results.paced import Paced
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.timing import Timing
 from sensors.sand.trace_rig import TraceRig
@@ -43,6 +44,7 @@ class RoverResult:
     manifest: Mapping[str, str]
     traceback: str = ""  # of the exception that ended the run
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
+    paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
 
     @property
     def slip_error(self) -> FloatArray:
@@ -60,6 +62,7 @@ def rover_summary(result: RoverResult) -> Summary:
         "position": _position(result.log),
         "wheels": _wheels(result),
         "timing": timing_numbers(result.timing),
+        **({"paced": result.paced.numbers(), "warnings": list(result.paced.warnings)} if result.paced else {}),
     }
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scenarios.results import metrics
 from scenarios.results.log import Log
+from scenarios.results.paced import Paced
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.swept_path import TurnArc, UnitOutline
 from scenarios.results.timing import Timing
@@ -60,6 +61,7 @@ class RunResult:
     warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     traceback: str = ""  # of the exception that ended the run
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
+    paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
 
     @property
     def trailer(self) -> UnitOutline:

@@ -27,7 +27,7 @@ def _trailer_summary(result: RunResult) -> Summary:
         "outcome": result.outcome,
         "scenario": result.scenario,
         "seed": result.seed,
-        "warnings": list(result.warnings),
+        "warnings": [*result.warnings, *(result.paced.warnings if result.paced else ())],
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
         "road": _road(result),
@@ -36,6 +36,8 @@ def _trailer_summary(result: RunResult) -> Summary:
         "odometry": _odometry(result),
         "timing": timing_numbers(result.timing),
     }
+    if result.paced is not None:
+        numbers["paced"] = result.paced.numbers()
     if result.path_deviation is not None:
         numbers["course"] = {"path_deviation_m": number(result.path_deviation)}
     return numbers | ({"trailers": trailer_summaries(result)} if len(result.trailers) > 1 else {})

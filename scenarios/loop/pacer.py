@@ -1,0 +1,107 @@
+"""Wall time for a run: every step begins when its time has come, and late ones are counted."""
+
+from __future__ import annotations
+
+import gc
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Final
+
+from scenarios.results.paced import Paced
+from vehicle.clock import TICK
+
+# Python hands its lock on to another thread after this time. Its default of 5 ms, twice, is a whole step.
+_SWITCH: Final = 5e-4  # [s]
+
+
+class Pacer:
+    """Clock of a paced run.
+
+    Simulated time is bound to the clock once, at the first step. A run that has fallen behind therefore catches up
+    where it can, and does not stretch the rest.
+    """
+
+    def __init__(
+        self,
+        speed: float = 1.0,
+        *,
+        clock: Callable[[], float] = time.perf_counter,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Create a pacer.
+
+        Args:
+            speed: simulated time over wall time.
+            clock: wall time [s].
+            sleep: waits for a time [s].
+        """
+        self.speed = speed
+        self._clock, self._sleep = clock, sleep
+        self._origin: float | None = None  # wall time of tick 0
+        self._begun = self._waited = 0.0
+        self._first = self._last = 0  # ticks
+        self._steps = self._misses = 0
+        self._worst = self._behind = self._longest = self._longest_wait = self._busy = 0.0
+
+    def begin(self, tick: int, waited: float) -> None:
+        """Wait for the time of this tick; ``waited`` is the time that the run has waited for estimates so far [s]."""
+        now = self._clock()
+        if self._origin is None:
+            self._origin, self._first = now - self._duration(tick), tick
+        due = self._origin + self._duration(tick)
+        while now < due:
+            self._sleep(due - now)
+            now = self._clock()
+        self._begun, self._waited = now, waited
+
+    def end(self, tick: int, waited: float) -> None:
+        """Note that the step before this tick has ended."""
+        assert self._origin is not None
+        now = self._clock()
+        spent = now - self._begun
+        self._behind = max(0.0, now - self._origin - self._duration(tick))
+        self._steps += 1
+        self._misses += self._behind > 0.0
+        self._worst, self._longest = max(self._worst, self._behind), max(self._longest, spent)
+        self._longest_wait = max(self._longest_wait, waited - self._waited)
+        self._busy += spent
+        self._last = tick
+
+    def report(self) -> Paced:
+        """Deadlines kept and missed so far."""
+        simulated = (self._last - self._first) * TICK
+        return Paced(
+            speed=self.speed,
+            step_s=simulated / self._steps / self.speed if self._steps else 0.0,
+            steps=self._steps,
+            misses=self._misses,
+            worst_s=self._worst,
+            behind_s=self._behind,
+            longest_step_s=self._longest,
+            longest_wait_s=self._longest_wait,
+            busy_s=self._busy,
+            simulated_s=simulated,
+        )
+
+    def _duration(self, ticks: int) -> float:
+        """Wall time of simulated ticks [s]."""
+        return ticks * TICK / self.speed
+
+
+@contextmanager
+def steady_python() -> Iterator[None]:
+    """Keep Python's own pauses short: threads take turns quickly, and no search for garbage interrupts.
+
+    What refers to itself in a circle is freed after the block; a run makes little of it.
+    """
+    interval, collects = sys.getswitchinterval(), gc.isenabled()
+    sys.setswitchinterval(_SWITCH)
+    gc.disable()
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)
+        if collects:
+            gc.enable()

@@ -1,0 +1,138 @@
+"""Runs that keep wall time: the clock decides when a step is computed, never what comes out."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+from controllers.checked import LawError
+from scenarios.cli import app
+from scenarios.loop.channel import Channel
+from scenarios.loop.pacer import Pacer
+from scenarios.loop.run import run
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.options.scenario import load_scenario
+from scenarios.results.summary import summary
+from vehicle.clock import Schedule
+
+pytestmark = pytest.mark.usefixtures("worlds")
+SEEN = ("course.length=20", "rig.width=480", "rig.height=200", "world.scenery_density=0.3")
+
+
+class Clock:
+    """A clock that only moves when somebody sleeps or works."""
+
+    def __init__(self) -> None:
+        self.now = 100.0  # [s]
+
+    def __call__(self) -> float:
+        return self.now
+
+    def work(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def paced(speed: float, *steps: float) -> Pacer:
+    """A pacer after steps of 10 ticks that took these times [s]."""
+    clock = Clock()
+    pacer = Pacer(speed, clock=clock, sleep=clock.work)
+    for k, seconds in enumerate(steps):
+        pacer.begin(10 * k, 0.0)
+        clock.work(seconds)
+        pacer.end(10 * k + 10, 0.0)
+    return pacer
+
+
+def test_steps_that_end_in_time_are_no_misses() -> None:
+    """A step has 10 ms of wall time at speed 1, 20 ms at half speed."""
+    assert paced(1.0, 0.009, 0.002, 0.009).report().misses == 0
+    report = paced(0.5, 0.019, 0.019).report()
+    assert report.misses == 0
+    assert report.step_s == pytest.approx(0.02)
+
+
+def test_a_late_step_is_made_up_for_by_quick_ones() -> None:
+    """25 ms instead of 10: 15 ms late; steps of 2 ms then end 7 ms late, and 1 ms early. Then the clock rules again."""
+    report = paced(1.0, 0.025, 0.002, 0.002, 0.002).report()
+    assert report.misses == 2
+    assert report.worst_s == pytest.approx(0.015)
+    assert report.behind_s == 0.0
+    assert report.longest_step_s == pytest.approx(0.025)
+
+
+def test_a_run_that_cannot_keep_up_names_a_speed_that_it_could_keep() -> None:
+    """Steps of 20 ms fill wall time at half of real time; a fifth of reserve is left."""
+    report = paced(1.0, *[0.02] * 10).report()
+    assert report.best_speed == pytest.approx(0.5)
+    assert "100.0 % of the steps ended after their 10 ms, by 100 ms at worst" in report.warnings[0]
+    assert report.warnings[0].endswith("try --speed 0.4")
+
+
+def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other() -> None:
+    """Cameras are rendered in a thread while the loop goes on, and their estimates arrive after the same latency."""
+    scenario = load_scenario("constant-slip", SEEN)
+    free, kept = run(scenario, 1), run(scenario, 1, pacer=Pacer(8.0))
+    assert kept.log == free.log
+    assert kept.manifest["frames_sha256"] == free.manifest["frames_sha256"]
+    assert kept.paced is not None
+    assert kept.paced.steps == len(kept.log)
+    numbers = summary(kept)["paced"]
+    assert isinstance(numbers, dict)
+    assert numbers["speed"] == 8.0
+    assert "paced" not in summary(free)
+
+
+@dataclass(frozen=True)
+class Reading:
+    tick: int
+
+
+class BrokenCamera:
+    def sample(self, truth: Reading) -> Reading | None:
+        raise OSError("the lens fell off")
+
+
+class Nothing:
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: None, message: Reading) -> tuple[None, Reading]:
+        return None, message
+
+
+def test_a_camera_that_fails_in_its_thread_is_named_at_the_delivery() -> None:
+    """The loop learns of it when it would receive the estimate, not in silence at the end."""
+    with ThreadPoolExecutor(1) as renderer, ThreadPoolExecutor(1) as worker:
+        schedule = Schedule(period=10, latency=20)
+        channel = Channel(BrokenCamera(), schedule, Nothing(), worker, Stopwatch(), renderer=renderer)
+        assert channel.sample(Reading(30), 30) is None
+        channel.deliver(40)
+        with pytest.raises(LawError, match=r"sensor BrokenCamera: at tick 30 .*raised OSError: the lens fell off"):
+            channel.deliver(50)
+
+
+def test_a_speed_needs_a_paced_run_and_sense() -> None:
+    """One line each, and exit code 2."""
+    for arguments, line in (
+        (["--speed", "2"], "--speed 2: needs --paced"),
+        (["--paced", "--speed", "0"], "--speed 0.0: must be from 0.01 to 100"),
+    ):
+        result = CliRunner().invoke(app, ["run", "roundabout", *arguments])
+        assert (result.exit_code, line in result.stderr) == (2, True)
+
+
+def test_the_progress_of_a_paced_run_is_shown_and_its_interrupt_ends_it() -> None:
+    """Ctrl-C while the loop waits for the clock ends the run like any other; the results so far are kept."""
+    seen = SimpleNamespace(count=0)
+
+    def interrupted(*_: object) -> None:
+        seen.count += 1
+        raise KeyboardInterrupt
+
+    scenario = load_scenario("roundabout", ("off_tracking=truth", "reference_unit=false"))
+    result = run(scenario, 1, pacer=Pacer(20.0), progress=interrupted)
+    assert (result.outcome, seen.count, len(result.log)) == ("interrupted", 1, 20)
