@@ -27,6 +27,7 @@ from scenarios.randomness import stream
 from sensors.instruments.combination import CombinationSensors
 from vehicle.clock import Schedule
 from vehicle.combination.description import Vehicle
+from vehicle.surface import Surface
 
 LOG_PERIOD = 10  # period of the log and of one integration call; all events are on its multiples [ticks]
 
@@ -59,6 +60,7 @@ class Assembly:
     vehicle: Vehicle  # the simulated one
     trailers: tuple[WatchedTrailer, ...]  # front to rear; the last is the vehicle's last unit
     course: Course
+    surface: Surface
     plant: CombinationPlant
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
@@ -169,6 +171,7 @@ def assemble(
             for unit in units
         ),
         course=course,
+        surface=surface,
         plant=plant,
         driver=driver,
         views=views,

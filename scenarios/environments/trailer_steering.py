@@ -149,6 +149,12 @@ class TrailerSteering:
         limit, n_steered = _limit(vehicle, options)
         courses = [named_course(c, vehicle) if isinstance(c, str) else c for c in options.courses]
         self._names = tuple(c if isinstance(c, str) else f"course {k}" for k, c in enumerate(options.courses))
+        for name, course in zip(self._names, courses, strict=True):
+            if course.relief is not None or course.friction is not None:
+                raise ValueError(
+                    f"course {name}: its file has heights, banks or frictions: an environment's ground is a plane or cone "
+                    "of one friction; set course.heights = false, or leave these columns out"
+                )
         self._limit = limit
         self.action_space = spaces.Box(-1.0, 1.0, (n_steered,), np.float32)
         self._reward = rewards.weighted(rewards.USUAL if options.reward is None else options.reward)

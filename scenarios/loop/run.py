@@ -24,6 +24,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.calibration_warnings import calibration_warnings
+from scenarios.results.friction_picture import friction_picture
 from scenarios.results.load_signals import load_columns
 from scenarios.results.log import Log
 from scenarios.results.reference_unit import reference_off_tracking
@@ -206,6 +207,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         ),
         road=parts.course.centreline,
         road_half_width=parts.course.road_half_width,
+        friction=friction_picture(parts.surface, parts.course.centreline),
         road_known=parts.trace is None,
         circle_centre=parts.course.surface_centre,
         arcs=parts.course.arcs,

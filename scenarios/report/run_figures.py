@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from scenarios.report import plots
 from scenarios.report.page import Figure
+from scenarios.results.friction_picture import FrictionPicture
 from scenarios.results.log import LOST
 from scenarios.results.run_result import RunResult, error_of_estimate
 from scenarios.results.swept_path import placed, placed_wheels
@@ -19,6 +22,9 @@ from vehicle.polyline import arc_length, rows_every, sides
 
 _ROAD = "#eef0f2"
 _DASHED = (0, (3, 2))
+_ICE = (0.49, 0.29, 0.66)  # colour of slippery ground
+_STRONGEST = 0.45  # opacity of the most slippery
+_MOST_FRICTIONS = 4  # shades
 _MOMENTS = 5  # at which the combination is plots.drawn in the plan view
 
 
@@ -28,6 +34,8 @@ def plan_view(result: RunResult) -> Figure:
     swept = [placed(unit.corners, pose) for unit, pose in zip(result.units, poses, strict=True)]
     with plots.plan_drawn("plan", swept, tallest=8.2) as (drawing, ax):
         ax.add_collection(PolyCollection([_band(result.road, result.road_half_width)], facecolor=_ROAD, zorder=0.5))
+        if result.friction is not None:
+            _slippery(ax, result.friction)
         rows = rows_every(poses[0][:, :2], 0.15)
         plots.swept_bodies(ax, [corners[rows] for corners in swept])
         if drawing.to_scale:
@@ -36,6 +44,28 @@ def plan_view(result: RunResult) -> Figure:
         ax.plot(*poses[-1][:, :2].T, color=plots.TRUE, linewidth=1.7, label="path of the hitch", zorder=4)
         ax.plot(*follow.T, color=plots.ESTIMATED, label="path of the follow point", zorder=5)
     return drawing.content
+
+
+def _slippery(ax: Axes, friction: FrictionPicture) -> None:
+    """Shades ground that is more slippery than the best: a step of colour for each step of friction."""
+    best = float(friction.values.max())
+    levels = np.unique(np.round(friction.values, 1))
+    edges = np.linspace(float(friction.values.min()), best, min(len(levels), _MOST_FRICTIONS) + 1)
+    x, y = (
+        low + (np.arange(n) + 0.5) * (high - low) / n
+        for low, high, n in zip(friction.low, friction.high, friction.values.shape[::-1], strict=True)
+    )
+    steps = len(edges) - 1
+    for k, (low, high) in enumerate(pairwise(edges.tolist())):
+        if k == steps - 1:
+            continue  # the best stays white, as ground elsewhere
+        inside = friction.values <= high
+        if k:
+            inside &= friction.values > low
+        colour = (*_ICE, _STRONGEST * (steps - 1 - k) / (steps - 1))
+        ax.contourf(x, y, inside.astype(np.float64), levels=[0.5, 1.5], colors=[colour], zorder=0.6)
+        mean = float(friction.values[inside].mean()) if inside.any() else low
+        ax.add_patch(Rectangle((0.0, 0.0), 0.0, 0.0, facecolor=colour, label=f"friction {mean:.2f}"))
 
 
 def _combination(ax: Axes, result: RunResult, poses: list[FloatArray]) -> None:

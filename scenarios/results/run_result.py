@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenarios.results import metrics
+from scenarios.results.friction_picture import FrictionPicture
 from scenarios.results.log import Log
 from scenarios.results.paced import Paced
 from scenarios.results.run_inputs import RunInputs
@@ -51,6 +52,7 @@ class RunResult:
     trailers: tuple[JudgedTrailer, ...]  # front to rear; the last is the last unit
     road: FloatArray  # (n, 2) centre line [m]
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right of its points [m]
+    friction: FrictionPicture | None = None  # around the road; None: one friction everywhere
     road_known: bool = True  # False for a recorded drive: the road above is only drawn
     circle_centre: tuple[float, float] | None  # of the course, if it is a roundabout [m]
     arcs: tuple[TurnArc, ...] = ()  # turns of the course

@@ -229,6 +229,7 @@ def test_wrong_seeds_are_named() -> None:
         (lambda: single("TrailerStearing-v0"), "unknown environment 'TrailerStearing-v0'; did you mean 'TrailerSteer"),
         (lambda: single(TRAILER, vehicle=3), "vehicle = 3: must be a valid string"),
         (lambda: single(TRAILER, courses="roundabout"), "courses = 'roundabout'"),
+        (lambda: single(TRAILER, courses=["motorway-exit"]), "course motorway-exit: its file has heights, banks"),
         (lambda: single(TRAILER, domain={"friction": 0.3}), "domain = .*: must be an instance of Domain"),
         (lambda: single(TRAILER, reward={follow_error: NAN}), "reward = .*: must be a finite number"),
         (lambda: single(TRAILER, endings=[off_path]), "endings = .*: must be a valid dictionary"),

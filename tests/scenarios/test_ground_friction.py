@@ -11,6 +11,7 @@ from PIL import Image
 from scenarios.assembly.adapters import course_of, surface_of
 from scenarios.options.scenario import Scenario, load_scenario
 from scenarios.randomness import stream
+from scenarios.results.friction_picture import friction_picture
 from vehicle.combination.description import load_vehicle
 from vehicle.surface import Surface
 
@@ -155,3 +156,19 @@ def test_an_image_that_is_none_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no image")
     with pytest.raises(ValueError, match=r"^surface.friction_image = .*text.png is corrupt or not an image"):
         surface(f"surface.friction_image={tmp_path / 'text.png'}")
+
+
+def test_the_plan_view_shows_where_it_is_slippery() -> None:
+    """Friction on a grid around the road: both values of two sides, in their places; nothing for one friction."""
+    ground = surface("surface.friction_right=0.3")
+    road = np.array([[0.0, 0.0], [40.0, 0.0]])
+    picture = friction_picture(ground, road)
+    assert picture is not None
+    rows, columns = picture.values.shape
+    np.testing.assert_allclose(picture.high - picture.low, np.array([columns, rows]) * 0.1, rtol=0.01)
+    assert set(np.unique(picture.values)) == {0.3, 0.8}
+    assert picture.values[0, : columns // 3].max() == 0.3  # right of the road's middle
+    straight = columns // 3  # of the road, before it bends
+    assert picture.values[rows // 2 + 2, :straight].min() == 0.8
+    assert friction_picture(surface(), road) is None
+    assert friction_picture(surface("surface.friction_right=0.8"), road) is None
