@@ -152,7 +152,7 @@ class TrailerSteering:
         for name, course in zip(self._names, courses, strict=True):
             if course.relief is not None or course.friction is not None:
                 raise ValueError(
-                    f"course {name}: its file has heights, banks or frictions: an environment's ground is a plane or cone "
+                    f"course {name}: its file has heights, banks or frictions: an environment has a plane or cone "
                     "of one friction; set course.heights = false, or leave these columns out"
                 )
         self._limit = limit
