@@ -1,5 +1,5 @@
-/* A host that is no Python: loads the library of an FMU, makes one step of 10 ms with a steer angle, prints an output.
-   host LIBRARY VERSION TOKEN REFERENCE_OF_STEER REFERENCE_OF_OUTPUT */
+/* A host that is no Python: loads the library of an FMU, makes one step of 10 ms with 0.1 for an input, prints an output.
+   host LIBRARY VERSION TOKEN REFERENCE_OF_INPUT REFERENCE_OF_OUTPUT [RESOURCES] */
 
 #include <dlfcn.h>
 #include <stdio.h>
@@ -18,13 +18,13 @@ static void log_3(fmi3InstanceEnvironment e, fmi3Status s, fmi3String c, fmi3Str
 #define FUNCTION(name) name##TYPE *name = (name##TYPE *)dlsym(library, #name)
 #define MUST(call) do { if ((call) != 0) { fprintf(stderr, "%s failed\n", #call); return 1; } } while (0)
 
-static int run_2(void *library, const char *token, unsigned steer, unsigned output, double *value) {
+static int run_2(void *library, const char *token, const char *resources, unsigned steer, unsigned output, double *value) {
   fmi2CallbackFunctions callbacks = {log_2, calloc, free, NULL, NULL};
   FUNCTION(fmi2Instantiate); FUNCTION(fmi2SetupExperiment); FUNCTION(fmi2EnterInitializationMode);
   FUNCTION(fmi2ExitInitializationMode); FUNCTION(fmi2SetReal); FUNCTION(fmi2GetReal); FUNCTION(fmi2DoStep);
   FUNCTION(fmi2FreeInstance);
   double angle = 0.1;
-  fmi2Component c = fmi2Instantiate("host", fmi2CoSimulation, token, NULL, &callbacks, 0, 0);
+  fmi2Component c = fmi2Instantiate("host", fmi2CoSimulation, token, resources, &callbacks, 0, 0);
   if (!c) return 1;
   MUST(fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0));
   MUST(fmi2EnterInitializationMode(c));
@@ -36,12 +36,12 @@ static int run_2(void *library, const char *token, unsigned steer, unsigned outp
   return 0;
 }
 
-static int run_3(void *library, const char *token, unsigned steer, unsigned output, double *value) {
+static int run_3(void *library, const char *token, const char *resources, unsigned steer, unsigned output, double *value) {
   FUNCTION(fmi3InstantiateCoSimulation); FUNCTION(fmi3EnterInitializationMode); FUNCTION(fmi3ExitInitializationMode);
   FUNCTION(fmi3SetFloat64); FUNCTION(fmi3GetFloat64); FUNCTION(fmi3DoStep); FUNCTION(fmi3FreeInstance);
   double angle = 0.1, last;
   fmi3Boolean event, terminate, early;
-  fmi3Instance c = fmi3InstantiateCoSimulation("host", token, NULL, 0, 0, 0, 0, NULL, 0, NULL, log_3, NULL);
+  fmi3Instance c = fmi3InstantiateCoSimulation("host", token, resources, 0, 0, 0, 0, NULL, 0, NULL, log_3, NULL);
   if (!c) return 1;
   MUST(fmi3EnterInitializationMode(c, 0, 0.0, 0.0, 0, 0.0));
   MUST(fmi3ExitInitializationMode(c));
@@ -53,14 +53,14 @@ static int run_3(void *library, const char *token, unsigned steer, unsigned outp
 }
 
 int main(int n, char **v) {
-  void *library = n == 6 ? dlopen(v[1], RTLD_NOW | RTLD_LOCAL) : NULL;
+  void *library = n >= 6 ? dlopen(v[1], RTLD_NOW | RTLD_LOCAL) : NULL;
   double value = 0.0;
-  unsigned steer = n == 6 ? atoi(v[4]) : 0, output = n == 6 ? atoi(v[5]) : 0;
+  unsigned steer = n >= 6 ? atoi(v[4]) : 0, output = n >= 6 ? atoi(v[5]) : 0;
   if (!library) {
-    fprintf(stderr, "%s\n", n == 6 ? dlerror() : "five arguments are needed");
+    fprintf(stderr, "%s\n", n >= 6 ? dlerror() : "five arguments are needed");
     return 1;
   }
-  if ((atoi(v[2]) == 2 ? run_2 : run_3)(library, v[3], steer, output, &value)) return 1;
+  if ((atoi(v[2]) == 2 ? run_2 : run_3)(library, v[3], n > 6 ? v[6] : NULL, steer, output, &value)) return 1;
   printf("%.17g\n", value);
   return 0;
 }

@@ -27,7 +27,8 @@ STEP: Final = 0.01  # [s]
 class Slave:
     """An initialised instance of an FMU of either version."""
 
-    def __init__(self, fmu: Path, folder: Path, values: Mapping[str, float] | None = None) -> None:
+    def __init__(self, fmu: Path, folder: Path, values: Mapping[str, float] | None = None,
+                 texts: Mapping[str, str] | None = None) -> None:  # fmt: skip
         self.description = fmpy.read_model_description(str(fmu))
         self.reference = {one.name: one.valueReference for one in self.description.modelVariables}
         self.messages: list[str] = []
@@ -44,13 +45,20 @@ class Slave:
         self._set, self._get = (
             (self.fmu.setReal, self.fmu.getReal) if is_2 else (self.fmu.setFloat64, self.fmu.getFloat64)
         )
+        self._is_2 = is_2
         self._instantiate(is_2)
-        if is_2:
+        self.begin(values, texts)
+
+    def begin(self, values: Mapping[str, float] | None = None, texts: Mapping[str, str] | None = None) -> None:
+        """Initialise an instance that is new or was reset."""
+        if self._is_2:
             self.fmu.setupExperiment(startTime=0.0)
         self.fmu.enterInitializationMode()
         self.set(values or {})
-        self.fmu.exitInitializationMode()
+        for name, text in (texts or {}).items():
+            self.fmu.setString([self.reference[name]], [text])
         self.time = 0.0
+        self.fmu.exitInitializationMode()
 
     def _instantiate(self, is_2: bool) -> None:
         if not is_2:

@@ -18,7 +18,7 @@ from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.sensing import Sensing, opened_sensing, opened_sensor
-from scenarios.assembly.trailer_law import trailer_law
+from scenarios.assembly.trailer_law import steering_parameters, trailer_law
 from scenarios.assembly.views import Views, built_world, traffic_around
 from scenarios.courses import Course
 from scenarios.options.scenario import Scenario
@@ -193,9 +193,5 @@ def _law(scenario: Scenario, vehicle: Vehicle, unit: int, trailer: TrailerGeomet
     if steered_ahead and not any(trailer.steered):
         return Unsteered(trailer)
     combination, degradation = Combination(vehicle, unit), scenario.degradation.degradation()
-    parameters = dict(scenario.steering)
-    if scenario.trailer_steering == "policy":
-        if scenario.policy.path is None:
-            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
-        parameters["path"] = scenario.policy.path
+    parameters = steering_parameters(scenario)
     return trailer_law(scenario.trailer_steering, trailer, combination, parameters, degradation)

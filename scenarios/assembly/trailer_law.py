@@ -11,6 +11,7 @@ from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.guard import Degradation, Guarded
 from controllers.trailer_steering.reverse_lock import ReverseLock
 from scenarios.catalogue import TRAILER_STEERING, constructed, resolve
+from scenarios.options.scenario import Scenario
 from vehicle.option import Option, Parameter, declared_options
 from vehicle.parameter_file import nearest
 
@@ -25,6 +26,20 @@ def law_options(law: Callable[..., object]) -> tuple[Option, ...]:
 def law_uses_off_tracking(name: str) -> bool:
     """True if a law uses the estimated off-tracking, which is the default of its class."""
     return bool(getattr(resolve("trailer_steering", name, TRAILER_STEERING), "uses_off_tracking", True))
+
+
+def steering_parameters(scenario: Scenario) -> dict[str, Parameter]:
+    """Parameters of a scenario's law.
+
+    Raises:
+        ValueError: one line, if the file of a policy is missing.
+    """
+    parameters = dict(scenario.steering)
+    if scenario.trailer_steering == "policy":
+        if scenario.policy.path is None:
+            raise ValueError("trailer_steering = policy: policy.path is missing (the file of the network)")
+        parameters["path"] = scenario.policy.path
+    return parameters
 
 
 def trailer_law(
@@ -43,6 +58,22 @@ def trailer_law(
         ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
             be constructed.
     """
+    law: TrailerSteering[Any] = bare_law(name, trailer, combination, parameters)
+    if not trailer.steered_distances:
+        return law
+    if law_uses_off_tracking(name):
+        law = Guarded(law, trailer, combination, degradation or Degradation())
+    return ReverseLock(law, trailer)
+
+
+def bare_law(
+    name: str, trailer: TrailerGeometry, combination: Combination, parameters: Mapping[str, Parameter]
+) -> TrailerSteering[Any]:
+    """The same without guard and lock: a law whose every step is checked.
+
+    Raises:
+        ValueError: one line, as `trailer_law`.
+    """
     part = resolve("trailer_steering", name, TRAILER_STEERING)
     options = {option.name: option for option in law_options(part)}
     for key, value in parameters.items():
@@ -57,9 +88,4 @@ def trailer_law(
     except TypeError as error:
         shape = f"{part.__name__}(trailer, ...)"
         raise ValueError(f"trailer_steering = {name}: cannot be constructed as {shape}: {error}") from error
-    law = CheckedLaw(law, f"trailer_steering = {name}", len(trailer.steered_distances))
-    if not trailer.steered_distances:
-        return law
-    if law_uses_off_tracking(name):
-        law = Guarded(law, trailer, combination, degradation or Degradation())
-    return ReverseLock(law, trailer)
+    return CheckedLaw(law, f"trailer_steering = {name}", len(trailer.steered_distances))

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from scenarios.commands import fmu_proxies
 from scenarios.commands.console import OneLineGroup, Quiet, lines, one_line_errors
 
 Part = Literal["trailer_steering", "driver", "plant"]
@@ -89,6 +90,9 @@ def plant(
                 f"FMU: {path} (FMI {fmi}, {', '.join(platforms)}): {count['parameter']} parameters, "
                 f"{count['input']} inputs, {count['output']} outputs"
             )
+
+
+app.command(epilog=lines(fmu_proxies.LAW_EXAMPLES))(fmu_proxies.law)
 
 
 @app.command(name="map", epilog=lines(MAP_EXAMPLES))

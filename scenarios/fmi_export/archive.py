@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import tempfile
 import uuid
 import zipfile
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from scenarios.fmi_export.binaries import library, library_path
-from scenarios.fmi_export.c_files import c_files, plant_header
+from scenarios.fmi_export.exported import Exported, exported_plant
 from scenarios.fmi_export.model import PlantModel
 from scenarios.fmi_export.model_description import build_description, model_description
 from scenarios.results.files import replacing
@@ -21,55 +22,65 @@ _EPOCH: Final = (1980, 1, 1, 0, 0, 0)  # of every entry: the same plant gives th
 
 
 def write_fmu(path: Path, model: PlantModel, version: int, platforms: Sequence[str], *, optimisation: int = 2) -> None:
-    """Write an FMU with its libraries; nothing is left of one that fails.
+    """Write the FMU of a plant with its libraries; nothing is left of one that fails.
 
     Raises:
         ValueError: one line, if a library cannot be compiled.
         OSError: if the file cannot be written.
     """
-    sources = _sources(model, version)
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(fmu_bytes(exported_plant(model, version), version, platforms, optimisation=optimisation))
+
+
+def fmu_bytes(exported: Exported, version: int, platforms: Sequence[str], *, optimisation: int = 2) -> bytes:
+    """Content of an FMU with its libraries.
+
+    Raises:
+        ValueError: one line, if a library cannot be compiled.
+    """
+    token = _token(exported, version)
+    sources = {**exported.sources, "token.h": f'#define TOKEN "{token}"\n'}
     compiled = sorted(name for name in sources if name.endswith(".c"))
-    token = _token(model, version, sources)
-    sources["plant.h"] = plant_header(model.interface, model.programs, model.gear) + f'#define TOKEN "{token}"\n'
     files: dict[str, bytes] = {
-        "modelDescription.xml": model_description(model, version, token, compiled),
-        "documentation/index.html": _page(model),
+        "modelDescription.xml": model_description(exported, version, token, compiled),
+        "documentation/index.html": _page(exported),
+        **{f"resources/{name}": content for name, content in exported.resources.items()},
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
     }
     if version == 3:
-        files["sources/buildDescription.xml"] = build_description(model, compiled)
+        files["sources/buildDescription.xml"] = build_description(exported.identifier, compiled)
     with tempfile.TemporaryDirectory(prefix="offtrack-fmu-") as folder:
         for name, text in sources.items():
             Path(folder, name).write_text(text, encoding="utf-8")
         for platform in platforms:
             content = library(platform, Path(folder), compiled, optimisation)
-            files[library_path(platform, version, model.identifier)] = content
-    with replacing(path) as unfinished:
-        _zip(unfinished, files)
+            files[library_path(platform, version, exported.identifier)] = content
+    return zipped(files)
 
 
-def _sources(model: PlantModel, version: int) -> dict[str, str]:
-    return c_files(model.identifier, model.kind, version, model.programs, model.defined)
+def _token(exported: Exported, version: int) -> str:
+    """Token that changes with the sources, names and start values, and with the resources."""
+    digest = hashlib.sha256("\0".join([*exported.sources.values(), str(version)]).encode())
+    for name, content in sorted(exported.resources.items()):
+        digest.update(name.encode() + b"\0" + content)
+    return "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, digest.hexdigest())) + "}"
 
 
-def _token(model: PlantModel, version: int, sources: Mapping[str, str]) -> str:
-    """Token that changes with the sources, and with names and start values."""
-    content = "\0".join([*sources.values(), plant_header(model.interface, model.programs, model.gear), str(version)])
-    return "{" + str(uuid.uuid5(uuid.NAMESPACE_URL, hashlib.sha256(content.encode()).hexdigest())) + "}"
-
-
-def _page(model: PlantModel) -> bytes:
+def _page(exported: Exported) -> bytes:
     from jinja2 import Environment
 
     template = (resources.files("scenarios.fmi_export") / "page.html.j2").read_text(encoding="utf-8")
     page = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(template)
-    return page.render(model=model, variables=model.interface.variables()).encode()
+    return page.render(model=exported).encode()
 
 
-def _zip(path: Path, files: Mapping[str, bytes]) -> None:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in files.items():
+def zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip file of these members, the same for the same content."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in files.items():
             entry = zipfile.ZipInfo(name, _EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
-            archive.writestr(entry, content)
+            archive.writestr(entry, member)
+    return content.getvalue()

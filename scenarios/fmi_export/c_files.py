@@ -34,21 +34,33 @@ def parameters_read(programs: Mapping[str, Program]) -> frozenset[int]:
 def c_files(
     prefix: str, plant: str, version: int, programs: Mapping[str, Program], defined: Mapping[str, object]
 ) -> dict[str, str]:
-    """All source files by name, without ``plant.h``.
+    """All source files by name, without ``plant.h`` and ``token.h``.
 
     ``plant`` names the fixed file of the kind of plant, ``defined`` are macros that it reads.
     """
-    fixed = ("model.c", f"{plant}.c", *_WRAPPERS[version], "model.h", "portable.h")
     return {
-        **{name: _text("sources", name) for name in fixed},
-        **{name: _text("headers", name) for name in (*HEADERS[version], "LICENSE.txt")},
+        **common_files(version),
+        **{name: source_text(name) for name in ("model.c", f"{plant}.c", "model.h")},
         **{f"{name}.c": _program_file(prefix, name, program) for name, program in programs.items()},
         "programs.h": _programs_header(prefix, programs, defined),
     }
 
 
+def common_files(version: int) -> dict[str, str]:
+    """Source files of every FMU of a version of FMI, with the headers of the standard."""
+    return {
+        **{name: source_text(name) for name in ("instance.c", *_WRAPPERS[version], "instance.h", "portable.h")},
+        **{name: _text("headers", name) for name in (*HEADERS[version], "LICENSE.txt")},
+    }
+
+
+def source_text(name: str) -> str:
+    """Text of a fixed C file."""
+    return _text("sources", name)
+
+
 def plant_header(interface: Interface, programs: Mapping[str, Program], gear: int | None) -> str:
-    """``plant.h`` without the token: sizes of all vectors, start values and names."""
+    """``plant.h``: sizes of all vectors, start values and names."""
     step = programs["step"]
     numbers = step.n_numbers + programs["observe"].n_numbers
     lines = [
@@ -58,14 +70,15 @@ def plant_header(interface: Interface, programs: Mapping[str, Program], gear: in
         f"#define N_STATES {step.n_state}",
         f"#define N_NUMBERS {numbers + 1}",
         *([] if gear is None else [f"#define GEAR {gear} /* place of this input */"]),
-        "#define PARAMETER_STARTS \\\n  " + _rows(repr(float(q.start)) for q in interface.parameters),
-        "#define INPUT_STARTS \\\n  " + _rows(repr(float(q.start)) for q in interface.inputs),
-        "#define INPUT_NAMES \\\n  " + _rows(f'"{q.name}"' for q in interface.inputs),
+        "#define PARAMETER_STARTS \\\n  " + rows(repr(float(q.start)) for q in interface.parameters),
+        "#define INPUT_STARTS \\\n  " + rows(repr(float(q.start)) for q in interface.inputs),
+        "#define INPUT_NAMES \\\n  " + rows(f'"{q.name}"' for q in interface.inputs),
     ]
     return "/* Sizes, start values and names of this plant. */\n\n" + "\n".join(lines) + "\n"
 
 
-def _rows(entries: Iterable[str]) -> str:
+def rows(entries: Iterable[str]) -> str:
+    """Entries of a C array, some in each line of a macro."""
     values = list(entries)
     return ", \\\n  ".join(", ".join(values[k : k + 8]) for k in range(0, len(values), 8))
 

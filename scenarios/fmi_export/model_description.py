@@ -7,19 +7,16 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from scenarios.fmi_export.model import PlantModel
+from scenarios.fmi_export.exported import Exported
 from scenarios.fmi_export.units import DISPLAY, base_unit
 from scenarios.fmi_export.variables import Variable
-from vehicle.clock import TICK
 
-_STEP: Final = 0.01  # a step that suits most uses [s]
-_STOP: Final = 20.0  # [s]
 _STATES: Final = {2: "FMUstate", 3: "FMUState"}
 
 
-def model_description(model: PlantModel, version: int, token: str, sources: Sequence[str]) -> bytes:
+def model_description(model: Exported, version: int, token: str, sources: Sequence[str]) -> bytes:
     """``modelDescription.xml``; ``sources`` are the C files to compile."""
-    variables = model.interface.variables()
+    variables = model.variables
     root = Element("fmiModelDescription", fmiVersion=f"{version}.0", modelName=model.name)
     root.set("guid" if version == 2 else "instantiationToken", token)
     root.set("description", model.summary)
@@ -28,29 +25,32 @@ def model_description(model: PlantModel, version: int, token: str, sources: Sequ
     simulation = SubElement(
         root, "CoSimulation", modelIdentifier=model.identifier, canHandleVariableCommunicationStepSize="true"
     )
-    simulation.set(f"canGetAndSet{_STATES[version]}", "true")
-    simulation.set(f"canSerialize{_STATES[version]}", "true")
+    keeps = str(model.keeps_state).lower()
+    simulation.set(f"canGetAndSet{_STATES[version]}", keeps)
+    simulation.set(f"canSerialize{_STATES[version]}", keeps)
+    if model.tool_only:
+        simulation.set("needsExecutionTool", "true")
     if version == 2:
         simulation.set("canNotUseMemoryManagementFunctions", "true")
         files = SubElement(simulation, "SourceFiles")
         for name in sources:
             SubElement(files, "File", name=name)
-    else:
-        simulation.set("fixedInternalStepSize", _number(TICK))
+    elif model.internal_step is not None:
+        simulation.set("fixedInternalStepSize", _number(model.internal_step))
     _units(root, variables)
     categories = SubElement(root, "LogCategories")
     SubElement(categories, "Category", name="logStatusError", description="why a call was refused")
     SubElement(categories, "Category", name="logAll", description="all messages")
-    SubElement(root, "DefaultExperiment", startTime="0", stopTime=_number(_STOP), stepSize=_number(_STEP))
+    SubElement(root, "DefaultExperiment", startTime="0", stopTime=_number(model.stop), stepSize=_number(model.step))
     _variables(root, variables, version)
     _structure(root, variables, version)
     return _text(root)
 
 
-def build_description(model: PlantModel, sources: Sequence[str]) -> bytes:
+def build_description(identifier: str, sources: Sequence[str]) -> bytes:
     """``sources/buildDescription.xml`` of FMI 3."""
     root = Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=model.identifier)
+    configuration = SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     files = SubElement(configuration, "SourceFileSet", language="C99")
     for name in sources:
         SubElement(files, "SourceFile", name=name)
@@ -59,7 +59,7 @@ def build_description(model: PlantModel, sources: Sequence[str]) -> bytes:
 
 def _units(root: Element, variables: Iterable[Variable]) -> None:
     definitions = SubElement(root, "UnitDefinitions")
-    for name in sorted({variable.quantity.unit for variable in variables} - {"-"}):
+    for name in sorted({variable.quantity.unit for variable in variables if variable.text is None} - {"-"}):
         unit = SubElement(definitions, "Unit", name=name)
         base = base_unit(name)
         if base is not None:
@@ -85,22 +85,39 @@ def _variables(root: Element, variables: Sequence[Variable], version: int) -> No
             description="time",
         )
     for variable in variables:
-        quantity, is_parameter = variable.quantity, variable.causality == "parameter"
-        entry = SubElement(entries, "ScalarVariable" if version == 2 else "Float64", name=quantity.name)
+        quantity, is_parameter, is_text = (
+            variable.quantity,
+            variable.causality == "parameter",
+            variable.text is not None,
+        )
+        kind = ("String" if is_text else "Float64") if version == 3 else "ScalarVariable"
+        entry = SubElement(entries, kind, name=quantity.name)
         entry.set("valueReference", str(variable.reference))
         entry.set("description", quantity.meaning)
         entry.set("causality", variable.causality)
-        entry.set("variability", "fixed" if is_parameter else "continuous")
+        continuous = not (variable.held or is_text)
+        entry.set("variability", "fixed" if is_parameter else "continuous" if continuous else "discrete")
         if variable.causality != "input":
-            entry.set("initial", "exact" if is_parameter else "calculated")
+            entry.set("initial", "exact" if is_parameter or variable.held else "calculated")
+        if is_text:
+            _start_text(entry, variable, version)
+            continue
         value = SubElement(entry, "Real") if version == 2 else entry
         if quantity.unit != "-":
             value.set("unit", quantity.unit)
         for limit, number in (("min", quantity.low), ("max", quantity.high)):
             if number is not None and math.isfinite(number):
                 value.set(limit, _number(number))
-        if variable.causality != "output":
+        if variable.causality != "output" or variable.held:
             value.set("start", _number(quantity.start))
+
+
+def _start_text(entry: Element, variable: Variable, version: int) -> None:
+    has_start = variable.causality != "output" or variable.held
+    if version == 2:
+        SubElement(entry, "String", {"start": variable.text or ""} if has_start else {})
+    elif has_start:
+        SubElement(entry, "Start", value=variable.text or "")
 
 
 def _structure(root: Element, variables: Sequence[Variable], version: int) -> None:
@@ -108,19 +125,16 @@ def _structure(root: Element, variables: Sequence[Variable], version: int) -> No
     place = {variable.reference: str(k) for k, variable in enumerate(variables, start=1)}
     structure = SubElement(root, "ModelStructure")
     outputs = [variable for variable in variables if variable.causality == "output"]
-    lists = (
-        (SubElement(structure, "Outputs"), SubElement(structure, "InitialUnknowns"))
-        if version == 2
-        else (structure, structure)
-    )
-    for parent, kind, is_initial in zip(lists, ("Output", "InitialUnknown"), (False, True), strict=True):
-        for output in outputs:
+    initial = [output for output in outputs if not output.held]
+    for group, kind, of in (("Outputs", "Output", outputs), ("InitialUnknowns", "InitialUnknown", initial)):
+        parent = SubElement(structure, group) if version == 2 and of else structure
+        for output in of:
             entry = SubElement(parent, "Unknown" if version == 2 else kind)
             entry.set(
                 "index" if version == 2 else "valueReference",
                 place[output.reference] if version == 2 else str(output.reference),
             )
-            if not is_initial:
+            if of is outputs:
                 known = [place[r] if version == 2 else str(r) for r in output.feed_through]
                 entry.set("dependencies", " ".join(known))
 

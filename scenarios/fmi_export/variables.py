@@ -28,6 +28,8 @@ class Variable:
     causality: Causality
     reference: int  # value reference; 0 is the time
     feed_through: tuple[int, ...] = ()  # of an output: references of the inputs that it depends on at once
+    held: bool = False  # an output that begins at its start value, and changes in steps alone
+    text: str | None = None  # start of a text; None: a number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

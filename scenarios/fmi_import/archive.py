@@ -63,6 +63,7 @@ class FmuFile:
     fixed_step: bool  # it accepts no other
     keeps_state: bool  # its state can be taken, kept as bytes and set
     variables: dict[str, Variable]
+    tool: str = ""  # that wrote it
 
     def unpacked(self) -> Path:
         """Unpack into a new private folder, which the caller removes.
@@ -117,6 +118,7 @@ def open_fmu(path: Path) -> FmuFile:
         fixed_step=strict,
         keeps_state=bool(simulation.canGetAndSetFMUstate and simulation.canSerializeFMUstate),
         variables=_variables(path, description),
+        tool=str(description.generationTool or ""),
     )
 
 

@@ -56,7 +56,7 @@ def driver_signals(n_units: int) -> PartSignals:
 class FmuDriverMemory(NamedTuple):
     """State of the driver between two steps."""
 
-    tick: int  # of the last step; -1 before the first
+    start: int  # tick at which the FMU's time began; -1 before the first step
     station: float  # of the guided point along the path [m]
     pace: DriverMemory  # of the driver who keeps the speed
 
@@ -96,16 +96,19 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
             FmuError: if the FMU fails, stalls, crashes or gives no finite number.
         """
         instance = self._instance
-        if memory.tick < 0 and instance.ticks > 0:
+        if memory.start < 0 and instance.ticks > 0:
             instance.restart()
+        start = tick if memory.start < 0 else memory.start
         pace, keeping = self._pace.step(memory.pace, tick, ego)
-        if memory.tick >= 0 and tick - memory.tick < instance.period:
-            return memory._replace(pace=pace), self._command
+        if instance.ticks > tick - start:
+            return FmuDriverMemory(start, memory.station, pace), self._command
         station, signals = self._signals(memory.station, tick, ego)
-        found = instance.step(instance.period, signals)
+        found: dict[str, float] = {}
+        while instance.ticks <= tick - start:
+            found = instance.step(instance.period, signals)
         acceleration = found.get("acceleration", keeping.acceleration)
         self._command = DriverCommand(found["steer"], acceleration, found.get("gear", 1.0))
-        return FmuDriverMemory(tick, station, pace), self._command
+        return FmuDriverMemory(start, station, pace), self._command
 
     def _signals(self, near: float, tick: int, ego: EgoState) -> tuple[float, dict[str, float]]:
         """Station of the guided point, and the inputs [SI] of the FMU."""

@@ -18,6 +18,7 @@ from vehicle.user_file import FileKind, shown
 
 _PERIOD: Final = 0.01  # of a step, where neither map nor FMU says [s]
 _TIMEOUT: Final = 10.0  # longest time that a step may take [s]
+_LONG_ROW: Final = 100  # of numbered signals, which a first map does not list one by one
 _TABLES: Final = ("inputs", "outputs", "parameters")
 _NUMBERS: Final = ("period", "timeout")
 _LINK: Final = ("signal", "unit", "factor", "offset")
@@ -150,13 +151,22 @@ def first_map(fmu: FmuFile, part: PartSignals) -> str:
             else:
                 left.remove(chosen)
                 lines.append(f'"{variable.name}" = "{chosen.name}"{meaning}')
-        lines += [f"# signal {one.name} [{one.unit}]: {one.meaning}" for one in left]
+        lines += _listed(left)
     parameters = _of_causality(fmu, "parameters")
     starts = {one.name for one in part.starts} & {one.name for one in parameters}
     lines += ["", "[parameters]", *(f'"{name}" = "{name}"' for name in sorted(starts))]
     lines += [f'# "{one.name}" = {one.start or "0"}  # {one.meaning}' for one in parameters if one.name not in starts]
     lines += [f'# "…" = "{one.name}"  # {one.meaning} [{one.unit}]' for one in part.starts if one.name not in starts]
     return "\n".join(lines) + "\n"
+
+
+def _listed(signals: Sequence[Signal]) -> list[str]:
+    """Comments on signals; of a long numbered row the first and the last."""
+    rows: dict[str, list[Signal]] = {}
+    for one in signals:
+        rows.setdefault(one.name.rstrip("0123456789"), []).append(one)
+    shown_ones = [row if len(row) <= _LONG_ROW else [row[0], row[-1]] for row in rows.values()]
+    return [f"# signal {one.name} [{one.unit}]: {one.meaning}" for row in shown_ones for one in row]
 
 
 def _by_names(fmu: FmuFile, part: PartSignals) -> dict[str, Any]:

@@ -68,7 +68,11 @@ class FmuProcess:
             stderr=self._log,
             bufsize=0,
             start_new_session=True,  # Ctrl-C is for offtrack, which ends the process itself
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(dict.fromkeys(filter(None, sys.path)))},
+            env={
+                "OFFTRACK_PYTHON": sys.executable,
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(dict.fromkeys(filter(None, sys.path))),
+            },
         )
         assert self._process.stdin is not None
         assert self._process.stdout is not None

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "model.h"
+#include "instance.h"
 
 #include "fmi2Functions.h"
 
@@ -34,8 +34,7 @@ fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const 
 
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logs) {
-  Model *model = model_new(name);
-  (void)resources;
+  Model *model = model_new(name, resources);
   (void)visible;
   if (!model) return NULL;
   model->more = calloc(1, sizeof(Memory));
@@ -73,7 +72,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
 }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return DONE(model_initialise(c)); }
 fmi2Status fmi2Terminate(fmi2Component c) {
-  (void)c;
+  model_terminate(c);
   return fmi2OK;
 }
 fmi2Status fmi2Reset(fmi2Component c) {
@@ -104,15 +103,37 @@ fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
   }
 WITHOUT(Integer, fmi2Integer)
 WITHOUT(Boolean, fmi2Boolean)
-WITHOUT(String, fmi2String)
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
-  if (!*state) *state = malloc(sizeof(Data));
-  if (!*state) return fmi2Error;
-  memcpy(*state, &((Model *)c)->data, sizeof(Data));
+fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2String value[]) {
+  for (size_t i = 0; i < n; i++)
+    if (model_get_text(c, vr[i], value + i)) return fmi2Error;
   return fmi2OK;
 }
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) { return DONE(model_restore(c, state, sizeof(Data))); }
+
+fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2String value[]) {
+  for (size_t i = 0; i < n; i++)
+    if (model_set_text(c, vr[i], value[i])) return fmi2Error;
+  return fmi2OK;
+}
+
+/* true, with a message, if the model's state cannot be taken */
+static int keeps_none(Model *model) {
+  if (model_state_size()) return 0;
+  model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
+  return 1;
+}
+
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state) {
+  if (keeps_none(c)) return fmi2Error;
+  if (!*state) *state = malloc(model_state_size());
+  if (!*state) return fmi2Error;
+  memcpy(*state, ((Model *)c)->data, model_state_size());
+  return fmi2OK;
+}
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state) {
+  if (keeps_none(c)) return fmi2Error;
+  return DONE(model_restore(c, state, model_state_size()));
+}
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
   (void)c;
   free(*state);
@@ -120,23 +141,24 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state) {
   return fmi2OK;
 }
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size) {
-  (void)c;
   (void)state;
-  *size = sizeof(Data);
-  return fmi2OK;
+  *size = model_state_size();
+  return DONE(keeps_none(c));
 }
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-  if (!state || size < sizeof(Data)) {
-    model_refuse(c, "a state needs %lu bytes", (unsigned long)sizeof(Data));
+  if (keeps_none(c)) return fmi2Error;
+  if (!state || size < model_state_size()) {
+    model_refuse(c, "a state needs %lu bytes", (unsigned long)model_state_size());
     return fmi2Error;
   }
-  memcpy(bytes, state, sizeof(Data));
+  memcpy(bytes, state, model_state_size());
   return fmi2OK;
 }
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state) {
-  if (size != sizeof(Data)) {
+  if (keeps_none(c)) return fmi2Error;
+  if (size != model_state_size()) {
     model_refuse(c, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)sizeof(Data));
+                 (unsigned long)model_state_size());
     return fmi2Error;
   }
   if (!*state) *state = malloc(size);

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "model.h"
+#include "instance.h"
 
 #include "fmi3Functions.h"
 
@@ -36,9 +36,9 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          const fmi3ValueReference intermediate[], size_t n_intermediate,
                                          fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                          fmi3IntermediateUpdateCallback update) {
-  Model *model = model_new(name);
+  Model *model = model_new(name, resources);
   Memory *memory;
-  (void)resources, (void)visible, (void)event_mode, (void)early_return;
+  (void)visible, (void)event_mode, (void)early_return;
   (void)intermediate, (void)n_intermediate, (void)update;
   if (!model) return NULL;
   memory = calloc(1, sizeof *memory);
@@ -68,7 +68,7 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
 }
 fmi3Status fmi3ExitInitializationMode(fmi3Instance c) { return DONE(model_initialise(c)); }
 fmi3Status fmi3Terminate(fmi3Instance c) {
-  (void)c;
+  model_terminate(c);
   return fmi3OK;
 }
 fmi3Status fmi3Reset(fmi3Instance c) {
@@ -98,13 +98,45 @@ fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference vr[], size_t 
   return fmi3OK;
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
-  if (!*state) *state = malloc(sizeof(Data));
-  if (!*state) return fmi3Error;
-  memcpy(*state, &((Model *)c)->data, sizeof(Data));
+fmi3Status fmi3GetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, fmi3String value[], size_t n_values) {
+  if (n != n_values) {
+    model_refuse(c, "%lu values for %lu texts", (unsigned long)n_values, (unsigned long)n);
+    return fmi3Error;
+  }
+  for (size_t i = 0; i < n; i++)
+    if (model_get_text(c, vr[i], value + i)) return fmi3Error;
   return fmi3OK;
 }
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) { return DONE(model_restore(c, state, sizeof(Data))); }
+
+fmi3Status fmi3SetString(fmi3Instance c, const fmi3ValueReference vr[], size_t n, const fmi3String value[],
+                         size_t n_values) {
+  if (n != n_values) {
+    model_refuse(c, "%lu values for %lu texts", (unsigned long)n_values, (unsigned long)n);
+    return fmi3Error;
+  }
+  for (size_t i = 0; i < n; i++)
+    if (model_set_text(c, vr[i], value[i])) return fmi3Error;
+  return fmi3OK;
+}
+
+/* true, with a message, if the model's state cannot be taken */
+static int keeps_none(Model *model) {
+  if (model_state_size()) return 0;
+  model_refuse(model, "the state of this FMU cannot be taken or set: it is in another process");
+  return 1;
+}
+
+fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state) {
+  if (keeps_none(c)) return fmi3Error;
+  if (!*state) *state = malloc(model_state_size());
+  if (!*state) return fmi3Error;
+  memcpy(*state, ((Model *)c)->data, model_state_size());
+  return fmi3OK;
+}
+fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state) {
+  if (keeps_none(c)) return fmi3Error;
+  return DONE(model_restore(c, state, model_state_size()));
+}
 fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
   (void)c;
   free(*state);
@@ -112,22 +144,24 @@ fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state) {
   return fmi3OK;
 }
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size) {
-  (void)c, (void)state;
-  *size = sizeof(Data);
-  return fmi3OK;
+  (void)state;
+  *size = model_state_size();
+  return DONE(keeps_none(c));
 }
 fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-  if (!state || size < sizeof(Data)) {
-    model_refuse(c, "a state needs %lu bytes", (unsigned long)sizeof(Data));
+  if (keeps_none(c)) return fmi3Error;
+  if (!state || size < model_state_size()) {
+    model_refuse(c, "a state needs %lu bytes", (unsigned long)model_state_size());
     return fmi3Error;
   }
-  memcpy(bytes, state, sizeof(Data));
+  memcpy(bytes, state, model_state_size());
   return fmi3OK;
 }
 fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state) {
-  if (size != sizeof(Data)) {
+  if (keeps_none(c)) return fmi3Error;
+  if (size != model_state_size()) {
     model_refuse(c, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)sizeof(Data));
+                 (unsigned long)model_state_size());
     return fmi3Error;
   }
   if (!*state) *state = malloc(size);

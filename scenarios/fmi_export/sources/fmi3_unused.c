@@ -1,12 +1,12 @@
 /* Functions of FMI 3.0 that this FMU does not need: importers look all of them up. Written by a script from the
    declarations of fmi3FunctionTypes.h. */
 
-#include "model.h"
+#include "instance.h"
 
 #include "fmi3Functions.h"
 
 static fmi3Status refused(fmi3Instance instance, const char *function) {
-  model_refuse(instance, "%s is not supported: all variables are of type Float64, for co-simulation", function);
+  model_refuse(instance, "%s is not supported: variables are of types Float64 and String, for co-simulation", function);
   return fmi3Error;
 }
 
@@ -94,12 +94,6 @@ fmi3Status fmi3GetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
   return nValueReferences ? refused(instance, "fmi3GetBoolean") : fmi3OK;
 }
 
-fmi3Status fmi3GetString(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         fmi3String values[], size_t nValues) {
-  (void)valueReferences; (void)values; (void)nValues;
-  return nValueReferences ? refused(instance, "fmi3GetString") : fmi3OK;
-}
-
 fmi3Status fmi3GetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                          size_t valueSizes[], fmi3Binary values[], size_t nValues) {
   (void)valueReferences; (void)valueSizes; (void)values; (void)nValues;
@@ -170,12 +164,6 @@ fmi3Status fmi3SetBoolean(fmi3Instance instance, const fmi3ValueReference valueR
                           const fmi3Boolean values[], size_t nValues) {
   (void)valueReferences; (void)values; (void)nValues;
   return nValueReferences ? refused(instance, "fmi3SetBoolean") : fmi3OK;
-}
-
-fmi3Status fmi3SetString(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                         const fmi3String values[], size_t nValues) {
-  (void)valueReferences; (void)values; (void)nValues;
-  return nValueReferences ? refused(instance, "fmi3SetString") : fmi3OK;
 }
 
 fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueReferences[], size_t nValueReferences,

@@ -3,15 +3,9 @@
 #include "model.h"
 
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-#define LONGEST_MESSAGE 300
 #define LARGEST 1e12      /* of a state, in any SI unit */
-#define ROUNDING 1e-6     /* by which a step may miss whole ticks [ticks] */
-#define LONGEST_STEP 1e6  /* [s] */
 
 /* value references: 0 is the time, then parameters, inputs and outputs */
 #define FIRST_INPUT (1 + N_PARAMETERS)
@@ -22,41 +16,18 @@ static const double STARTS[] = {PARAMETER_STARTS};
 static const double INPUT_STARTS_[] = {INPUT_STARTS};
 static const char *const INPUT_NAMES_[] = {INPUT_NAMES};
 
-void model_refuse(Model *model, const char *format, ...) {
-  char message[LONGEST_MESSAGE];
-  va_list arguments;
-  va_start(arguments, format);
-  vsnprintf(message, sizeof message, format, arguments);
-  va_end(arguments);
-  if (model->log) model->log(model, REFUSAL, message);
-}
+size_t model_data_size(void) { return sizeof(Data); }
+size_t model_state_size(void) { return sizeof(Data); }
 
 void model_reset(Model *model) {
-  memset(&model->data, 0, sizeof model->data);
-  memcpy(model->data.parameters, STARTS, sizeof model->data.parameters);
-  memcpy(model->data.inputs, INPUT_STARTS_, sizeof model->data.inputs);
+  Data *data = model->data;
+  memset(data, 0, sizeof *data);
+  memcpy(data->parameters, STARTS, sizeof data->parameters);
+  memcpy(data->inputs, INPUT_STARTS_, sizeof data->inputs);
 }
 
-Model *model_new(const char *name) {
-  Model *model = calloc(1, sizeof *model);
-  size_t length = name ? strlen(name) + 1 : 1;
-  if (!model) return NULL;
-  model->name = malloc(length);
-  if (!model->name) {
-    free(model);
-    return NULL;
-  }
-  memcpy(model->name, name ? name : "", length);
-  model_reset(model);
-  return model;
-}
-
-void model_free(Model *model) {
-  if (!model) return;
-  free(model->more);
-  free(model->name);
-  free(model);
-}
+void model_terminate(Model *model) { (void)model; }
+void model_release(Model *model) { (void)model; }
 
 static int is_sane(const double *values, int n) {
   for (int k = 0; k < n; k++)
@@ -66,7 +37,7 @@ static int is_sane(const double *values, int n) {
 
 /* the start's state, as long as the initialisation lasts */
 static int ensure_started(Model *model) {
-  Data *data = &model->data;
+  Data *data = model->data;
   char message[200] = "";
   if (data->started) return 0;
   if (plant_start(data, message)) {
@@ -87,18 +58,18 @@ int model_begin(Model *model, double start_time) {
     model_refuse(model, "start time = %g s must be finite", start_time);
     return 1;
   }
-  model->data.start_time = start_time;
+  model->data->start_time = start_time;
   return 0;
 }
 
 int model_initialise(Model *model) {
   if (ensure_started(model)) return 1;
-  model->data.initialised = 1;
+  model->data->initialised = 1;
   return 0;
 }
 
 int model_get(Model *model, unsigned reference, double *value) {
-  Data *data = &model->data;
+  Data *data = model->data;
   if (reference == 0) {
     *value = data->start_time + (double)data->ticks * TICK;
   } else if (reference < FIRST_INPUT) {
@@ -118,7 +89,7 @@ int model_get(Model *model, unsigned reference, double *value) {
 }
 
 int model_set(Model *model, unsigned reference, double value) {
-  Data *data = &model->data;
+  Data *data = model->data;
   if (reference == 0 || reference >= FIRST_OUTPUT) {
     model_refuse(model, "value reference %u is no parameter and no input", reference);
     return 1;
@@ -144,7 +115,7 @@ int model_set(Model *model, unsigned reference, double value) {
 /* the gear is a sign; anything between would drive with a share of the torque */
 static int check_inputs(Model *model) {
 #ifdef GEAR
-  double gear = model->data.inputs[GEAR];
+  double gear = model->data->inputs[GEAR];
   if (gear != 1.0 && gear != -1.0) {
     model_refuse(model, "%s = %g must be 1 (forward) or -1 (backward)", INPUT_NAMES_[GEAR], gear);
     return 1;
@@ -157,41 +128,44 @@ static int check_inputs(Model *model) {
 }
 
 int model_step(Model *model, double time, double step) {
-  Data *data = &model->data;
+  Data *data = model->data;
   Data before;
   double now = data->start_time + (double)data->ticks * TICK;
-  double whole = floor(step / TICK + 0.5);
+  long ticks;
   char message[200] = "";
   if (!data->initialised) {
     model_refuse(model, "a step needs an initialised model");
     return 1;
   }
-  if (!(step > 0.0 && step <= LONGEST_STEP) || whole < 1.0 || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole)) {
-    model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
-    return 1;
-  }
-  if (!(fabs(time - now) < 0.5 * TICK)) {
-    model_refuse(model, "the step begins at %.9g s, but the model is at %.9g s", time, now);
-    return 1;
-  }
-  if (check_inputs(model)) return 1;
+  if (model_check_step(model, now, time, step, 1, &ticks) || check_inputs(model)) return 1;
   before = *data;
-  if (plant_advance(data, (long)whole, message) || !is_sane(data->state, N_STATES)) {
+  if (plant_advance(data, ticks, message) || !is_sane(data->state, N_STATES)) {
     *data = before;
     model_refuse(model, "the state diverged in the step from %.9g s%s%s", now, *message ? ": " : "", message);
     return 1;
   }
-  data->ticks += (long long)whole;
+  data->ticks += ticks;
   data->current = 0;
   return 0;
 }
 
+int model_get_text(Model *model, unsigned reference, const char **value) {
+  (void)value;
+  model_refuse(model, "value reference %u is no text", reference);
+  return 1;
+}
+
+int model_set_text(Model *model, unsigned reference, const char *value) {
+  const char *unused = value;
+  return model_get_text(model, reference, &unused);
+}
+
 int model_restore(Model *model, const void *bytes, size_t size) {
-  if (!bytes || size != sizeof model->data) {
+  if (!bytes || size != sizeof(Data)) {
     model_refuse(model, "%lu bytes are no state of this model, which has %lu", (unsigned long)size,
-                 (unsigned long)sizeof model->data);
+                 (unsigned long)sizeof(Data));
     return 1;
   }
-  memcpy(&model->data, bytes, size);
+  memcpy(model->data, bytes, size);
   return 0;
 }

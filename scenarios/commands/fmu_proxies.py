@@ -1,0 +1,99 @@
+"""`offtrack fmu law`: offtrack's own parts as FMUs with a Python process behind them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from scenarios.commands.console import Quiet, one_line_errors
+
+if TYPE_CHECKING:
+    from scenarios.fmi_proxy.description import Proxy
+
+LAW_EXAMPLES = (
+    "Examples: offtrack fmu law path_preview --vehicle uk_longer_semitrailer   "
+    "offtrack fmu law ct_at --vehicle b_double_steered --fmi 2 -o ct_at.fmu   "
+    "offtrack fmu law path_preview --vehicle uk_longer_semitrailer --set steering.gain=0.5   "
+    "offtrack run roundabout --set trailer_steering=path_preview_uk_longer_semitrailer.fmu"
+)
+
+_KEYS = ("steering", "degradation", "load", "steer_groups", "policy")  # of a scenario, that a law takes
+Fmi = Annotated[int, typer.Option(help="Version of FMI: 2 or 3.")]
+Out = Annotated[Path | None, typer.Option("--out", "-o", help="Name of the FMU.", show_default="after its content")]
+Platforms = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Further platform with a library in the FMU, such as win64; may be repeated. Needs the extra zig."
+    ),
+]
+
+
+def law(
+    name: Annotated[
+        str, typer.Argument(help="Law by its name (see: offtrack parts trailer_steering), or module:Name.")
+    ],
+    vehicle: Annotated[str, typer.Option(help="Vehicle by name or TOML file: the data sheet that the law goes by.")],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="KEY=VALUE as of a scenario: steering.…, degradation.…, load, steer_groups, policy."
+        ),
+    ] = None,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a trailer steering law as an FMU: guarded against bad estimates as in a run, for the last steered trailer.
+
+    The FMU starts a Python process of an environment with offtrack, and ends it. The parameter python or the
+    environment variable OFFTRACK_PYTHON names the interpreter; otherwise it is python3 by the search path.
+    """
+    with one_line_errors():
+        from scenarios.fmi_proxy.law import law_of_scenario
+        from scenarios.options.scenario import load_scenario
+
+        check_version(fmi)
+        for setting in settings or []:
+            if setting.partition(".")[0].partition("=")[0] not in _KEYS:
+                raise ValueError(f"--set {setting}: a law has only the keys {', '.join(_KEYS)}")
+        chosen = [f"vehicle={vehicle}", f"trailer_steering={name}", *(settings or [])]
+        written(law_of_scenario(load_scenario("roundabout", chosen)), fmi, out, platform, quiet=quiet)
+
+
+def check_version(fmi: int) -> None:
+    """Refuse an unknown version of FMI.
+
+    Raises:
+        ValueError: one line.
+    """
+    if fmi not in (2, 3):
+        raise ValueError(f"--fmi {fmi}: must be 2 or 3")
+
+
+def written(proxy: Proxy, fmi: int, out: Path | None, platform: list[str] | None, *, quiet: bool) -> None:
+    """Write an FMU and say what it has.
+
+    Raises:
+        ValueError: one line, if it can't be compiled, or the name is wrong.
+    """
+    from scenarios.fmi_export.archive import fmu_bytes
+    from scenarios.fmi_export.binaries import checked_platforms
+    from scenarios.results.files import check_new_file, replacing
+
+    platforms = checked_platforms(platform or [], fmi)
+    path = out or Path(f"{proxy.name}.fmu")
+    if path.suffix != ".fmu":
+        raise ValueError(f"--out {path}: the name must end in .fmu")
+    check_new_file(path)
+    exported = proxy.exported(fmi)
+    with replacing(path) as unfinished:
+        unfinished.write_bytes(fmu_bytes(exported, fmi, platforms))
+    if not quiet:
+        count = {kind: sum(one.causality == kind for one in exported.variables) for kind in ("input", "output")}
+        typer.echo(
+            f"FMU: {path} (FMI {fmi}, {', '.join(platforms)}): {count['input']} inputs, {count['output']} outputs; "
+            f"steps of {proxy.step:g} s"
+        )

@@ -1,0 +1,49 @@
+/* An instance of an FMU, whatever the version of FMI and whatever it simulates. */
+
+#ifndef OFFTRACK_INSTANCE_H
+#define OFFTRACK_INSTANCE_H
+
+#include <stddef.h>
+
+#include "portable.h"
+
+#include "token.h" /* the token of this FMU */
+
+#define TICK 0.001 /* [s] */
+
+typedef struct Data Data; /* all that changes while it runs; the kind of model defines it */
+
+typedef enum { INFORMATION, REFUSAL } Severity;
+
+typedef struct Model {
+  Data *data;
+  void (*log)(struct Model *model, Severity severity, const char *message);
+  void *environment; /* of the importer */
+  void *callback;
+  void *more; /* memory of the FMI version's part */
+  char *name;
+  char *resources; /* folder or address of the FMU's resources */
+} Model;
+
+/* of instance.c */
+HIDDEN Model *model_new(const char *name, const char *resources);
+HIDDEN void model_free(Model *model);
+HIDDEN void model_refuse(Model *model, const char *format, ...);
+HIDDEN int model_check_step(Model *model, double now, double time, double step, long period, long *ticks);
+
+/* of the kind of model; they return 0, or 1 after a log message */
+HIDDEN size_t model_data_size(void);
+HIDDEN size_t model_state_size(void); /* of the data as a state that can be taken and set; 0: it cannot */
+HIDDEN void model_reset(Model *model);
+HIDDEN int model_begin(Model *model, double start_time);
+HIDDEN int model_initialise(Model *model);
+HIDDEN void model_terminate(Model *model);
+HIDDEN void model_release(Model *model); /* ends and frees all that the data hold */
+HIDDEN int model_get(Model *model, unsigned reference, double *value);
+HIDDEN int model_set(Model *model, unsigned reference, double value);
+HIDDEN int model_get_text(Model *model, unsigned reference, const char **value);
+HIDDEN int model_set_text(Model *model, unsigned reference, const char *value);
+HIDDEN int model_step(Model *model, double time, double step);
+HIDDEN int model_restore(Model *model, const void *bytes, size_t size);
+
+#endif

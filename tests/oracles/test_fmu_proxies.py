@@ -1,0 +1,197 @@
+"""FMUs with a Python process behind them: in runs with cameras, compiled by other means, again and again.
+
+Not part of ``make test``: ``pytest -n0 tests/oracles --override-ini addopts="--import-mode=importlib"``. The library
+for Windows needs the extra ``zig``; it is compiled, not run.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import zipfile
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+
+import offtrack
+from scenarios.fmi_export import binaries
+from scenarios.fmi_export.archive import fmu_bytes
+from scenarios.fmi_import.estimate_signals import reading_values
+from scenarios.fmi_proxy.law import law_proxy
+from sensors.messages import CombinationSignals
+from tests.fmu_plants import Slave, c_compiler
+from tests.fmu_proxies import alive
+from vehicle.combination.description import load_vehicle
+
+VEHICLE = "uk_longer_semitrailer"
+HEADERS = Path(binaries.__file__).parent / "headers"
+
+
+def law(folder: Path, version: int, name: str = "path_preview", platforms: tuple[str, ...] = ("linux64",)) -> Path:
+    file = folder / f"{name}{version}.fmu"
+    file.write_bytes(fmu_bytes(law_proxy(name, load_vehicle(VEHICLE), {}).exported(version), version, platforms))
+    return file
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_law_as_fmu_in_a_run_with_cameras_gives_the_same_log(version: int, tmp_path: Path) -> None:
+    settings = {"course.turn_deg": 60.0}
+    own = offtrack.run("roundabout", settings=settings)
+    other = offtrack.run("roundabout", settings=settings | {"trailer_steering": str(law(tmp_path, version))})
+    for name in own.log.names:
+        np.testing.assert_array_equal(other[name], own[name], name)
+
+
+@pytest.mark.parametrize("name", ["none", "command_steer", "ct_at", "virtual_driver", "lqr", "combined", "mpc"])
+def test_every_law_is_the_same_as_an_fmu(name: str, tmp_path: Path) -> None:
+    settings = {"course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0, "off_tracking": "truth"}
+    own = offtrack.run("roundabout", settings=settings | {"trailer_steering": name})
+    other = offtrack.run("roundabout", settings=settings | {"trailer_steering": str(law(tmp_path, 3, name))})
+    for signal_name in own.log.names:
+        np.testing.assert_array_equal(other[signal_name], own[signal_name], signal_name)
+
+
+def children() -> set[int]:
+    """Processes that this one has started and not waited for."""
+    return {int(number) for number in Path("/proc/thread-self/children").read_text().split()}
+
+
+def test_a_hundred_instances_leave_no_process_socket_or_memory(tmp_path: Path) -> None:
+    """The first ones warm up; an instance has some 10 kB, a leaked descriptor would be one of a hundred."""
+
+    def state() -> tuple[set[int], int, int]:
+        resident = int(re.findall(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text())[0])
+        return children(), len(os.listdir("/proc/self/fd")), resident
+
+    slave = Slave(law(tmp_path, 3), tmp_path / "unpacked", {}, {"python": sys.executable})
+    before = state()
+    for cycle in range(100):
+        slave.fmu.reset()
+        slave.begin({}, {"python": sys.executable})
+        slave.step()
+        if cycle == 10:
+            before = state()
+    after = state()
+    slave.close()
+    assert len(after[0]) == len(before[0]) == 1
+    assert after[1] == before[1]
+    assert after[2] - before[2] < 2000  # kB
+    assert children() == set()
+
+
+def test_two_instances_in_two_threads_are_independent_and_the_same_as_one_alone(tmp_path: Path) -> None:
+    file = law(tmp_path, 3)
+
+    def demands(speed: float, into: dict[float, list[float]]) -> None:
+        slave = Slave(file, tmp_path / f"unpacked{threading.get_ident()}", {}, {"python": sys.executable})
+        reading = CombinationSignals(
+            tick=0,
+            angles=np.zeros(2),
+            speed=speed,
+            steer=0.3,
+            articulation=np.array([0.5]),
+            yaw_rates=np.array([0.2, 0.2]),
+            lateral_acceleration=0.5,
+        )
+        rows: list[float] = []
+        for _ in range(400):
+            slave.set(reading_values(reading))
+            slave.step()
+            rows += slave.get(slave.outputs)
+        into[speed] = rows
+        slave.close()
+
+    alone: dict[float, list[float]] = {}
+    together: dict[float, list[float]] = {}
+    for speed in (2.0, 4.0):
+        demands(speed, alone)
+    threads = [threading.Thread(target=demands, args=(speed, together)) for speed in (2.0, 4.0)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert alone == together
+    assert alone[2.0] != alone[4.0]
+
+
+def test_the_process_ends_when_its_host_is_killed(tmp_path: Path) -> None:
+    file = law(tmp_path, 3)
+    code = (
+        "import sys, pathlib\n"
+        "from tests.fmu_plants import Slave\n"
+        f"slave = Slave(pathlib.Path({str(file)!r}), pathlib.Path({str(tmp_path / 'x')!r}), {{}}, "
+        "{'python': sys.executable})\n"
+        "print(pathlib.Path('/proc/thread-self/children').read_text(), flush=True)\n"
+        "input()\n"
+    )
+    host = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert host.stdout is not None
+    (process,) = map(int, host.stdout.readline().split())
+    assert alive(process)
+    host.send_signal(signal.SIGKILL)
+    host.wait()
+    for _ in range(100):
+        if not alive(process) or "Z" in Path(f"/proc/{process}/stat").read_text().split()[2]:
+            break
+        threading.Event().wait(0.1)
+    else:
+        pytest.fail("the process goes on without its host")
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="no cmake")
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_compiles_it_from_its_own_sources(version: int, tmp_path: Path) -> None:
+    file = law(tmp_path, version, platforms=())
+    done = subprocess.run(
+        [sys.executable, "-m", "fmpy", "compile", str(file)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert validate_fmu(str(file)) == []
+    slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
+    slave.step()
+    slave.close()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ziglang") is None, reason="needs the extra zig")
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_library_for_windows_compiles(version: int, tmp_path: Path) -> None:
+    file = law(tmp_path, version, platforms=("linux64", "win64"))
+    assert validate_fmu(str(file)) == []
+    with zipfile.ZipFile(file) as archive:
+        (name,) = [name for name in archive.namelist() if name.endswith(".dll")]
+        content = archive.read(name)
+    assert content.startswith(b"MZ")
+    assert b"CreateProcessA" in content
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_program_in_c_loads_and_steps_it(version: int, tmp_path: Path) -> None:
+    file, compiler = law(tmp_path, version, "command_steer"), c_compiler()
+    assert compiler is not None
+    fmpy.extract(str(file), str(tmp_path / "unpacked"))
+    description = fmpy.read_model_description(str(file))
+    token = description.guid if version == 2 else description.instantiationToken
+    reference = {one.name: one.valueReference for one in description.modelVariables}
+    (library,) = (tmp_path / "unpacked").rglob("*.so")
+    source, host = Path(__file__).parents[1] / "fmu_host.c", tmp_path / "host"
+    subprocess.run([compiler, "-w", f"-I{HEADERS}", str(source), "-o", str(host), "-ldl"], check=True)
+    resources = tmp_path / "unpacked" / "resources"
+    place = resources.as_uri() if version == 2 else f"{resources}/"
+    arguments = [library, version, token, reference["articulation_1"], reference["steer_demand_1"], place]
+    environment = {**os.environ, "OFFTRACK_PYTHON": sys.executable}
+    done = subprocess.run([host, *map(str, arguments)], capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
+    slave.set({"articulation_1": 0.1})
+    slave.step()
+    assert float(done.stdout) == slave.get(["steer_demand_1"])[0] != 0.0
+    slave.close()

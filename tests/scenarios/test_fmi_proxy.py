@@ -1,0 +1,258 @@
+"""Laws as FMUs with a Python process behind them: the same law, and what happens to the process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fmpy.validation import validate_fmu
+from typer.testing import CliRunner
+
+from controllers.trailer import Combination
+from estimators.estimates import Health, OffTracking
+from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.trailer_law import trailer_law
+from scenarios.cli import app
+from scenarios.fmi_export import binaries
+from scenarios.fmi_export.archive import fmu_bytes
+from scenarios.fmi_import.estimate_signals import (
+    PATH_POINTS,
+    estimate_of,
+    estimate_signals,
+    estimate_values,
+    reading_values,
+)
+from scenarios.fmi_import.law import law_of
+from scenarios.fmi_proxy.law import law_proxy
+from scenarios.fmi_proxy.server import folder_of
+from sensors.messages import CombinationSignals
+from tests.fmu_plants import Slave, c_compiler
+from tests.fmu_proxies import alive, stand_in
+from tests.fmus import Quantity, build_fmu
+from vehicle.combination.description import load_vehicle
+
+pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
+VEHICLE = "uk_longer_semitrailer"
+USED = frozenset(one.name for one in estimate_signals(coarse=False))
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """The law in both versions, compiled by the system's compiler: the quickest."""
+    folder = tmp_path_factory.mktemp("laws")
+    proxy = law_proxy("path_preview", load_vehicle(VEHICLE), {"gain": 0.5})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(binaries, "_has_zig", lambda: False)
+        for version in (2, 3):
+            (folder / f"{version}.fmu").write_bytes(
+                fmu_bytes(proxy.exported(version), version, ("linux64",), optimisation=0)
+            )
+    return {version: folder / f"{version}.fmu" for version in (2, 3)}
+
+
+def slave_of(fmus: Mapping[int, Path], version: int, python: str = sys.executable, **values: float) -> Slave:
+    return Slave(fmus[version], fmus[version].with_suffix(""), values, {"python": python})
+
+
+def estimate(tick: int, points: int = 60) -> OffTracking:
+    """An estimate on a circle of 14 m radius, with a path of some points."""
+    s = np.linspace(0.0, 16.0, points)
+    return OffTracking(
+        tick=tick,
+        value=0.3 * np.sin(tick / 300.0),
+        std=0.02,
+        health=Health.OK,
+        path=np.column_stack([-s, -0.035 * s**2]),
+        hitch_direction=0.5,
+        hitch_direction_rate=0.01,
+        path_tangent=-0.5,
+        v_x=2.8,
+        v_y=1.4,
+        yaw_rate=0.2,
+    )
+
+
+def reading(tick: int) -> CombinationSignals:
+    return CombinationSignals(
+        tick=tick,
+        angles=np.array([0.1, 0.05]),
+        speed=2.8,
+        steer=0.27,
+        articulation=np.array([0.58]),
+        yaw_rates=np.array([0.2, 0.2]),
+        lateral_acceleration=0.56,
+    )
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_finds_no_problem(fmus: dict[int, Path], version: int) -> None:
+    assert validate_fmu(str(fmus[version])) == []
+
+
+def test_the_law_in_its_process_steers_as_the_same_law_here(fmus: dict[int, Path]) -> None:
+    """Bitwise: values go over as they are. Its guard is that of a run, and steps of 10 ms are held in between."""
+    vehicle = load_vehicle(VEHICLE)
+    law = trailer_law("path_preview", trailer_geometry(vehicle, 1), Combination(vehicle, 1), {"gain": 0.5})
+    memory, slave, newest = law.init(), slave_of(fmus, 3), None
+    for tick in range(0, 2000, 10):
+        newest = estimate(tick - 100) if tick % 100 == 0 and tick >= 100 else newest
+        slave.set(estimate_values(tick, newest, USED) | reading_values(reading(tick)))
+        slave.step()
+        if tick % 20 == 0:
+            memory, command = law.step(memory, tick, newest, reading(tick))
+        assert slave.get(slave.outputs) == command.angles.tolist()
+    slave.close()
+    assert np.all(command.angles != 0.0)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_process_ends_with_the_instance_and_begins_anew_after_a_reset(
+    fmus: dict[int, Path], version: int, tmp_path: Path
+) -> None:
+    python = stand_in(tmp_path)
+    slave = slave_of(fmus, version, python)
+    slave.step()
+    ticks, first = slave.get(slave.outputs)
+    assert ticks == 10.0
+    assert alive(int(first))
+    slave.fmu.reset()
+    assert not alive(int(first))
+    slave.begin(None, {"python": python})
+    slave.step(0.02)
+    ticks, second = slave.get(slave.outputs)
+    assert ticks == 20.0
+    slave.fmu.terminate()
+    assert not alive(int(second))
+    assert slave.get(slave.outputs) == [ticks, second]
+    slave.close()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_killed_process_is_an_error_with_a_message(fmus: dict[int, Path], version: int, tmp_path: Path) -> None:
+    slave = slave_of(fmus, version, stand_in(tmp_path))
+    slave.step()
+    process = int(slave.get(slave.outputs)[1])
+    os.kill(process, signal.SIGKILL)
+    with pytest.raises(Exception, match="failed"):
+        slave.step()
+    assert slave.messages[-1] == "at 0.01 s: its Python process failed: it was ended by signal 9 (Killed)"
+    with pytest.raises(Exception, match="failed"):
+        slave.step()
+    assert slave.messages[-1] == "its Python process has ended: reset the instance"
+    slave.close()
+    assert not alive(process)
+
+
+@pytest.mark.parametrize(
+    ("mishap", "reason"),
+    [
+        ("time.sleep(60)", "it does not answer within 0.3 s"),
+        ("sys.exit('the sea is too high')", "it exited with code 1 (it said: the sea is too high)"),
+        ("answer(b'no such path', b'-'); continue", "no such path"),
+        ("answer(b'1234'); continue", "it gave 4 bytes, not 2 values"),
+        ("answers.write(b'+\\xff\\xff\\xff\\xff'); continue", "it gave an answer of 4294967295 bytes"),
+    ],
+)
+def test_a_process_that_fails_is_one_line(fmus: dict[int, Path], mishap: str, reason: str, tmp_path: Path) -> None:
+    slave = slave_of(fmus, 2, stand_in(tmp_path, mishap), timeout=0.3)
+    begin = time.monotonic()
+    with pytest.raises(Exception, match="failed"):
+        slave.step()
+    assert time.monotonic() - begin < 3.0
+    assert slave.messages == [f"at 0 s: its Python process failed: {reason}"]
+    slave.close()
+
+
+@pytest.mark.parametrize(
+    ("python", "reason"),
+    [("/nowhere/python", "'/nowhere/python' cannot be started: No such file or directory; the parameter 'python'"),
+     ("/bin/false", "start: its Python process failed: it exited with code 1")],
+)  # fmt: skip
+def test_a_python_that_does_not_start_is_one_line(fmus: dict[int, Path], python: str, reason: str) -> None:
+    slave = Slave.__new__(Slave)
+    with pytest.raises(Exception, match="failed"):
+        slave.__init__(fmus[3], fmus[3].with_suffix(""), {}, {"python": python})  # type: ignore[misc]
+    assert reason in slave.messages[-1]
+    slave.close()
+
+
+def test_steps_of_other_lengths_and_states_are_refused(fmus: dict[int, Path], tmp_path: Path) -> None:
+    slave = slave_of(fmus, 3, stand_in(tmp_path))
+    assert not slave.description.coSimulation.canGetAndSetFMUstate
+    for call, reason in (
+        (lambda: slave.step(0.015), "communication step of 0.015 s must be a multiple of 0.01 s"),
+        (slave.fmu.getFMUState, "the state of this FMU cannot be taken or set: it is in another process"),
+        (lambda: slave.set({"speed": np.inf}), "must be finite and below 1e+12"),
+        (lambda: slave.set({"timeout": 1.0}), "is a parameter, which is fixed after the initialisation"),
+    ):
+        with pytest.raises(Exception, match="failed"):
+            call()
+        assert reason in slave.messages[-1]
+    slave.close()
+
+
+def test_signals_keep_an_estimate() -> None:
+    for one in (
+        estimate(1000),
+        replace(estimate(900), health=Health.LOST, std=np.inf, value=0.0),
+        replace(estimate(0, 1), health=Health.DEGRADED, bridged=0.3),
+    ):
+        other = estimate_of(1100, estimate_values(1100, one, USED))
+        assert other is not None
+        for name in OffTracking.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(other, name), getattr(one, name), name)
+    assert estimate_of(50, dict.fromkeys(USED, 0.0) | estimate_values(50, None, USED)) is None
+    long = estimate_of(0, estimate_values(0, estimate(0, 1000), USED))
+    assert long is not None
+    assert len(long.path) == PATH_POINTS
+    np.testing.assert_array_equal(long.path[[0, -1]], estimate(0, 1000).path[[0, -1]])
+
+
+def test_the_clock_of_a_law_keeps_up_with_the_run(tmp_path: Path) -> None:
+    """The loop asks every 20 ms, the FMU steps by 10 ms: after every call its time is just past that of the run."""
+    clock = (Quantity("steer_demand_1", "output", "rad"), Quantity("steer_demand_2", "output", "rad"))
+    file = build_fmu(tmp_path, "clock", clock, "v[0] = time;")
+    vehicle = load_vehicle(VEHICLE)
+    law = law_of(str(file))(trailer_geometry(vehicle, 1), combination=Combination(vehicle, 1))
+    memory = law.init()
+    for tick in range(0, 200, 20):
+        memory, command = law.step(memory, tick, None, reading(tick))
+        assert command.angles[0] == pytest.approx(1e-3 * tick)  # the last step began at the run's time
+
+
+def test_resources_by_address_and_by_path(tmp_path: Path) -> None:
+    folder = tmp_path / "with a space"
+    folder.mkdir()
+    (folder / "model.json").write_text("{}")
+    assert folder_of(folder.as_uri()) == folder_of(str(folder)) == folder
+    with pytest.raises(ValueError, match=r"no model\.json there"):
+        folder_of("")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["nix", "--vehicle", VEHICLE], "unknown name 'nix'"),
+        (["path_preview", "--vehicle", "rigid_truck"], "no axle of a trailer is steered"),
+        (["path_preview", "--vehicle", VEHICLE, "--fmi", "1"], "--fmi 1: must be 2 or 3"),
+        (["path_preview", "--vehicle", VEHICLE, "--set", "speed_kmh=3"], "a law has only the keys steering"),
+        (["path_preview", "--vehicle", VEHICLE, "--set", "steering.gian=3"], "has no such parameter"),
+        (["path_preview", "--vehicle", VEHICLE, "-o", "law.zip"], "must end in .fmu"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str], reason: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["fmu", "law", *arguments])
+    assert result.exit_code == 2
+    assert reason in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
