@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
+
+import numpy as np
+
+from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
+from estimators.estimates import OffTracking
+from sensors.messages import CombinationSignals
 
 _SCRIPT: Final = """
 import os, struct, sys, time
@@ -47,3 +53,21 @@ def stand_in(folder: Path, mishap: str = "") -> str:
 def alive(process: int) -> bool:
     """True while a process runs, and while nobody has waited for it."""
     return Path(f"/proc/{process}").exists()
+
+
+class Straightener(SteeringLaw[None]):
+    """A law of one's own: all axles turn by the articulation."""
+
+    uses_off_tracking: ClassVar[bool] = False
+
+    def __init__(self, trailer: TrailerGeometry) -> None:
+        """For any trailer."""
+
+    def init(self) -> None:
+        """Nothing to remember."""
+
+    def step(
+        self, memory: None, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[None, SteerCommand]:
+        """Command at ``tick``."""
+        return memory, SteerCommand(angles=np.full(len(signals.angles), float(signals.articulation[0])))

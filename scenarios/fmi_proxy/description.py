@@ -16,9 +16,6 @@ from scenarios.fmi_import.mapping import Signal
 FORMAT: Final = 1  # of the description; another one is refused
 MODEL_FILE: Final = "model.json"
 PERIOD: Final = 10  # of the loop; communication steps are multiples of it [ticks]
-KINDS: Final = {
-    "law": "scenarios.fmi_proxy.law:opened",
-}  # functions that open the model of an FMU in its process
 _COMMON: Final = (
     Quantity("start_timeout", "s", "longest time that the Python process may take to start", 120.0, 0.1, 1e5),
     Quantity("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
@@ -43,7 +40,7 @@ _PYTHON: Final = Text(
 class Proxy:
     """An FMU in front of a Python process."""
 
-    kind: str  # of ``KINDS``
+    kind: str  # by which its process knows what to open
     name: str
     summary: str
     inputs: Sequence[Quantity]

@@ -187,8 +187,3 @@ def _value(value: Any, folder: Path) -> Parameter:
         return str(folder / value["file"])
     checked: Parameter = value
     return checked
-
-
-def opened(opening: Opening) -> LawComputation:
-    """The law of an FMU in its process."""
-    return LawComputation(opening)

@@ -8,17 +8,16 @@ none outlives its host.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import json
 import os
+import re
 import struct
 import sys
 from pathlib import Path
 from typing import Any, BinaryIO, Final
-from urllib.parse import unquote, urlparse
 
 from scenarios.fmi_proxy.computation import Computation, Opening
-from scenarios.fmi_proxy.description import FORMAT, KINDS, MODEL_FILE
+from scenarios.fmi_proxy.description import FORMAT, MODEL_FILE
 
 _SIZE: Final = struct.Struct("=I")
 _STEP: Final = struct.Struct("=qq")  # tick of the beginning, length [ticks]
@@ -55,14 +54,13 @@ class Server:
             at += _SIZE.size
             texts.append(content[at : at + size].decode())
             at += size
-        module, _, function = KINDS[self._description["kind"]].partition(":")
         opening = Opening(
             folder=self._folder,
             settings=self._description["settings"],
             parameters=dict(zip(names, values, strict=True)),
             texts=dict(zip(self._description["texts"], texts, strict=True)),
         )
-        self._computation = getattr(importlib.import_module(module), function)(opening)
+        self._computation = _opened(self._description["kind"], opening)
         return b""
 
     def step(self, content: bytes) -> bytes:
@@ -84,6 +82,14 @@ class Server:
             self._computation.close()
 
 
+def _opened(kind: str, opening: Opening) -> Computation:
+    if kind == "law":
+        from scenarios.fmi_proxy.law import LawComputation
+
+        return LawComputation(opening)
+    raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
+
+
 def folder_of(resources: str) -> Path:
     """Folder of the resources: FMI 2 gives its address, FMI 3 its path.
 
@@ -91,8 +97,8 @@ def folder_of(resources: str) -> Path:
         ValueError: one line, if it is not a folder of this machine.
     """
     if resources.startswith("file:"):
-        address = urlparse(resources)
-        path = unquote(address.path)
+        path = "/" + resources.removeprefix("file:").removeprefix("//").partition("/")[2]
+        path = re.sub(rb"%([0-9A-Fa-f]{2})", lambda m: bytes([int(m[1], 16)]), os.fsencode(path)).decode()
         is_drive = os.name == "nt" and path[2:3] == ":"  # /C:/…
         resources = path[1:] if is_drive else path
     folder = Path(resources)

@@ -23,9 +23,10 @@ import pytest
 from fmpy.validation import validate_fmu
 
 import offtrack
+from estimators.estimates import Health, OffTracking
 from scenarios.fmi_export import binaries
 from scenarios.fmi_export.archive import fmu_bytes
-from scenarios.fmi_import.estimate_signals import reading_values
+from scenarios.fmi_import.estimate_signals import estimate_signals, estimate_values, reading_values
 from scenarios.fmi_proxy.law import law_proxy
 from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
@@ -33,11 +34,12 @@ from tests.fmu_proxies import alive
 from vehicle.combination.description import load_vehicle
 
 VEHICLE = "uk_longer_semitrailer"
+USED = frozenset(one.name for one in estimate_signals(coarse=False))
 HEADERS = Path(binaries.__file__).parent / "headers"
 
 
 def law(folder: Path, version: int, name: str = "path_preview", platforms: tuple[str, ...] = ("linux64",)) -> Path:
-    file = folder / f"{name}{version}.fmu"
+    file = folder / f"{name.replace(':', '_')}{version}.fmu"
     file.write_bytes(fmu_bytes(law_proxy(name, load_vehicle(VEHICLE), {}).exported(version), version, platforms))
     return file
 
@@ -58,6 +60,24 @@ def test_every_law_is_the_same_as_an_fmu(name: str, tmp_path: Path) -> None:
     other = offtrack.run("roundabout", settings=settings | {"trailer_steering": str(law(tmp_path, 3, name))})
     for signal_name in own.log.names:
         np.testing.assert_array_equal(other[signal_name], own[signal_name], signal_name)
+
+
+def estimate(tick: int, speed: float) -> OffTracking:
+    """An estimate at a speed [m/s] on a circle of 14 m radius, the rear 0.3 m inside."""
+    s = np.linspace(0.0, 16.0, 60)
+    return OffTracking(
+        tick=tick,
+        value=0.3,
+        std=0.02,
+        health=Health.OK,
+        path=np.column_stack([-s, -0.035 * s**2]),
+        hitch_direction=0.5,
+        hitch_direction_rate=0.0,
+        path_tangent=-0.5,
+        v_x=speed,
+        v_y=0.5 * speed,
+        yaw_rate=0.07 * speed,
+    )
 
 
 def children() -> set[int]:
@@ -103,8 +123,10 @@ def test_two_instances_in_two_threads_are_independent_and_the_same_as_one_alone(
             lateral_acceleration=0.5,
         )
         rows: list[float] = []
-        for _ in range(400):
-            slave.set(reading_values(reading))
+        slave.set(reading_values(reading))
+        for tick in range(0, 4000, 10):
+            if tick % 100 == 0 and tick > 0:
+                slave.set(estimate_values(tick, estimate(tick - 100, speed), USED))
             slave.step()
             rows += slave.get(slave.outputs)
         into[speed] = rows
@@ -133,12 +155,14 @@ def test_the_process_ends_when_its_host_is_killed(tmp_path: Path) -> None:
         "print(pathlib.Path('/proc/thread-self/children').read_text(), flush=True)\n"
         "input()\n"
     )
-    host = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    assert host.stdout is not None
-    (process,) = map(int, host.stdout.readline().split())
-    assert alive(process)
-    host.send_signal(signal.SIGKILL)
-    host.wait()
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as host:
+        assert host.stdout is not None
+        (process,) = map(int, host.stdout.readline().split())
+        assert alive(process)
+        host.send_signal(signal.SIGKILL)
+        host.wait()
     for _ in range(100):
         if not alive(process) or "Z" in Path(f"/proc/{process}/stat").read_text().split()[2]:
             break
@@ -175,7 +199,7 @@ def test_a_library_for_windows_compiles(version: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_program_in_c_loads_and_steps_it(version: int, tmp_path: Path) -> None:
-    file, compiler = law(tmp_path, version, "command_steer"), c_compiler()
+    file, compiler = law(tmp_path, version, "tests.fmu_proxies:Straightener"), c_compiler()
     assert compiler is not None
     fmpy.extract(str(file), str(tmp_path / "unpacked"))
     description = fmpy.read_model_description(str(file))
@@ -186,12 +210,13 @@ def test_a_program_in_c_loads_and_steps_it(version: int, tmp_path: Path) -> None
     subprocess.run([compiler, "-w", f"-I{HEADERS}", str(source), "-o", str(host), "-ldl"], check=True)
     resources = tmp_path / "unpacked" / "resources"
     place = resources.as_uri() if version == 2 else f"{resources}/"
-    arguments = [library, version, token, reference["articulation_1"], reference["steer_demand_1"], place]
+    arguments = [library, version, token, reference["articulation_1"], reference["steer_demand_1"], place, 3]
     environment = {**os.environ, "OFFTRACK_PYTHON": sys.executable}
     done = subprocess.run([host, *map(str, arguments)], capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     slave = Slave(file, tmp_path / "unpacked", {}, {"python": sys.executable})
     slave.set({"articulation_1": 0.1})
-    slave.step()
+    for _ in range(3):
+        slave.step()
     assert float(done.stdout) == slave.get(["steer_demand_1"])[0] != 0.0
     slave.close()
