@@ -43,4 +43,4 @@ def test_points_are_where_pyxodr_has_them(tmp_path: Path) -> None:
             points, theirs = line.poses(s)[:, :2], np.asarray(road.reference_line)[:, :2]
             for near, far in ((points, theirs), (theirs, points)):
                 # between two points of a line that are 2 mm apart, half of that is along the line
-                assert KDTree(near).query(far)[0].max() < np.hypot(1e-3, 0.51 * _FINE), (path.name, road.id)
+                assert np.max(KDTree(near).query(far)[0]) < np.hypot(1e-3, 0.51 * _FINE), (path.name, road.id)
