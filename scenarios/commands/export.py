@@ -37,8 +37,8 @@ def export(
 ) -> None:
     """Write the signals of a finished run as a file for other tools, with their units and meanings.
 
-    MCAP also holds the moving bodies, their paths and, with --images, the recorded images. pandas reads RUN/signals.parquet
-    as it is.
+    MCAP also holds the moving bodies, their paths and, with --images, the recorded images. pandas reads
+    RUN/signals.parquet as it is.
     """
     with one_line_errors():
         from scenarios.exports.files import written

@@ -115,9 +115,8 @@ def test_mcap_has_frames_bodies_paths_signals_and_images(tmp_path: Path) -> None
     assert [len(found[topic]) for topic in ("/signals", "/tf", "/scene", "/camera/left")] == [100, 50, 1, 3]
     for k, (stamp, told) in enumerate(found["/signals"]):
         assert stamp == round(1e9 * time[k])
-        assert told == {
-            name: value for name, value in zip(_names(signals), rows[k].tolist(), strict=True) if value == value
-        }
+        row = dict(zip((signal.name for signal in signals), rows[k].tolist(), strict=True))
+        assert told == {name: value for name, value in row.items() if not math.isnan(value)}
     transform = found["/tf"][1][1].transforms[1]
     assert (transform.parent_frame_id, transform.child_frame_id) == ("W", "semitrailer")
     assert transform.translation.x == pytest.approx(0.02 + 3.0)
