@@ -82,7 +82,7 @@ def _opened(path: Path) -> Any:
             if count <= _MOST_HEIGHTS:
                 return pyopencrg.read(str(path), dtype="float32")
     except Exception as error:  # of any class: the package meets any bytes
-        said = " ".join(str(error).replace(str(path), "it").replace("\n  -", "").split())
+        said = " ".join(str(error).removeprefix(f"{path}: ").replace("\n  -", "").split())
         raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
     raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
 

@@ -137,6 +137,15 @@ FILES: Final[Sequence[Read]] = (
     Read("track", FileKind.ROAD, "ground", ("path.gpx",), "text", (along("path.gpx"),)),
     Read("line", FileKind.ROAD, "ground", ("path.geojson",), "json", (along("path.geojson"),)),
     Read("road", FileKind.ROAD, "ground", ("road.xodr",), "text", (along("road.xodr", "opendrive"),)),
+    Read("surface", FileKind.SURFACE, "ground", ("surface.crg",), "binary", (trailer("surface.crg=surface.crg"),)),
+    Read(
+        "surface as text",
+        FileKind.SURFACE,
+        "ground",
+        ("text.crg",),
+        "text",
+        (trailer("surface.crg=text.crg"), along("text.crg")),
+    ),
     Read(
         "height table", FileKind.TABLE, "ground", ("heights.csv",), "text", (rover("surface.height_map=heights.csv"),)
     ),

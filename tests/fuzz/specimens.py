@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import pyopencrg
 
 import controllers.trailer_steering
 import scenarios
@@ -91,6 +92,10 @@ def _ground(folder: Path) -> None:
         json.dumps({"type": "LineString", "coordinates": [[lon, lat, 30.0] for lon, lat in earth]}), encoding="utf-8"
     )
     (folder / "road.xodr").write_text(crossing(), encoding="utf-8")
+    u = np.arange(0.0, 20.01, 0.1)
+    surface = pyopencrg.CrgRoad(0.01 * np.sin(u)[:, None] * np.ones(21), u_inc=0.1, v=2.0, banking=0.01)
+    surface.save(folder / "surface.crg", fmt="KRBI")
+    surface.save(folder / "text.crg", fmt="LDFI")
     proportional_law(folder)
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")

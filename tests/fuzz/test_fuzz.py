@@ -33,7 +33,7 @@ def test_random_scenarios_studies_environments_and_hostile_files_end_well(tmp_pa
     files = [read for read in FILES if read.specimen not in _SLOW]
     make(tmp_path / "specimens", {read.specimen for read in files})
     cases = [case for read in files for case in drawn(hostile_files(read, tmp_path / "specimens"), 1, _SEED)]
-    cases += drawn(scenario_runs(), 6, _SEED) + drawn(studies(), 3, _SEED) + drawn(environment_uses(), 5, _SEED)
+    cases += drawn(scenario_runs(), 5, _SEED) + drawn(studies(), 2, _SEED) + drawn(environment_uses(), 3, _SEED)
     quick = [replace(case, genuine=False) for case in cases if "cameras" not in case.kind]
     results = tried(quick, tmp_path)
     assert len(results) == len(quick) > 25

@@ -1,4 +1,4 @@
-"""Commands killed at a moment that matters; ``make kills`` tries random ones."""
+"""Commands killed at a moment that matters; `make kills`` tries random ones, of all commands."""
 
 from __future__ import annotations
 
@@ -6,14 +6,6 @@ import signal
 from pathlib import Path
 
 from tests.kills.campaign import killed, prepare
-
-
-def test_a_killed_recording_is_made_again(tmp_path: Path) -> None:
-    """Killed after some images: the rest of it is in the way of nothing."""
-    finding = killed("run --record", signal.SIGKILL, tmp_path, lambda: any(tmp_path.glob(".rec.*/image_0/000003.png")))
-    assert finding.code == -signal.SIGKILL
-    assert finding.problems == []
-    assert (tmp_path / "rec" / "times.txt").is_file()
 
 
 def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path) -> None:
