@@ -74,6 +74,7 @@ OFF_TRACKING: Final = Catalogue(
     },
     methods=("of", "init", "step"),
     declares=("sensor", "options"),
+    fmu="scenarios.fmi_import.off_tracking:off_tracking_of",
 )
 SLIP_ESTIMATOR: Final = Catalogue(
     {

@@ -11,7 +11,7 @@ import typer
 from scenarios.commands import fmu_proxies
 from scenarios.commands.console import OneLineGroup, Quiet, lines, one_line_errors
 
-Part = Literal["trailer_steering", "driver", "plant"]
+Part = Literal["trailer_steering", "off_tracking", "driver", "plant"]
 MAP_EXAMPLES = (
     "Examples: offtrack fmu map law.fmu   offtrack fmu map truck.fmu --part plant --vehicle eu_tractor_semitrailer   "
     "offtrack run roundabout --set trailer_steering=law.fmu   offtrack run roundabout --set driver=driver.fmu   "
@@ -93,6 +93,8 @@ def plant(
 
 
 app.command(epilog=lines(fmu_proxies.LAW_EXAMPLES))(fmu_proxies.law)
+app.command(epilog=lines(fmu_proxies.SENSOR_EXAMPLES))(fmu_proxies.sensor)
+app.command(epilog=lines(fmu_proxies.DRIVER_EXAMPLES))(fmu_proxies.driver)
 
 
 @app.command(name="map", epilog=lines(MAP_EXAMPLES))

@@ -28,6 +28,17 @@ Platforms = Annotated[
         help="Further platform with a library in the FMU, such as win64; may be repeated. Needs the extra zig."
     ),
 ]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", help="KEY=VALUE of the scenario; may be repeated.", show_default=False)
+]
+SENSOR_EXAMPLES = (
+    "Examples: offtrack fmu sensor roundabout   offtrack fmu sensor roundabout --set off_tracking=truth --fmi 2   "
+    "offtrack run roundabout --set off_tracking=roundabout_sensor.fmu"
+)
+DRIVER_EXAMPLES = (
+    "Examples: offtrack fmu driver roundabout   offtrack fmu driver depot --fmi 2 -o driver.fmu   "
+    "offtrack run roundabout --set driver=roundabout_driver.fmu"
+)
 
 
 def law(
@@ -61,6 +72,46 @@ def law(
                 raise ValueError(f"--set {setting}: a law has only the keys {', '.join(_KEYS)}")
         chosen = [f"vehicle={vehicle}", f"trailer_steering={name}", *(settings or [])]
         written(law_of_scenario(load_scenario("roundabout", chosen)), fmi, out, platform, quiet=quiet)
+
+
+def sensor(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    settings: Settings = None,
+    seed: Annotated[int, typer.Option(help="Decides world and noise; the start value of the parameter seed.")] = 1,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the camera loop of a scenario as an FMU: world, cameras, odometry and path buffer of its last trailer.
+
+    It takes the motion of the combination, by the names of the outputs of offtrack fmu plant, and gives off-tracking,
+    standard deviation, health and path, and the combination's own sensors. The parameter frames is a folder for the
+    images.
+    """
+    with one_line_errors():
+        from scenarios.fmi_proxy.sensor import sensor_proxy
+        from scenarios.options.scenario import load_scenario
+
+        check_version(fmi)
+        written(sensor_proxy(load_scenario(scenario, settings or []), seed), fmi, out, platform, quiet=quiet)
+
+
+def driver(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    settings: Settings = None,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
+    with one_line_errors():
+        from scenarios.fmi_proxy.driver import driver_proxy
+        from scenarios.options.scenario import load_scenario
+
+        check_version(fmi)
+        written(driver_proxy(load_scenario(scenario, settings or [])), fmi, out, platform, quiet=quiet)
 
 
 def check_version(fmi: int) -> None:

@@ -35,6 +35,7 @@ def estimate_signals(*, coarse: bool) -> tuple[Signal, ...]:
         Signal("off_tracking_valid", "-", "1 while there is an estimate that is not lost"),
         Signal("off_tracking_health", "-", "0 ok, 1 degraded, 2 lost"),
         Signal("off_tracking_age", "s", "since the image was taken"),
+        Signal("off_tracking_time", "s", "at which the image was taken; -1: the age says it"),
         Signal("off_tracking_bridged", "s", "since the last motion that was measured, by dead reckoning"),
         Signal("path_tangent", "rad", "direction of the hitch's path at the follow point, in the trailer's frame"),
         Signal("hitch_direction", "rad", "direction of the hitch's travel in the trailer's frame, + left"),
@@ -73,6 +74,7 @@ def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> 
             **dict.fromkeys(_ZEROS, 0.0),
             "off_tracking_std": NO_STD,
             "off_tracking_health": 2.0,
+            "off_tracking_time": -1.0,
         }
     values = {
         "off_tracking": estimate.value,
@@ -81,6 +83,7 @@ def estimate_values(tick: int, estimate: OffTracking | None, used: Set[str]) -> 
         "off_tracking_valid": float(estimate.health is not Health.LOST),
         "off_tracking_health": _HEALTH[estimate.health],
         "off_tracking_age": estimate.age(tick),
+        "off_tracking_time": estimate.tick * TICK,
         "off_tracking_bridged": estimate.bridged,
         "path_tangent": estimate.path_tangent,
         "hitch_direction": estimate.hitch_direction,
@@ -106,14 +109,16 @@ def estimate_of(tick: int, values: Mapping[str, float]) -> OffTracking | None:
     if values["off_tracking_known"] < 0.5:
         return None
     count = max(0, min(PATH_POINTS, round(values["path_points"])))
-    points = range(1, count + 1)
+    points = range(1, count + 1)  # without any, the path is the hitch alone
+    path = [[values[f"path_point_x_{k}"], values[f"path_point_y_{k}"]] for k in points] or [[0.0, 0.0]]
     std = values["off_tracking_std"]
+    time, age = values["off_tracking_time"], values["off_tracking_age"]
     return OffTracking(
-        tick=tick - round(values["off_tracking_age"] / TICK),
+        tick=round(time / TICK) if time >= 0.0 else tick - round(age / TICK),
         value=values["off_tracking"],
         std=std if std < NO_STD else math.inf,
         health=_OF_HEALTH.get(values["off_tracking_health"], Health.LOST),
-        path=np.array([[values[f"path_point_x_{k}"], values[f"path_point_y_{k}"]] for k in points]).reshape(-1, 2),
+        path=np.array(path),
         hitch_direction=values["hitch_direction"],
         hitch_direction_rate=values["hitch_direction_rate"],
         path_tangent=values["path_tangent"],

@@ -105,10 +105,9 @@ def _loaded(version: int, start: dict[str, Any]) -> Any:
     return FMU3Slave(libraryPath=library, **common)
 
 
-def _set(fmu: Any, kind: str, references: list[int], values: list[float]) -> None:
-    whole = kind not in ("Real", "Float64", "Float32")
-    numbers: list[Any] = [round(value) for value in values] if whole else values
-    getattr(fmu, f"set{kind}")(references, numbers)
+def _set(fmu: Any, kind: str, references: list[int], values: list[Any]) -> None:
+    whole = kind not in ("Real", "Float64", "Float32", "String")
+    getattr(fmu, f"set{kind}")(references, [round(value) for value in values] if whole else values)
 
 
 def _by_kind(variables: Sequence[Sequence[Any]]) -> dict[str, tuple[list[int], list[int]]]:

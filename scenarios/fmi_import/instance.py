@@ -20,7 +20,7 @@ class FmuInstance:
     end.
     """
 
-    def __init__(self, fmu: FmuFile, links: FmuMap, parameters: Mapping[str, float]) -> None:
+    def __init__(self, fmu: FmuFile, links: FmuMap, parameters: Mapping[str, float | str]) -> None:
         """Create the instance.
 
         Args:

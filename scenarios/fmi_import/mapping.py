@@ -79,7 +79,7 @@ class FmuMap:
 
     inputs: tuple[Link, ...]
     outputs: tuple[Link, ...]
-    parameters: Mapping[str, float]
+    parameters: Mapping[str, float | str]
     starts: tuple[Link, ...]  # of parameters
     period: int  # of its steps [ticks]
     timeout: float  # longest time that a step may take [s]
@@ -103,13 +103,15 @@ def map_file(fmu: Path) -> Path:
 
 
 def read_map(fmu: FmuFile, part: PartSignals) -> FmuMap:
-    """The map beside an FMU; without one, variables that are named like signals are connected.
+    """The map beside an FMU; without it, or without its inputs and outputs, names decide.
 
     Raises:
         ValueError: one line with the file, the place and what is wrong there.
     """
     path = map_file(fmu.path)
-    table = read_toml(path, FileKind.PARAMETERS) if path.is_file() else _by_names(fmu, part)
+    table = read_toml(path, FileKind.PARAMETERS) if path.is_file() else {}
+    if not {"inputs", "outputs"} & table.keys():
+        table = {**_by_names(fmu, part), **table}
     source = path if path.is_file() else fmu.path
     for key in table:
         if key not in (*_TABLES, *_NUMBERS, "part"):
@@ -141,9 +143,11 @@ def first_map(fmu: FmuFile, part: PartSignals) -> str:
     ]
     for name, signals in (("inputs", part.inputs), ("outputs", part.outputs)):
         lines += ["", f"[{name}]"]
-        left = list(signals)
+        left, names = list(signals), {variable.name for variable in _of_causality(fmu, name)}
         for variable in _of_causality(fmu, name):
-            chosen = _likely(variable, left)
+            chosen = next((one for one in left if one.name == variable.name), None) or _likely(
+                variable, [one for one in left if one.name not in names]
+            )
             unit = f" [{variable.unit}]" if variable.unit else ""
             meaning = f"  # {' '.join(variable.meaning.split())}{unit}" if variable.meaning or unit else ""
             if chosen is None:
@@ -156,6 +160,8 @@ def first_map(fmu: FmuFile, part: PartSignals) -> str:
     starts = {one.name for one in part.starts} & {one.name for one in parameters}
     lines += ["", "[parameters]", *(f'"{name}" = "{name}"' for name in sorted(starts))]
     lines += [f'# "{one.name}" = {one.start or "0"}  # {one.meaning}' for one in parameters if one.name not in starts]
+    lines += [f'# "{one.name}" = "{one.start or ""}"  # {one.meaning}' for one in fmu.variables.values()
+              if one.kind == "String" and one.causality == "parameter"]  # fmt: skip
     lines += [f'# "…" = "{one.name}"  # {one.meaning} [{one.unit}]' for one in part.starts if one.name not in starts]
     return "\n".join(lines) + "\n"
 
@@ -209,7 +215,7 @@ def _links(source: Path, fmu: FmuFile, part: PartSignals, table: Mapping[str, An
     signals = {signal.name: signal for signal in of_table[name]}
     links = []
     for key, value in _subtable(source, table, name).items():
-        if name == "parameters" and isinstance(value, int | float):
+        if name == "parameters" and (isinstance(value, int | float) or _is_text(fmu, key)):
             continue  # a plain value
         place = f"{source}: {name}.{shown(key, 60)}"
         link = {"signal": value} if isinstance(value, str) else value
@@ -267,9 +273,16 @@ def _check_outputs(fmu: FmuFile, part: PartSignals, outputs: Sequence[Link]) -> 
         )
 
 
-def _parameters(source: Path, fmu: FmuFile, given: Mapping[str, Any]) -> dict[str, float]:
-    values = {}
+def _is_text(fmu: FmuFile, name: str) -> bool:
+    return name in fmu.variables and fmu.variables[name].kind == "String"
+
+
+def _parameters(source: Path, fmu: FmuFile, given: Mapping[str, Any]) -> dict[str, float | str]:
+    values: dict[str, float | str] = {}
     for name in given:
+        if _is_text(fmu, name) and isinstance(given[name], str):
+            values[name] = given[name]
+            continue
         if not isinstance(given[name], int | float):
             continue  # a signal of the start
         place = f"{source}: parameters.{shown(name, 60)}"

@@ -40,7 +40,7 @@ class FmuProcess:
         fmu: FmuFile,
         inputs: Sequence[Variable],
         outputs: Sequence[Variable],
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, float | str],
         timeout: float,
     ) -> None:
         """Create the instance.

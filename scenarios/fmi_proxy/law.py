@@ -28,14 +28,18 @@ from scenarios.fmi_import.estimate_signals import (
 )
 from scenarios.fmi_proxy.computation import Opening
 from scenarios.fmi_proxy.description import PERIOD, Proxy, quantity
+from scenarios.loop.combination import CONTROL
 from scenarios.options.scenario import Scenario
-from vehicle.clock import Schedule, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.option import Option, Parameter
 
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
-_STARTS: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0}  # without an estimate
+_STARTS: Final = {
+    "off_tracking_std": NO_STD,
+    "off_tracking_health": 2.0,
+    "off_tracking_time": -1.0,
+}  # without an estimate
 
 
 def steered_unit(vehicle: Vehicle) -> int:
@@ -161,14 +165,13 @@ class LawComputation:
             self._law = bare_law(name, trailer, combination, given)
         self._n_steered, self._n_units = len(trailer.steered_distances), len(vehicle.units)
         self._memory = self._law.init()
-        self._control = Schedule(period=to_ticks(CONTROL_PERIOD, "control period"))
         self._demands = {f"steer_demand_{k}": 0.0 for k in range(1, self._n_steered + 1)}
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Demands [rad] at the end of a step; inputs hold during it."""
         estimate = estimate_of(tick, values)
         for now in range(tick, tick + ticks, PERIOD):
-            if self._control.due(now):
+            if CONTROL.due(now):
                 reading = reading_of(now, values, self._n_steered, self._n_units)
                 self._memory, command = self._law.step(self._memory, now, estimate, reading)
                 self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}

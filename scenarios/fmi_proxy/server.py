@@ -87,6 +87,14 @@ def _opened(kind: str, opening: Opening) -> Computation:
         from scenarios.fmi_proxy.law import LawComputation
 
         return LawComputation(opening)
+    if kind == "sensor":
+        from scenarios.fmi_proxy.sensor import SensorComputation
+
+        return SensorComputation(opening)
+    if kind == "driver":
+        from scenarios.fmi_proxy.driver import DriverComputation
+
+        return DriverComputation(opening)
     raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
 
 

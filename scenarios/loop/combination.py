@@ -35,7 +35,7 @@ from vehicle.frames import Pose2
 MemoryT = TypeVar("MemoryT")
 OffTrackingEstimate = OffTracking | CameraOffTracking
 
-_CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
+CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
 _PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
 _GRACE = 10.0  # added for a start on a slope [s]
 
@@ -100,7 +100,7 @@ class CombinationPilot:
 
     def control(self, truth: Truth, tick: int) -> tuple[VehicleCommand, CombinationRecord]:
         """Command of this step."""
-        if _CONTROL.due(tick):
+        if CONTROL.due(tick):
             if self._driver:
                 self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
             for trailer in self.trailers:

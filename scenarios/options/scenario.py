@@ -95,8 +95,9 @@ class Scenario(Options):
         default_factory=dict, description="Parameters of the law; those not given keep their defaults."
     )
     policy: PolicyOptions = PolicyOptions()
-    off_tracking: str = option(
-        "Off-tracking estimator (see offtrack parts off_tracking) or package.module:Name.", "viso_ot"
+    off_tracking: PartName = option(
+        "Off-tracking estimator (see offtrack parts off_tracking), package.module:Name or the file of an FMU.",
+        "viso_ot",
     )
     estimator: dict[str, Parameter] = Field(
         default_factory=dict, description="Parameters of the estimator; those not given keep their defaults."

@@ -32,6 +32,10 @@ class RecordingFolder:
         if interrupted:
             mark_interrupted(self._folder)
 
+    def note(self, name: str, line: str) -> None:
+        """Write a file of one line besides those of the recording."""
+        self._append(name, line)
+
     def _append(self, name: str, line: str) -> None:
         with (self._folder / name).open("a", encoding="utf-8") as file:
             file.write(line + "\n")

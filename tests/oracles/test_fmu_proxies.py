@@ -7,6 +7,7 @@ for Windows needs the extra ``zig``; it is compiled, not run.
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -25,9 +26,14 @@ from fmpy.validation import validate_fmu
 import offtrack
 from estimators.estimates import Health, OffTracking
 from scenarios.fmi_export import binaries
-from scenarios.fmi_export.archive import fmu_bytes
+from scenarios.fmi_export.archive import fmu_bytes, write_fmu
+from scenarios.fmi_export.plants import plant_model
 from scenarios.fmi_import.estimate_signals import estimate_signals, estimate_values, reading_values
+from scenarios.fmi_import.mapping import map_file
+from scenarios.fmi_proxy.driver import driver_proxy
 from scenarios.fmi_proxy.law import law_proxy
+from scenarios.fmi_proxy.sensor import sensor_proxy
+from scenarios.options.scenario import load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
 from tests.fmu_proxies import alive
@@ -51,6 +57,37 @@ def test_a_law_as_fmu_in_a_run_with_cameras_gives_the_same_log(version: int, tmp
     other = offtrack.run("roundabout", settings=settings | {"trailer_steering": str(law(tmp_path, version))})
     for name in own.log.names:
         np.testing.assert_array_equal(other[name], own[name], name)
+
+
+def test_sensor_law_driver_and_plant_as_fmus_with_cameras(tmp_path: Path) -> None:
+    """Each alone and all together: the plant rounds by 1e-13, and the cameras see the same images."""
+    settings = ["course.turn_deg=60", "vehicle=uk_longer_semitrailer"]
+    scenario = load_scenario("roundabout", settings)
+    files = {name: tmp_path / f"{name}.fmu" for name in ("off_tracking", "trailer_steering", "driver", "plant.fmu")}
+    proxies = {"off_tracking": sensor_proxy(scenario, 1), "driver": driver_proxy(scenario)}
+    for name, proxy in proxies.items():
+        files[name].write_bytes(fmu_bytes(proxy.exported(3), 3, ("linux64",)))
+    law(tmp_path, 2).rename(files["trailer_steering"])
+    write_fmu(files["plant.fmu"], plant_model(VEHICLE, None, wind=False), 3, ("linux64",))
+
+    def run(*names: str) -> tuple[offtrack.Run, str, Path]:
+        keys = {"course.turn_deg": 60.0, **{name: str(files[name]) for name in names}}
+        out = tmp_path / f"run-{len(names)}-{names[:1]}"
+        frames = tmp_path / f"frames-{len(names)}"
+        map_file(files["off_tracking"]).write_text(f'[parameters]\n"frames" = "{frames}"\n', encoding="utf-8")
+        done = offtrack.run("roundabout", settings=keys)
+        done.save(out)
+        return done, json.loads((out / "manifest.json").read_text())["frames_sha256"], frames
+
+    own, sha, _ = run()
+    for names in (("off_tracking",), ("trailer_steering",), ("driver",), ("plant.fmu",), tuple(files)):
+        other, other_sha, frames = run(*names)
+        difference = np.abs(np.asarray(other["off_tracking_true"]) - np.asarray(own["off_tracking_true"]))
+        assert np.nanmax(difference) < 1e-6, names
+        if "off_tracking" in names:
+            other_sha = (frames / "frames_sha256.txt").read_text().strip()
+        if "plant.fmu" not in names:  # a body that is 1e-13 m off may turn a pixel
+            assert other_sha == sha, names
 
 
 @pytest.mark.parametrize("name", ["none", "command_steer", "ct_at", "virtual_driver", "lqr", "combined", "mpc"])

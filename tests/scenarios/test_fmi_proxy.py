@@ -18,10 +18,12 @@ from typer.testing import CliRunner
 from controllers.trailer import Combination
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.trailer import assemble
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.cli import app
 from scenarios.fmi_export import binaries
 from scenarios.fmi_export.archive import fmu_bytes
+from scenarios.fmi_import.archive import open_fmu
 from scenarios.fmi_import.estimate_signals import (
     PATH_POINTS,
     estimate_of,
@@ -30,8 +32,18 @@ from scenarios.fmi_import.estimate_signals import (
     reading_values,
 )
 from scenarios.fmi_import.law import law_of
+from scenarios.fmi_import.mapping import first_map, map_file, read_map
+from scenarios.fmi_import.off_tracking import off_tracking_signals
+from scenarios.fmi_import.truth_signals import truth_of, truth_signals, truth_values
+from scenarios.fmi_proxy.computation import Opening
+from scenarios.fmi_proxy.description import Proxy
+from scenarios.fmi_proxy.driver import DriverComputation, driver_proxy
 from scenarios.fmi_proxy.law import law_proxy
+from scenarios.fmi_proxy.sensor import SensorComputation, sensor_proxy
 from scenarios.fmi_proxy.server import folder_of
+from scenarios.loop.channel import InLine
+from scenarios.loop.combination import TrailerSession
+from scenarios.options.scenario import Scenario, load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
 from tests.fmu_proxies import alive, stand_in
@@ -225,6 +237,105 @@ def test_the_clock_of_a_law_keeps_up_with_the_run(tmp_path: Path) -> None:
     for tick in range(0, 200, 20):
         memory, command = law.step(memory, tick, None, reading(tick))
         assert command.angles[0] == pytest.approx(1e-3 * tick)  # the last step began at the run's time
+
+
+@pytest.fixture(scope="module")
+def drive() -> tuple[TrailerSession, Scenario]:
+    """Four seconds of a run, of which sensor and driver are asked again."""
+    settings = ["off_tracking=truth", "trailer_steering=none", "surface.cross_fall=0.03", "rig.latency=0.05"]
+    scenario = load_scenario("roundabout", settings)
+    session = TrailerSession(assemble(scenario, 3), worker=InLine())
+    for _ in range(400):
+        session.advance()
+    session.close()
+    return session, scenario
+
+
+def opening(proxy: Proxy, folder: Path, **texts: str) -> Opening:
+    """What the process of an FMU gets, with its files in a folder."""
+    for name, content in proxy.files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    parameters = {one.name: one.start for one in proxy.parameters}
+    return Opening(folder=folder, settings=proxy.settings, parameters=parameters, texts=texts)
+
+
+def test_the_sensor_estimates_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
+    """Roll and pitch go over as angles, which rounds them; the noise of the readings is that of the run's streams."""
+    session, scenario = drive
+    proxy = sensor_proxy(scenario, 3)
+    sensor = SensorComputation(opening(proxy, tmp_path, frames=""))
+    assert sensor.step(0, 10, dict.fromkeys((one.name for one in proxy.inputs), 0.0))["off_tracking_known"] == 0.0
+    found: dict[int, OffTracking] = {}
+    for row in session.rows:
+        tick = row.truth.tick
+        values = sensor.step(tick, 10, truth_values(row.truth))
+        assert set(values) == {one.name for one in proxy.outputs}
+        estimated = estimate_of(tick + 10, values)  # an importer's time may be that of the end of the step
+        if estimated is not None:
+            found[estimated.tick] = estimated
+    sensor.close()
+    own = [one.off_tracking for one in session.trailers[0].estimates]
+    assert [*found] == [one.tick for one in own]
+    for one in own:
+        for name in ("value", "std", "path", "hitch_direction_rate", "path_tangent", "v_y", "yaw_rate"):
+            np.testing.assert_allclose(getattr(found[one.tick], name), getattr(one, name), atol=1e-10)
+    last = session.rows[-2].truth  # sensors of the combination are read every 20 ms; this sample is the run's own
+    for name, value in reading_values(session.parts.trailers[0].signals.sample(last)).items():
+        assert values[f"measured_{name}"] == pytest.approx(value, abs=1e-10)
+
+
+def test_the_driver_drives_as_in_the_run(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
+    """Bitwise: the same inputs, the same memory."""
+    session, scenario = drive
+    proxy = driver_proxy(scenario)
+    driver = DriverComputation(opening(proxy, tmp_path))
+    for row in session.rows:
+        truth = row.truth
+        motion = dict(zip(("x", "y", "psi"), truth.poses[0].tolist(), strict=True))
+        motion |= dict(zip(("v_x", "v_y", "yaw_rate"), truth.velocities[0].tolist(), strict=True))
+        motion["articulation_1"] = float(truth.poses[0, 2] - truth.poses[1, 2])
+        demand = driver.step(truth.tick, 10, motion)
+        assert list(demand) == [one.name for one in proxy.outputs]
+        assert tuple(demand.values()) == tuple(row.record.driver)
+
+
+def test_motion_goes_over_as_signals(drive: tuple[TrailerSession, Scenario]) -> None:
+    """Angles round a rotation by some 1e-16. Without poses of bodies these stand on the ground."""
+    session, _ = drive
+    truth, vehicle = session.rows[-1].truth, session.parts.vehicle
+    values = truth_values(truth)
+    assert list(values) == [one.name for one in truth_signals(vehicle)]
+    other = truth_of(truth.tick, values, vehicle, lambda *_: np.eye(4))
+    np.testing.assert_array_equal(other.poses, truth.poses)
+    np.testing.assert_array_equal(other.velocities, truth.velocities)
+    np.testing.assert_array_equal(other.steer, truth.steer)
+    np.testing.assert_allclose(other.bodies, truth.bodies, atol=1e-15)
+    standing = {name: 0.0 if name.startswith("body_") else value for name, value in values.items()}
+    assert np.array_equal(truth_of(0, standing, vehicle, lambda *_: 2.0 * np.eye(4)).bodies[1], 2.0 * np.eye(4))
+
+
+def test_fmpy_finds_no_problem_in_a_sensor(drive: tuple[TrailerSession, Scenario], tmp_path: Path) -> None:
+    file = tmp_path / "sensor.fmu"
+    file.write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ()))
+    assert validate_fmu(str(file)) == []
+    file.write_bytes(fmu_bytes(driver_proxy(drive[1]).exported(3), 3, ()))
+    assert validate_fmu(str(file)) == []
+
+
+def test_a_first_map_connects_equal_names_first_and_lists_texts(
+    drive: tuple[TrailerSession, Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "sensor.fmu"
+    monkeypatch.setattr(binaries, "_has_zig", lambda: False)
+    file.write_bytes(fmu_bytes(sensor_proxy(drive[1], 3).exported(2), 2, ("linux64",), optimisation=0))
+    fmu, part = open_fmu(file), off_tracking_signals(drive[0].parts.vehicle)
+    by_names = read_map(fmu, part)
+    assert {link.signal for link in by_names.inputs} == {one.name for one in part.inputs} - {"time"}
+    text = first_map(fmu, part).replace('# "frames" = ""', '"frames" = "images"')
+    map_file(file).write_text(text, encoding="utf-8")
+    assert replace(read_map(fmu, part), parameters={}) == by_names
+    assert read_map(fmu, part).parameters == {"frames": "images"}
 
 
 def test_resources_by_address_and_by_path(tmp_path: Path) -> None:

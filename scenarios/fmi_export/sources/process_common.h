@@ -7,7 +7,7 @@
 #include <string.h>
 
 #define TAIL 2000       /* of the output that is searched [bytes] */
-#define POLITE 2.0      /* time for an orderly end [s] */
+#define POLITE 5.0      /* time for an orderly end [s] */
 #define LONGEST_LINE 300
 
 /* adds `` (it said: ...)`` to a reason */

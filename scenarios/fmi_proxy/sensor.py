@@ -1,0 +1,155 @@
+"""The camera loop as an FMU: world, cameras, odometry and buffer of a scenario; motion in, off-tracking out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Final
+
+from scenarios.assembly.adapters import surface_of, vehicle_of, watched_units
+from scenarios.assembly.plants import plant_vehicle
+from scenarios.assembly.rig_schedule import rig_schedule
+from scenarios.assembly.trailer import LOG_PERIOD, Assembly, assemble
+from scenarios.fmi_export.variables import Quantity
+from scenarios.fmi_import.estimate_signals import (
+    NO_STD,
+    estimate_signals,
+    estimate_values,
+    reading_signals,
+    reading_values,
+)
+from scenarios.fmi_import.mapping import Signal
+from scenarios.fmi_import.truth_signals import truth_of, truth_signals
+from scenarios.fmi_proxy.computation import Opening
+from scenarios.fmi_proxy.description import Proxy, Text, quantity
+from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
+from scenarios.loop.channel import estimator_thread
+from scenarios.loop.combination import CONTROL, SteeredTrailer
+from scenarios.loop.pictures import StereoPictures
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.options.driver import DriverOptions
+from scenarios.options.scenario import Scenario
+from scenarios.randomness import stream
+from scenarios.recordings.stereo_writer import RecordingWriter
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+MEASURED: Final = "measured_"  # before the names of readings
+HASH: Final = "frames_sha256"
+_HASH_FILE: Final = "frames_sha256.txt"  # in the folder of the images
+_SEED: Final = "seed"
+_FRAMES: Final = "frames"
+_STARTS: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0, "off_tracking_time": -1.0}
+_USED: Final = frozenset(one.name for one in estimate_signals(coarse=False))
+
+
+def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
+    """The sensor of a scenario's last trailer, with its estimator.
+
+    Raises:
+        ValueError: one line, if the scenario is not consistent.
+    """
+    if scenario.off_tracking.endswith(".fmu"):
+        raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
+    nominal = vehicle_of(scenario)
+    vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1]
+    schedule = rig_schedule(scenario.rig, LOG_PERIOD)
+    plant = scenario.plant.model_copy(update={"fmu": None})
+    changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}
+    readings = _measured(reading_signals(len(vehicle.units[unit].steered_axles), len(vehicle.units)))
+    return Proxy(
+        kind="sensor",
+        name=f"{scenario.name}_sensor",
+        summary=f"off-tracking by {scenario.off_tracking} of offtrack, in the world of {scenario.name}",
+        inputs=[quantity(signal) for signal in truth_signals(vehicle)],
+        outputs=[
+            *(quantity(signal, _STARTS.get(signal.name, 0.0)) for signal in estimate_signals(coarse=False)),
+            *map(quantity, readings),
+            Quantity("off_tracking_count", "-", "estimates so far"),
+        ],
+        parameters=[Quantity(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
+        texts=[Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")],
+        said=[Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
+        files=scenario_files(scenario, changes),
+        notes=(
+            f"Cameras take images every {1e3 * schedule.period * TICK:g} ms, estimates appear "
+            f"{1e3 * schedule.latency * TICK:g} ms later. Communication steps are multiples of 10 ms; inputs hold "
+            "during one. While all positions are 0 it samples nothing: some importers begin so.",
+        ),
+        step=LOG_PERIOD * TICK,
+    )
+
+
+def _measured(signals: Iterable[Signal]) -> list[Signal]:
+    """Readings by other names than those of the motion that goes in."""
+    return [signal._replace(name=MEASURED + signal.name) for signal in signals]
+
+
+class SensorComputation:
+    """World, cameras and estimator in the process of an FMU."""
+
+    def __init__(self, opening: Opening) -> None:
+        """Build the world and open the cameras.
+
+        Raises:
+            ValueError: one line, if the scenario is not consistent, or the folder for the images exists.
+            RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
+        """
+        scenario, seed = scenario_in(opening.folder), round(opening.parameters[_SEED])
+        with ExitStack() as cleanup:
+            self._parts: Assembly = cleanup.enter_context(closing(assemble(scenario, seed)))
+            worker = estimator_thread()
+            cleanup.callback(worker.shutdown, cancel_futures=True)
+            recorder = None
+            if opening.texts[_FRAMES]:
+                recorder = cleanup.enter_context(self._recorder(Path(opening.texts[_FRAMES])))
+                cleanup.callback(lambda: recorder.note(_HASH_FILE, self.text(HASH)))
+            self._cleanup = cleanup.pop_all()
+        last = self._parts.trailers[-1]
+        self._trailer = SteeredTrailer(last, worker, Stopwatch())
+        self._pictures = StereoPictures(0, last.unit, self._parts.cameras, worker, keep=False, recorder=recorder)
+        self._surface = surface_of(scenario, self._parts.course, stream(seed, "surface"))
+        readings = reading_signals(last.n_steered, len(self._parts.vehicle.units))
+        self._readings = {MEASURED + signal.name: 0.0 for signal in readings}
+
+    def _recorder(self, folder: Path) -> RecordingWriter:
+        if self._parts.cameras is None:
+            raise ValueError(f"{_FRAMES} = {folder}: this sensor has no stereo cameras")
+        last = self._parts.trailers[-1]
+        return RecordingWriter(folder, self._parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
+
+    def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
+        """Estimate and readings at the end of a step; inputs hold during it."""
+        channel, vehicle = self._trailer.channel, self._parts.vehicle
+        is_there = any(values[f"{axis}_{k}"] for axis in ("x", "y") for k in range(1, len(vehicle.units) + 1))
+        now = tick
+        for now in range(tick, tick + ticks, LOG_PERIOD):
+            if is_there:
+                truth = truth_of(now, values, vehicle, self._on_ground)
+                self._pictures.follow(truth)
+                message = channel.sample(truth, now)
+                if message is not None:
+                    self._pictures.see(0, message, truth)
+                if CONTROL.due(now):
+                    reading = reading_values(self._trailer.trailer.signals.sample(truth))
+                    self._readings = {MEASURED + name: value for name, value in reading.items()}
+            channel.deliver(now)
+        newest = self._trailer.newest
+        estimate = None if newest is None else newest.off_tracking
+        return {
+            **estimate_values(now, estimate, _USED),
+            **self._readings,
+            "off_tracking_count": float(len(channel.delivered)),
+        }
+
+    def _on_ground(self, unit: int, x: float, y: float, psi: float) -> FloatArray:
+        return self._surface.pose_on(x, y, psi, self._parts.vehicle.supports(unit))
+
+    def text(self, name: str) -> str:
+        """Hash of all images so far."""
+        return self._pictures.sha256 if self._parts.cameras else "none"
+
+    def close(self) -> None:
+        """Finish the recording and close the cameras."""
+        self._cleanup.close()
