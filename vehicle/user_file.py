@@ -32,6 +32,7 @@ class FileKind(Enum):
     ROAD = "a file of a road or path", 32 * _MB
     SURFACE = "a measured surface", 512 * _MB
     FMU = "an FMU", 512 * _MB
+    CAN = "a description of a CAN bus", 16 * _MB
 
     def __init__(self, noun: str, limit: int) -> None:
         self.noun, self.limit = noun, limit

@@ -66,6 +66,21 @@ def run(
         float | None,
         typer.Option(help="Simulated time over wall time of --paced.", show_default="1"),
     ] = None,
+    udp: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT[,PORT]",
+            help="Send signals to a controller on a bench, and take its demands at the own PORT (outside.demands says "
+            "which; see docs/real-time.md).",
+        ),
+    ] = None,
+    can: Annotated[
+        str | None,
+        typer.Option(
+            metavar="dbc=FILE[,interface=I][,channel=C]",
+            help="The same on a CAN bus, as a DBC file says; interface virtual or socketcan.",
+        ),
+    ] = None,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
@@ -75,6 +90,7 @@ def run(
     If a part raises an exception, the outcome is "failed", what was computed is written, and the exit code is 1.
     --debug, or OFFTRACK_DEBUG=1, prints the whole trace too.
     """
+    from scenarios.hil.opened import opened_links
     from scenarios.loop.pacer import Pacer
     from scenarios.loop.run import run_any
     from scenarios.report.writer import write_run
@@ -87,6 +103,7 @@ def run(
         if speed is not None and not paced:
             raise ValueError(f"--speed {speed:g}: needs --paced")
         chosen = load_any_scenario(scenario, settings or [])
+        links = cleanup.enter_context(opened_links(udp, can))
         directory = cleanup.enter_context(results_directory(out, chosen.name))
         for module in changed_modules(Path(scenario), chosen.model_dump(exclude_none=True)):
             remark(f"own module {module} has changed since the run of {scenario}: the results may be others")
@@ -102,6 +119,7 @@ def run(
                 progress=checked(progress_bar(display, f"{chosen.name}, seed {seed}")),
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
+                links=links,
             )
             video = video and result.outcome != "interrupted"
             write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))

@@ -19,6 +19,7 @@ from vehicle.option import Option, check_options
 
 if TYPE_CHECKING:
     from scenarios.assembly.drivers import DriverContext
+    from scenarios.courses import Course
 
 _AHEAD: Final = 60  # points of the path that an FMU can take, a metre apart
 
@@ -112,26 +113,8 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
 
     def _signals(self, near: float, tick: int, ego: EgoState) -> tuple[float, dict[str, float]]:
         """Station of the guided point, and the inputs [SI] of the FMU."""
-        path, pose = self._course.path, Pose2(ego.x, ego.y, ego.psi)
-        guided = pose @ Pose2(*self._course.reference, 0.0)
-        station = path.project(guided.x, guided.y, near)
-        on_path = path.pose(station)
-        left = math.cos(on_path.psi) * (guided.y - on_path.y) - math.sin(on_path.psi) * (guided.x - on_path.x)
-        signals = {
-            "time": tick * TICK,
-            "set_speed": self._speed,
-            "x": ego.x,
-            "y": ego.y,
-            "psi": ego.psi,
-            "v_x": ego.v_x,
-            "v_y": ego.v_y,
-            "yaw_rate": ego.yaw_rate,
-            "station": station,
-            "lateral_error": left,
-            "heading_error": math.remainder(ego.psi - on_path.psi, math.tau),
-            "curvature": path.curvature(station),
-        }
-        signals |= {f"articulation_{k}": angle for k, angle in enumerate(ego.articulation, start=1)}
+        path = self._course.path
+        station, signals = driver_inputs(self._course, self._speed, near, tick, ego)
         wanted = {int(name.rpartition("_")[2]) for name in self._instance.used if name.startswith("ahead_")}
         for k in wanted:
             place = path.pose(station + k)
@@ -144,6 +127,32 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
         other = copy.copy(self)
         other._instance = copy.deepcopy(self._instance, memo)
         return other
+
+
+def driver_inputs(
+    course: Course, speed: float, near: float, tick: int, ego: EgoState
+) -> tuple[float, dict[str, float]]:
+    """Station of the guided point, ``near`` the last one [m], and inputs [SI] of a driver but for the path ahead."""
+    path, pose = course.path, Pose2(ego.x, ego.y, ego.psi)
+    guided = pose @ Pose2(*course.reference, 0.0)
+    station = path.project(guided.x, guided.y, near)
+    on_path = path.pose(station)
+    left = math.cos(on_path.psi) * (guided.y - on_path.y) - math.sin(on_path.psi) * (guided.x - on_path.x)
+    signals = {
+        "time": tick * TICK,
+        "set_speed": speed,
+        "x": ego.x,
+        "y": ego.y,
+        "psi": ego.psi,
+        "v_x": ego.v_x,
+        "v_y": ego.v_y,
+        "yaw_rate": ego.yaw_rate,
+        "station": station,
+        "lateral_error": left,
+        "heading_error": math.remainder(ego.psi - on_path.psi, math.tau),
+        "curvature": path.curvature(station),
+    }
+    return station, signals | {f"articulation_{k}": angle for k, angle in enumerate(ego.articulation, start=1)}
 
 
 def driver_of(file: str) -> type[FmuDriver]:

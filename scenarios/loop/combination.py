@@ -16,6 +16,9 @@ from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from estimators.estimates import CameraOffTracking, OffTracking
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
+from scenarios.hil.demands import DRIVER
+from scenarios.hil.link import Link
+from scenarios.loop.bench import Sensed, TrailerBench, opened_bench
 from scenarios.loop.channel import Channel, Stateful, estimator_thread
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.recorded_drive import RecordedDrive
@@ -80,19 +83,31 @@ class SteeredTrailer:
 
     def control(self, truth: Truth) -> None:
         """Update the law's demand."""
+        self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
+
+    @property
+    def off_tracking(self) -> OffTracking | None:
+        """The newest off-tracking."""
         newest = self.newest
-        off_tracking = None if newest is None else newest.off_tracking
-        self.demand = self._law(truth.tick, off_tracking, self.trailer.signals.sample(truth))
+        return None if newest is None else newest.off_tracking
 
 
 class CombinationPilot:
     """Driver and trailer steering together; both are updated at the driver's rate and hold in between."""
 
     def __init__(
-        self, vehicle: Vehicle, driver: DriverLike[MemoryT] | None, trailers: Sequence[SteeredTrailer]
+        self,
+        vehicle: Vehicle,
+        driver: DriverLike[MemoryT] | None,
+        trailers: Sequence[SteeredTrailer],
+        bench: TrailerBench | None = None,
     ) -> None:
-        """Create the pilot of a ``vehicle``; without a driver its motion is prescribed."""
+        """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
+
+        Demands of the ``bench`` come before those of driver and laws.
+        """
         self.trailers = trailers
+        self._bench = bench
         self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._of_tractor = len(vehicle.units[0].steered_axles)
@@ -105,9 +120,23 @@ class CombinationPilot:
                 self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
             for trailer in self.trailers:
                 trailer.control(truth)
+            if self._bench:
+                self._obey(self._bench, truth)
         demand = self._driver_demand
         command = VehicleCommand(demand.steer, demand.acceleration, self._trailer_steer(), demand.gear)
         return command, CombinationRecord(demand, tuple(trailer.demand for trailer in self.trailers))
+
+    def _obey(self, bench: TrailerBench, truth: Truth) -> None:
+        """Send the signals of this step, and take the demands of the bench."""
+        sensed = [
+            Sensed(one.trailer.name, one.off_tracking, one.trailer.signals.sample(truth)) for one in self.trailers
+        ]
+        demands = bench.step(truth.tick, DriverPerception().sample(truth), sensed)
+        for trailer in self.trailers:
+            if trailer.trailer.name in demands:
+                trailer.demand = SteerCommand(angles=np.array(demands[trailer.trailer.name]))
+        if DRIVER in demands:
+            self._driver_demand = DriverCommand(*demands[DRIVER])
 
     def _trailer_steer(self) -> tuple[float, ...]:
         """Demands for every steered trailer axle [rad]; axles of trailers that are not watched stay straight."""
@@ -172,6 +201,8 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
         recorder: RecordingWriter | None = None,
         worker: Executor | None = None,
         renderer: Executor | None = None,
+        links: Sequence[Link] = (),
+        is_paced: bool = False,
     ) -> None:
         """Begin at tick 0 at the start of the course, rolling at set speed.
 
@@ -182,8 +213,14 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             worker: runs the estimators, one message after the other; None: a thread of its own.
             renderer: renders the cameras, one picture after the other, while the loop goes on: the thread that has
                 assembled ``parts``. None: the loop renders.
+            links: to a bench, which gets the signals and may steer as the scenario says.
+            is_paced: the run keeps wall time.
+
+        Raises:
+            ValueError: one line, if the scenario asks for demands from outside that nobody gives.
         """
         self.parts = parts
+        self.bench = opened_bench(parts, links, is_paced=is_paced)
         self._worker, self._renderer = worker or estimator_thread(), renderer
         stopwatch = Stopwatch()
         self.trailers = tuple(
@@ -204,7 +241,9 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             parts.plant,
             parts.plant.initial_state(parts.course.start, parts.start_speed),
             period=LOG_PERIOD,
-            pilot=CombinationPilot(parts.vehicle, parts.driver.driver if parts.driver else None, self.trailers),
+            pilot=CombinationPilot(
+                parts.vehicle, parts.driver.driver if parts.driver else None, self.trailers, self.bench
+            ),
             judge=CourseJudge(parts),
             channels=channels,
             observers=[self.pictures],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -14,6 +15,8 @@ import numpy as np
 from scenarios.assembly.adapters import outlines
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import Assembly, assemble, trailer_stream
+from scenarios.hil.link import Link
+from scenarios.hil.record import RECORD_NAME
 from scenarios.loop.combination import SteeredTrailer, TrailerSession
 from scenarios.loop.pacer import Pacer
 from scenarios.loop.referee import lift_warnings
@@ -27,6 +30,7 @@ from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.friction_picture import friction_picture
 from scenarios.results.load_signals import load_columns
 from scenarios.results.log import Log
+from scenarios.results.outside import Outside
 from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
@@ -52,9 +56,12 @@ def run_any(
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
     pacer: Pacer | None = None,
+    links: Sequence[Link] = (),
 ) -> RunResult | RoverResult:
     """Run a trailer's or a rover's scenario; see :func:`run` and :func:`run_rover`."""
     if isinstance(scenario, RoverScenario):
+        if links:
+            raise ValueError(f"--{links[0].name}: signals and demands are those of trailers; a rover has none")
         return run_rover(scenario, seed, keep_frames=keep_frames, record=record, progress=progress, pacer=pacer)
     return run(
         scenario,
@@ -64,6 +71,7 @@ def run_any(
         progress=progress,
         calibration_progress=calibration_progress,
         pacer=pacer,
+        links=links,
     )
 
 
@@ -76,6 +84,7 @@ def run(
     progress: Progress = no_progress,
     calibration_progress: Progress = no_progress,
     pacer: Pacer | None = None,
+    links: Sequence[Link] = (),
 ) -> RunResult:
     """Run a trailer's scenario in the closed loop; an interrupt or an exception ends it early; results so far are kept.
 
@@ -87,6 +96,7 @@ def run(
         progress: receives the completed share of the course.
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
         pacer: keeps the run to wall time; cameras are rendered while the loop goes on.
+        links: to a bench, which gets the signals and steers what ``outside.demands`` says.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
@@ -104,7 +114,14 @@ def run(
             cleanup.callback(renderer.submit, parts.close)
         recorder = cleanup.enter_context(_recorder(parts, record)) if record else None
         session = cleanup.enter_context(
-            TrailerSession(parts, keep_frames=keep_frames, recorder=recorder, renderer=renderer)
+            TrailerSession(
+                parts,
+                keep_frames=keep_frames,
+                recorder=recorder,
+                renderer=renderer,
+                links=links,
+                is_paced=pacer is not None,
+            )
         )
         if pacer is None:
             session.run(progress)
@@ -183,6 +200,8 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
     """Result of a trailer's run as far as it has come."""
     parts = session.parts
     vehicle = parts.vehicle
+    outside = session.bench.report() if session.bench else None
+    scenario, inputs = with_record(parts.scenario, inputs, outside)
     log = run_log(
         session.rows,
         [_track(session, trailer) for trailer in session.trailers],
@@ -190,8 +209,8 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         n_front=len(vehicle.units[0].steered_axles),
     ).with_columns(load_columns([row.truth for row in session.rows], vehicle))
     return RunResult(
-        scenario=parts.scenario.name,
-        scenario_toml=parts.scenario.to_toml(),
+        scenario=scenario.name,
+        scenario_toml=scenario.to_toml(),
         seed=parts.seed,
         outcome=session.outcome or "unfinished",
         log=log,
@@ -228,7 +247,17 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         ),
         traceback=session.traceback,
         inputs=inputs,
+        outside=outside,
     )
+
+
+def with_record(scenario: Scenario, inputs: RunInputs, outside: Outside | None) -> tuple[Scenario, RunInputs]:
+    """The scenario that repeats the demands from outside, with their record among its inputs."""
+    if outside is None or not outside.record:
+        return scenario, inputs
+    options = scenario.outside.model_copy(update={"record": RECORD_NAME})
+    files = {**inputs.files, RECORD_NAME: outside.record.encode()}
+    return scenario.model_copy(update={"outside": options}), replace(inputs, files=files)
 
 
 def _steer_warnings(parts: Assembly, log: Log) -> tuple[str, ...]:

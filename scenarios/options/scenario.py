@@ -23,6 +23,7 @@ from scenarios.options.degradation import DegradationOptions
 from scenarios.options.driver import DriverOptions, DriverTable
 from scenarios.options.faults import Faults
 from scenarios.options.ground_rig import GroundRigOptions
+from scenarios.options.outside import OutsideOptions
 from scenarios.options.plant import PlantOptions
 from scenarios.options.rig import RigOptions, WorldOptions
 from scenarios.options.rover import RoverScenario
@@ -122,6 +123,7 @@ class Scenario(Options):
     traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
     faults: Faults = option("Faults of the sensor, as text kind:amount@start+duration or as tables.", ())
     degradation: DegradationOptions = DegradationOptions()  # handling of bad estimates
+    outside: OutsideOptions = OutsideOptions()  # demands of a controller on a bench
     reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)
 
     @property

@@ -15,7 +15,7 @@ from scenarios.report.run_sections import provenance_sections, run_html, timing_
 from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
 from scenarios.results.run_result import CameraFrame, RunResult
-from scenarios.results.summary import trailer_summaries
+from scenarios.results.summary import all_warnings, trailer_summaries
 from vehicle.clock import TICK
 
 _ON_CARDS: Final = (
@@ -32,8 +32,8 @@ def report_html(result: RunResult, summary: Summary) -> str:
 
 
 def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
-    if result.warnings:
-        yield Section("Warnings", content=[Items(result.warnings)])
+    if warnings := all_warnings(result):
+        yield Section("Warnings", content=[Items(warnings)])
     if len(result.log) > 1:
         yield from _drawn(result)
     else:

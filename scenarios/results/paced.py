@@ -43,7 +43,7 @@ class Paced:
         slower = min(0.8 * self.best_speed, 0.8 * self.speed)
         return (
             f"paced: {100.0 * self.misses_share:.1f} % of the steps ended after their {1e3 * self.step_s:.3g} ms, by "
-            f"{1e3 * self.worst_s:.0f} ms at worst, mostly {cause}; try --speed {slower:.1g}",
+            f"{1e3 * self.worst_s:.0f} ms at worst, mostly {cause}; try --speed {slower:.2g}",
         )
 
     def numbers(self) -> Numbers:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scenarios.results import metrics
 from scenarios.results.friction_picture import FrictionPicture
 from scenarios.results.log import Log
+from scenarios.results.outside import Outside
 from scenarios.results.paced import Paced
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.swept_path import TurnArc, UnitOutline
@@ -64,6 +65,7 @@ class RunResult:
     traceback: str = ""  # of the exception that ended the run
     inputs: RunInputs = field(default_factory=RunInputs)  # files and own modules that the scenario names
     paced: Paced | None = None  # deadlines kept and missed; None: the run was not paced
+    outside: Outside | None = None  # exchange with a bench; None: there was none
 
     @property
     def trailer(self) -> UnitOutline:

@@ -27,7 +27,7 @@ def _trailer_summary(result: RunResult) -> Summary:
         "outcome": result.outcome,
         "scenario": result.scenario,
         "seed": result.seed,
-        "warnings": [*result.warnings, *(result.paced.warnings if result.paced else ())],
+        "warnings": list(all_warnings(result)),
         "off_tracking": _off_tracking(result, worst),
         "swept_path": _swept_path(swept(result)),
         "road": _road(result),
@@ -38,9 +38,17 @@ def _trailer_summary(result: RunResult) -> Summary:
     }
     if result.paced is not None:
         numbers["paced"] = result.paced.numbers()
+    if result.outside is not None:
+        numbers["outside"] = result.outside.numbers()
     if result.path_deviation is not None:
         numbers["course"] = {"path_deviation_m": number(result.path_deviation)}
     return numbers | ({"trailers": trailer_summaries(result)} if len(result.trailers) > 1 else {})
+
+
+def all_warnings(result: RunResult) -> tuple[str, ...]:
+    """Lines about what is doubtful: of the run itself, of its pace, and of what came from outside."""
+    of_times = result.paced.warnings if result.paced else ()
+    return (*result.warnings, *of_times, *(result.outside.warnings if result.outside else ()))
 
 
 def trailer_summaries(result: RunResult) -> dict[str, Numbers]:

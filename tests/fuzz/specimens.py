@@ -18,6 +18,7 @@ import pyopencrg
 
 import controllers.trailer_steering
 import scenarios
+import scenarios.hil
 import vehicle
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
@@ -96,6 +97,11 @@ def _ground(folder: Path) -> None:
     surface = pyopencrg.CrgRoad(0.01 * np.sin(u)[:, None] * np.ones(21), u_inc=0.1, v=2.0, banking=0.01)
     surface.save(folder / "surface.crg", fmt="KRBI")
     surface.save(folder / "text.crg", fmt="LDFI")
+    shutil.copy(Path(scenarios.hil.__path__[0]) / "example.dbc", folder / "bus.dbc")
+    demands = [f"{20 * k},1,{0.01 * math.sin(k):.4f},0.01" for k in range(1, 20)]
+    (folder / "demands.csv").write_text(
+        "\n".join(["tick,came_semitrailer,steer_demand_1,steer_demand_2", *demands, ""]), encoding="utf-8"
+    )
     proportional_law(folder)
     network = Path(controllers.trailer_steering.__path__[0]) / "networks" / "trailer_steering_v0.npz"
     shutil.copy(network, folder / "network.npz")

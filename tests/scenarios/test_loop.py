@@ -15,8 +15,10 @@ from estimators.estimates import OffTracking
 from scenarios.assembly.drivers import OpenedDriver
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
+from scenarios.loop.pacer import Pacer
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
+from scenarios.progress import Progress
 from scenarios.results.numbers import number_at
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
@@ -82,6 +84,29 @@ def test_the_same_seed_gives_bitwise_the_same_log_and_images(worlds: Any) -> Non
     assert first.log == again.log
     assert first.manifest["frames_sha256"] == again.manifest["frames_sha256"]
     assert first.manifest["frames_sha256"] != other.manifest["frames_sha256"]
+
+
+def interrupted_after(calls: int) -> Progress:
+    """Progress that interrupts a run at its last call."""
+    left = iter(range(calls - 1))
+
+    def report(done: float, total: float, note: str = "", /) -> None:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other() -> None:
+    """Cameras are rendered in a thread while the loop goes on, and their estimates arrive after the same latency."""
+    scenario = load_scenario("constant-slip", SEEN)
+    free = run(scenario, 1, progress=interrupted_after(100))
+    kept = run(scenario, 1, pacer=Pacer(8.0), progress=interrupted_after(5))  # it is told every 0.2 s
+    assert len(kept.log) == len(free.log) == 100
+    assert kept.log == free.log
+    assert kept.manifest["frames_sha256"] == free.manifest["frames_sha256"]
+    assert "paced" in summary(kept)
+    assert "paced" not in summary(free)
 
 
 def test_left_and_right_roundabout_are_mirror_images() -> None:

@@ -1,0 +1,330 @@
+"""Hardware in the loop: signals out, demands in, by UDP and CAN; hold, fallback, record and replay."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scenarios.cli import app
+from scenarios.fmi_import.mapping import Signal
+from scenarios.hil.can_bus import CanLink
+from scenarios.hil.demands import Demands, checked_message, driver_demands, trailer_demands
+from scenarios.hil.exchange import Exchange
+from scenarios.hil.link import Link, Numbers
+from scenarios.hil.record import RecordedDemands, Values, record_text
+from scenarios.hil.udp import UdpLink
+from scenarios.loop.run import run
+from scenarios.options.outside import OutsideOptions
+from scenarios.options.scenario import load_scenario
+from scenarios.report.writer import write_run
+from scenarios.results.run_result import RunResult
+from scenarios.results.summary import summary
+
+TRAILER = trailer_demands("semitrailer", 2, is_last=True)
+SHORT = ("off_tracking=truth", "reference_unit=false", "course.entry=20", "course.turn_deg=30", "course.exit=5")
+SIGNALS = (Signal("speed", "m/s", ""), Signal("steer", "rad", ""), Signal("off_tracking", "m", ""))
+
+
+class ScriptedBench:
+    """A bench whose messages stand in a script: those that come at the k-th look."""
+
+    name = "script"
+
+    def __init__(self, *script: Sequence[Numbers | str]) -> None:
+        self.script, self.signals = list(script), list[Mapping[str, float]]()
+
+    def prepare(self, signals: Sequence[Signal], parts: Sequence[Demands]) -> None:
+        pass
+
+    def send(self, tick: int, values: Mapping[str, float]) -> None:
+        self.signals.append(values)
+
+    def receive(self, timeout: float) -> list[Numbers | str]:
+        return list(self.script.pop(0)) if self.script else []
+
+    def close(self) -> None:
+        pass
+
+
+class Proportional(ScriptedBench):
+    """A bench that answers at once: both axles turn with the articulation."""
+
+    def send(self, tick: int, values: Mapping[str, float]) -> None:
+        super().send(tick, values)
+        angle = -0.4 * values["articulation_1"]
+        self.script.append([{"tick": tick, "steer_demand_1": angle, "steer_demand_2": 0.8 * angle}])
+
+
+def demand(angle: float, **more: float) -> Numbers:
+    return {"steer_demand_1": angle, "steer_demand_2": -angle, **more}
+
+
+def exchanged(bench: ScriptedBench, steps: int, **options: float) -> tuple[list[Any], Exchange]:
+    """Demands that act in steps of 20 ms, and the exchange."""
+    exchange = Exchange(OutsideOptions.model_validate(options), [TRAILER], [bench])
+    return [exchange.step(20 * k, dict).get("semitrailer") for k in range(steps)], exchange
+
+
+def test_a_demand_holds_and_then_the_scenarios_own_law_takes_over() -> None:
+    """It came at 20 ms and holds for 40 ms; from 80 ms on nothing comes from outside, nor before the first."""
+    acting, exchange = exchanged(ScriptedBench([], [demand(0.1)]), 6, hold=0.04)
+    assert acting == [None, (0.1, -0.1), (0.1, -0.1), (0.1, -0.1), None, None]
+    report = exchange.report()
+    assert (report.fresh_steps, report.held_steps, report.fallback_steps) == (1, 2, 3)
+    assert report.longest_gap_s == pytest.approx(0.08)
+    assert "lacked in 3 steps" in " ".join(report.warnings)
+
+
+def test_the_newest_of_several_messages_counts() -> None:
+    """A bench that is faster than the loop."""
+    acting, exchange = exchanged(ScriptedBench([demand(0.1), demand(0.2)]), 1)
+    assert acting == [(0.2, -0.2)]
+    assert exchange.report().received == 2
+
+
+def test_the_loop_waits_for_the_answer_to_its_own_signals() -> None:
+    """The demand that answers an earlier tick comes first; the loop goes on looking until the right one is there."""
+    late, right = demand(0.1, tick=0), demand(0.3, tick=20)
+    bench = ScriptedBench([demand(0.0, tick=0)], [], [late], [], [right])
+    acting, _ = exchanged(bench, 2, wait=5.0)
+    assert acting == [(0.0, -0.0), (0.3, -0.3)]
+
+
+@pytest.mark.parametrize(
+    ("message", "line"),
+    [
+        ({"steer_demand_1": 0.1}, "steer_demand_2 is missing"),
+        ({"steer_demand_1": 0.1, "steer_demand_9": 0.1}, "unknown demand 'steer_demand_9'"),
+        (demand(math.nan), "steer_demand_1 = nan must be a number within -1.571 to 1.571 rad"),
+        (demand(2.0), "steer_demand_1 = 2.0 must be a number within"),
+        ({"steer_demand_1": "left", "steer_demand_2": 0.0}, "steer_demand_1 = 'left' must be a number"),
+        ({"steer_demand_1": True, "steer_demand_2": 0.0}, "steer_demand_1 = True must be a number"),
+        (demand(0.1, tick=0.5), "tick = 0.5 must be a whole number"),
+        ({"tick": 20}, "has no demand"),
+    ],
+)
+def test_a_wrong_message_is_refused_as_a_whole(message: Numbers, line: str) -> None:
+    """It changes nothing and is counted; the first reason becomes a warning."""
+    acting, exchange = exchanged(ScriptedBench([demand(0.1)], [message]), 2)
+    assert acting == [(0.1, -0.1)] * 2
+    report = exchange.report()
+    assert (report.received, report.refused) == (1, 1)
+    assert line in report.first_refusal
+
+
+def test_a_driver_has_a_gear_of_its_own_accord() -> None:
+    """Forward, if a message does not say; anything between the gears is refused."""
+    given = {"steer_demand": 0.1, "acceleration_demand": -1.0}
+    assert checked_message(given, [driver_demands()]).values == {"driver": (0.1, -1.0, 1.0)}
+    with pytest.raises(ValueError, match="gear_demand = 0 must be 1 or -1"):
+        checked_message({**given, "gear_demand": 0}, [driver_demands()])
+
+
+def test_a_record_holds_every_demand_exactly(tmp_path: Path) -> None:
+    """Numbers are written with all their digits; parts that did not come stay away."""
+    parts = [TRAILER, driver_demands()]
+    rows: list[tuple[int, Values]] = [
+        (20, {"semitrailer": (0.1, 1.0 / 3.0)}),
+        (60, {"driver": (-0.2, math.pi, 1.0), "semitrailer": (0.0, -0.0)}),
+    ]
+    (tmp_path / "demands.csv").write_text(record_text(parts, rows))
+    record = RecordedDemands(tmp_path / "demands.csv", parts)
+    assert [record.at(tick) for tick in (0, 20, 60)] == [{}, rows[0][1], rows[1][1]]
+
+
+@pytest.fixture(scope="module")
+def inside() -> RunResult:
+    return run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1)
+
+
+@pytest.fixture(scope="module")
+def steered() -> tuple[RunResult, Proportional]:
+    bench = Proportional()
+    settings = (*SHORT, "trailer_steering=none", "outside.demands=trailer", "outside.wait=1")
+    return run(load_scenario("roundabout", settings), 1, links=[bench]), bench
+
+
+def test_signals_alone_change_nothing(inside: RunResult) -> None:
+    """A run that is only watched from outside has bitwise the same log."""
+    bench = ScriptedBench()
+    watched = run(load_scenario("roundabout", (*SHORT, "trailer_steering=none")), 1, links=[bench])
+    assert watched.log == inside.log
+    assert watched.outside is not None
+    assert watched.outside.reproducible
+    assert len(bench.signals) == watched.outside.sent == math.ceil(len(inside.log) / 2)  # every second row
+    third = bench.signals[150]
+    row = 300
+    assert third["x"] == inside.log["x_tractor"][row]
+    assert third["steer_trailer_1"] == inside.log["steer_trailer_1"][row]
+    # the sensors' errors: 0.5 % of the speed and 20 mm/s of noise; 0.2 and 0.1 degrees of play (three times each)
+    assert third["speed"] == pytest.approx(inside.log["v_x_tractor"][row], abs=0.1)
+    assert third["steer"] == pytest.approx(inside.log["steer_tractor"][row], abs=0.012)
+
+
+def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], inside: RunResult) -> None:
+    """Its demands are those that the log shows, at once as the loop waits, and the axles follow them with their lag."""
+    result, bench = steered
+    demands = result.log["steer_trailer_1_command"][::2]
+    np.testing.assert_array_equal(demands, [-0.4 * values["articulation_1"] for values in bench.signals])
+    assert np.abs(demands).max() > 0.05
+    assert np.abs(result.log["steer_trailer_1"]).max() == pytest.approx(np.abs(demands).max(), rel=0.05)
+    assert not inside.log["steer_trailer_1_command"].any()
+    numbers = summary(result)
+    assert numbers["outside"]["reproducible"] is False  # type: ignore[call-overload, index]
+    assert "demands came from outside by script" in " ".join(numbers["warnings"])  # type: ignore[arg-type]
+
+
+def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, Proportional], tmp_path: Path) -> None:
+    """``scenario.toml`` names the record beside it; no bench is there any more."""
+    write_run(steered[0], tmp_path / "run", video=False)
+    again = run(load_scenario(str(tmp_path / "run/scenario.toml")), 1)
+    assert again.log == steered[0].log
+    assert again.outside is not None
+    assert again.outside.source == "record"
+    assert summary(again)["outside"]["reproducible"] is True  # type: ignore[call-overload, index]
+
+
+@pytest.fixture
+def bench_socket() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bench:
+        bench.bind(("127.0.0.1", 0))
+        bench.settimeout(5.0)
+        yield bench
+
+
+def test_udp_datagrams_are_json_objects_with_numbers_by_name(bench_socket: socket.socket) -> None:
+    """The bench answers where the signals come from; what is no message says why."""
+    link: Link = UdpLink(f"127.0.0.1:{bench_socket.getsockname()[1]}")
+    link.send(40, {"speed": 2.5})
+    content, sender = bench_socket.recvfrom(2000)
+    assert json.loads(content) == {"offtrack": 1, "tick": 40, "speed": 2.5}
+    for answer in (b'{"tick":40,"steer_demand_1":0.1}', b"\xff\x00", b"[1]", b'{"offtrack":2}', b"[" * 5000):
+        bench_socket.sendto(answer, sender)
+    found = [message for _ in range(4) for message in link.receive(0.05)]
+    assert found[0] == {"tick": 40, "steer_demand_1": 0.1}
+    assert found[1:] == ["is no JSON", "is no JSON object", "has the layout 2, not 1", "is no JSON"]
+    assert link.receive(0.0) == []
+    link.close()
+
+
+def test_a_bench_that_is_not_there_yet_does_no_harm() -> None:
+    """Nobody listens: loopback answers with an error, which is no message."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unused:
+        unused.bind(("127.0.0.1", 0))
+        port = unused.getsockname()[1]
+    link = UdpLink(f"127.0.0.1:{port}")
+    for tick in (0, 20):
+        link.send(tick, {"speed": 1.0})
+        assert link.receive(0.0) == []
+    link.close()
+
+
+@pytest.mark.parametrize("text", ["5005", "127.0.0.1", "127.0.0.1:0", "127.0.0.1:70000", "127.0.0.1:5005,x", ":5005"])
+def test_a_wrong_address_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="expected HOST:PORT or HOST:PORT,PORT"):
+        UdpLink(text)
+
+
+@pytest.mark.parametrize("host", ["224.0.0.1", "255.255.255.255", "0.0.0.0"])
+def test_only_a_single_host_is_addressed(host: str) -> None:
+    """No multicast and no broadcast, which leave the bench."""
+    with pytest.raises(ValueError, match="no address of a single host"):
+        UdpLink(f"{host}:5005")
+
+
+def dbc(tmp_path: Path, *fields: str, name: str = "my.dbc") -> str:
+    """A DBC file with one message of these signals from the run, and one with the demands."""
+    lines = ['VERSION ""', "", "BU_: A B", "", "BO_ 256 Signals: 8 A", *fields, "", "BO_ 257 Demands: 8 B"]
+    lines += [
+        f' SG_ steer_demand_{k} : {16 * k - 16}|16@1- (0.01,0) [-90|90] "deg" A' for k in (1, 2) if "lacks" not in name
+    ]
+    (tmp_path / name).write_text("\n".join(lines) + "\n")
+    return str(tmp_path / name)
+
+
+SPEED = ' SG_ speed : 0|8@1+ (0.5,0) [0|100] "km/h" B'
+
+
+def test_a_can_bus_carries_signals_and_demands_in_the_units_of_its_file(tmp_path: Path) -> None:
+    """36 km/h are 72 steps of 0.5; 500 km/h are sent as the limit. 5 degrees come as radians."""
+    can, cantools = pytest.importorskip("can"), pytest.importorskip("cantools")
+    file = dbc(tmp_path, SPEED)
+    link = CanLink(f"dbc={file},channel=one")
+    link.prepare(SIGNALS, [TRAILER])
+    bus, database = can.Bus("one", interface="virtual"), cantools.database.load_file(file)
+    for speed, raw in ((10.0, 72), (500.0 / 3.6, 200), (-1.0, 0)):
+        link.send(0, {"speed": speed})
+        assert bus.recv(1.0).data[0] == raw
+    demands = database.get_message_by_name("Demands")
+    data = demands.encode({"steer_demand_1": 5.0, "steer_demand_2": -2.5})
+    for frame_id, content in ((257, data), (700, b"other"), (257, b"\x01")):
+        bus.send(can.Message(arbitration_id=frame_id, data=content, is_extended_id=False))
+    good, short = link.receive(0.1)
+    assert good == {"steer_demand_1": pytest.approx(math.radians(5.0)), "steer_demand_2": pytest.approx(-0.04363323)}
+    assert isinstance(short, str)
+    assert short.startswith("is no Demands")
+    link.close()
+    bus.shutdown()
+
+
+def test_the_shipped_dbc_file_fits_the_signals(inside: RunResult) -> None:
+    """Every signal of the file is known, in its unit, and all demands are there."""
+    pytest.importorskip("cantools")
+    from scenarios.hil.opened import signals_of
+
+    link = CanLink("dbc=example,channel=two")
+    signals = signals_of([trailer_demands("semitrailer", 3, is_last=True)], 2)
+    link.prepare(signals, [trailer_demands("semitrailer", 3, is_last=True), driver_demands()])
+    known = {signal.name for signal in signals}
+    known |= {one.name for one in (*driver_demands().numbers, *trailer_demands("", 3, is_last=True).numbers)}
+    assert {signal.name for message in link._messages for signal in message.signals} <= known
+    link.close()
+
+
+def refused(*arguments: str) -> str:
+    """The one line of a run that is refused."""
+    result = CliRunner().invoke(app, ["run", "roundabout", "--set", "off_tracking=truth", *arguments])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert result.stderr.count("\n") == 1
+    return result.stderr
+
+
+def test_bad_links_are_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bench_socket: socket.socket
+) -> None:
+    """Before anything is simulated or written."""
+    pytest.importorskip("cantools")
+    monkeypatch.chdir(tmp_path)
+    port = bench_socket.getsockname()[1]
+    outside = ("--set", "outside.demands=trailer", "--set", "outside.wait=1")
+    assert f"port {port} can't be opened: Address already in use" in refused("--udp", f"127.0.0.1:5005,{port}")
+    assert "needs --udp, --can, or outside.record" in refused(*outside)
+    assert "needs --paced, or outside.wait" in refused(*outside[:2], "--udp", f"127.0.0.1:{port}")
+    (tmp_path / "bad.dbc").write_text("BO_ what")
+    assert "bad.dbc is no DBC file" in refused("--can", "dbc=bad.dbc")
+    assert "none.dbc" in refused("--can", "dbc=none.dbc")
+    assert "dbc=FILE is missing" in refused("--can", "interface=virtual")
+    assert "interface 'udp_multicast'" in refused("--can", "dbc=example,interface=udp_multicast")
+    assert "the bus can't be opened" in refused("--can", "dbc=example,interface=socketcan,channel=nocan7")
+    lacks = dbc(tmp_path, SPEED, name="lacks.dbc")
+    assert "no message has the signal steer_demand_1" in refused(*outside, "--can", f"dbc={lacks}")
+    wrong = dbc(tmp_path, SPEED.replace("km/h", "furlong"))
+    assert "speed has the unit 'furlong', which is no unit of m/s" in refused("--can", f"dbc={wrong}")
+    (tmp_path / "demands.csv").write_text("tick,steer\n0,1\n")
+    record = ("--set", "outside.demands=trailer", "--set", "outside.record=demands.csv")
+    assert "column 'came_semitrailer' is missing" in refused(*record)
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(ValueError, match=r"--can needs the package can: pip install 'offtrack\[hil\]'"):
+        CanLink("dbc=example")
