@@ -94,6 +94,7 @@ def plant(
 
 app.command(epilog=lines(fmu_proxies.LAW_EXAMPLES))(fmu_proxies.law)
 app.command(epilog=lines(fmu_proxies.SENSOR_EXAMPLES))(fmu_proxies.sensor)
+app.command(epilog=lines(fmu_proxies.SYSTEM_EXAMPLES))(fmu_proxies.system)
 app.command(epilog=lines(fmu_proxies.DRIVER_EXAMPLES))(fmu_proxies.driver)
 
 

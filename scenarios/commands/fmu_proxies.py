@@ -39,6 +39,10 @@ DRIVER_EXAMPLES = (
     "Examples: offtrack fmu driver roundabout   offtrack fmu driver depot --fmi 2 -o driver.fmu   "
     "offtrack run roundabout --set driver=roundabout_driver.fmu"
 )
+SYSTEM_EXAMPLES = (
+    "Examples: offtrack fmu system roundabout   "
+    "offtrack fmu system turn-90 --set off_tracking=truth --set surface.friction=0.5 -o loop.ssp"
+)
 
 
 def law(
@@ -112,6 +116,41 @@ def driver(
 
         check_version(fmi)
         written(driver_proxy(load_scenario(scenario, settings or [])), fmi, out, platform, quiet=quiet)
+
+
+def system(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    settings: Settings = None,
+    seed: Annotated[int, typer.Option(help="Decides world and noise.")] = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Name of the system.", show_default="SCENARIO.ssp")
+    ] = None,
+    platform: Platforms = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a whole run as a system of FMUs in the SSP format: plant, driver, sensor, law and their connections.
+
+    The ground is level and smooth. Run it with communication steps of 0.01 s.
+    """
+    with one_line_errors():
+        from scenarios.fmi_export.binaries import checked_platforms
+        from scenarios.fmi_proxy.system import fmu_system
+        from scenarios.options.scenario import load_scenario
+        from scenarios.results.files import check_new_file, replacing
+
+        platforms = checked_platforms(platform or [], 2)
+        loop = fmu_system(load_scenario(scenario, settings or []), seed)
+        path = out or Path(f"{loop.name}.ssp")
+        if path.suffix != ".ssp":
+            raise ValueError(f"--out {path}: the name must end in .ssp")
+        check_new_file(path)
+        with replacing(path) as unfinished:
+            unfinished.write_bytes(loop.content(platforms))
+        if not quiet:
+            typer.echo(
+                f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of 0.01 s, "
+                f"ends after {loop.stop:.1f} s"
+            )
 
 
 def check_version(fmi: int) -> None:

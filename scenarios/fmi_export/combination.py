@@ -118,6 +118,7 @@ def combination_outputs(vehicle: Vehicle) -> list[Quantity]:
         *numbered("wheel_slip_angle", "rad", [f"of {tyre}" for tyre in tyres]),
         *numbered("friction_used", "-", [f"horizontal force of {tyre} over friction times load" for tyre in tyres]),
         *numbered("load_transfer", "-", [f"of {name}: right less left wheel loads over all" for name in units]),
+        *numbered("articulation", "rad", [f"heading of {name} less that of the next unit" for name in units[:-1]]),
     ]  # fmt: skip
 
 
@@ -143,13 +144,14 @@ def _observe_function(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
     motion = Kinematics(*parts(kinematics_function(vehicle)(x, ca.SX(0, 1), numbers), kinematics_sizes(vehicle)))
     idle = ca.vertcat(ca.SX.zeros(sum(command_sizes(vehicle))), *of_ground)
     of_wheels = WheelTruth(*parts(wheel_function(vehicle)(x, idle, numbers), wheel_truth_sizes(vehicle)))
-    bodies = body_function(vehicle)(x, smooth, numbers)
+    bodies, headings = body_function(vehicle)(x, smooth, numbers), motion.poses[2::3]
     values = [
         *(motion.poses[k::3] for k in range(3)),
         *(motion.velocities[k::3] for k in range(3)),
         *(state.heave, state.pitch, state.roll),
         *(_pose(bodies[16 * k : 16 * k + 16]) for k in range(N)),
         *of_wheels,
+        *([headings[:-1] - headings[1:]] if N > 1 else []),
     ]
     return ca.Function("observe", [x, u, numbers], [ca.cse(ca.densify(ca.vertcat(*values)))])
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy.ssp import ssd
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
@@ -41,6 +42,7 @@ from scenarios.fmi_proxy.driver import DriverComputation, driver_proxy
 from scenarios.fmi_proxy.law import law_proxy
 from scenarios.fmi_proxy.sensor import SensorComputation, sensor_proxy
 from scenarios.fmi_proxy.server import folder_of
+from scenarios.fmi_proxy.system import fmu_system
 from scenarios.loop.channel import InLine
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
@@ -336,6 +338,41 @@ def test_a_first_map_connects_equal_names_first_and_lists_texts(
     map_file(file).write_text(text, encoding="utf-8")
     assert replace(read_map(fmu, part), parameters={}) == by_names
     assert read_map(fmu, part).parameters == {"frames": "images"}
+
+
+def test_a_system_connects_what_there_is_in_the_same_units() -> None:
+    """Valid by the schema of SSP; every input of sensor, driver and law has one source."""
+    loop = fmu_system(load_scenario("turn-90", ["off_tracking=truth", "surface.friction=0.5"]), 1)
+    etree = pytest.importorskip("lxml.etree")  # FMPy has it
+    schema = etree.XMLSchema(etree.parse(Path(ssd.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
+    schema.assertValid(etree.fromstring(loop.description()))
+    variables = {
+        (name, one.quantity.name): one for name, exported in loop.components.items() for one in exported.variables
+    }
+    for one in loop.connections:
+        source, target = variables[one.source, one.output], variables[one.target, one.input]
+        assert (source.causality, target.causality) == ("output", "input")
+        assert source.quantity.unit == target.quantity.unit, one
+    targets = [(one.target, one.input) for one in loop.connections]
+    inputs = {key for key, one in variables.items() if one.causality == "input" and key[0] != "plant"}
+    assert len(targets) == len(set(targets))
+    assert inputs <= set(targets)
+    assert ("plant", "steer_trailer_2") in targets
+    assert variables["plant", "friction_wheel_1"].quantity.start == 0.5
+    assert variables["plant", "start_speed"].quantity.start > 0.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (["surface.cross_fall=0.02"], "a system has level, smooth ground"),
+        (["vehicle=b_double_steered"], "a system has one law"),
+        (["off_tracking=x.fmu"], "is an FMU already"),
+    ],
+)
+def test_a_system_that_cannot_be_is_one_line(settings: list[str], reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        fmu_system(load_scenario("roundabout", settings), 1)
 
 
 def test_resources_by_address_and_by_path(tmp_path: Path) -> None:

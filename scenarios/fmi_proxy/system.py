@@ -1,0 +1,213 @@
+"""A whole run as a system of FMUs: plant, driver, sensor and law with their connections, in the SSP format 1.0.
+
+SSP: "System Structure and Parameterization", Modelica Association, version 1.0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, NamedTuple
+from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
+
+from scenarios.assembly.adapters import course_of, surface_of, vehicle_of, watched_units
+from scenarios.assembly.drivers import opened_driver
+from scenarios.assembly.plants import plant_vehicle
+from scenarios.fmi_export.archive import fmu_bytes, zipped
+from scenarios.fmi_export.combination import combination_model
+from scenarios.fmi_export.exported import Exported, exported_plant
+from scenarios.fmi_export.units import base_unit
+from scenarios.fmi_export.variables import Quantity, Variable
+from scenarios.fmi_import.estimate_signals import estimate_signals, reading_signals
+from scenarios.fmi_import.truth_signals import truth_signals
+from scenarios.fmi_proxy.driver import driver_proxy
+from scenarios.fmi_proxy.law import law_of_scenario
+from scenarios.fmi_proxy.sensor import MEASURED, sensor_proxy
+from scenarios.options.scenario import Scenario
+from scenarios.randomness import stream
+from vehicle.combination.description import Vehicle
+from vehicle.surface import Surface
+
+_VERSION: Final = 2  # of FMI: runners of SSP 1.0 take no later one
+_SSD: Final = "http://ssp-standard.org/SSP1/SystemStructureDescription"
+_SSC: Final = "http://ssp-standard.org/SSP1/SystemStructureCommon"
+_FMU: Final = "application/x-fmu-sharedlibrary"
+
+
+class Connection(NamedTuple):
+    """An output of a component that goes to an input of another."""
+
+    source: str  # component
+    output: str
+    target: str  # component
+    input: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class FmuSystem:
+    """FMUs by the names of their components, with their connections."""
+
+    name: str
+    summary: str
+    components: Mapping[str, Exported]
+    connections: Sequence[Connection]
+    stop: float  # planned end [s]
+
+    def content(self, platforms: Sequence[str]) -> bytes:
+        """The SSP file.
+
+        Raises:
+            ValueError: one line, if a library cannot be compiled.
+        """
+        fmus = {f"resources/{name}.fmu": fmu_bytes(of, _VERSION, platforms) for name, of in self.components.items()}
+        return zipped({"SystemStructure.ssd": self.description(), **fmus})
+
+    def description(self) -> bytes:
+        """``SystemStructure.ssd``."""
+        register_namespace("ssd", _SSD)
+        register_namespace("ssc", _SSC)
+        root = Element(_ssd("SystemStructureDescription"), version="1.0", name=self.name)
+        root.set("description", self.summary)
+        root.set("generationTool", "offtrack")
+        system = SubElement(root, _ssd("System"), name=self.name)
+        elements = SubElement(system, _ssd("Elements"))
+        for name, exported in self.components.items():
+            component = SubElement(elements, _ssd("Component"), name=name, type=_FMU, source=f"resources/{name}.fmu")
+            component.set("description", exported.summary)
+            _connectors(component, self._connected(name, exported.variables))
+        connections = SubElement(system, _ssd("Connections"))
+        for one in self.connections:
+            SubElement(
+                connections,
+                _ssd("Connection"),
+                startElement=one.source,
+                startConnector=one.output,
+                endElement=one.target,
+                endConnector=one.input,
+            )
+        _units(root, [one for exported in self.components.values() for one in exported.variables])
+        SubElement(root, _ssd("DefaultExperiment"), startTime="0", stopTime=repr(self.stop))
+        indent(root)
+        content: bytes = tostring(root, encoding="utf-8")
+        return b'<?xml version="1.0" encoding="UTF-8"?>\n' + content + b"\n"
+
+    def _connected(self, name: str, variables: Iterable[Variable]) -> list[Variable]:
+        """Inputs that something is connected to, and all outputs that are numbers; other inputs keep their starts."""
+        inputs = {one.input for one in self.connections if one.target == name}
+        return [
+            one
+            for one in variables
+            if one.text is None
+            and (one.causality == "output" or (one.causality == "input" and one.quantity.name in inputs))
+        ]
+
+
+def fmu_system(scenario: Scenario, seed: int) -> FmuSystem:
+    """The system of a scenario.
+
+    Raises:
+        ValueError: one line, if the scenario is not consistent, or has what no connection carries: uneven ground, or a
+            law for more than the last trailer.
+    """
+    nominal = vehicle_of(scenario)
+    vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
+    surface = surface_of(scenario, course, stream(seed, "surface"))
+    _check_ground(scenario, surface)
+    opened = opened_driver(scenario, nominal, course)
+    last = len(vehicle.units) - 1
+    if any(vehicle.units[unit].steered_axles for unit in watched_units(nominal, scenario) if unit != last):
+        raise ValueError(f"vehicle {vehicle.name}: trailers ahead of the last one are steered; a system has one law")
+    starts = dict(zip(("start_x", "start_y", "start_psi"), course.start, strict=True))
+    starts["start_speed"] = opened.start_speed
+    components = {
+        "plant": _plant(vehicle, starts, friction=float(surface.friction)),  # type: ignore[arg-type]
+        "driver": driver_proxy(scenario).exported(_VERSION),
+        "sensor": sensor_proxy(scenario, seed).exported(_VERSION),
+    }
+    connections = [*_to_driver(vehicle, reverses=bool(scenario.driver.stops)), *_to_sensor(vehicle)]
+    n_steered = len(vehicle.units[last].steered_axles)
+    if n_steered:
+        components["law"] = law_of_scenario(scenario).exported(_VERSION)
+        connections += [*_to_law(n_steered, len(vehicle.units)), *_to_axles(n_steered)]
+    return FmuSystem(
+        name=scenario.name,
+        summary=f"closed loop of offtrack: {scenario.name}",
+        components=components,
+        connections=connections,
+        stop=opened.duration,
+    )
+
+
+def _check_ground(scenario: Scenario, surface: Surface) -> None:
+    level = surface.relief is None and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
+    if not (level and surface.is_uniform and surface.gust is None):
+        raise ValueError(
+            f"scenario {scenario.name}: a system has level, smooth ground with one friction, and no wind: nothing in "
+            "it carries the ground to the plant; leave out wind.*, surface.* except friction, and the course's relief"
+        )
+
+
+def _plant(vehicle: Vehicle, starts: Mapping[str, float], friction: float) -> Exported:
+    """The plant, whose start values are those of the scenario."""
+    model = combination_model(vehicle)
+    interface = model.interface
+
+    def started(quantity: Quantity) -> Quantity:
+        start = starts.get(quantity.name, friction if quantity.name.startswith("friction_wheel_") else quantity.start)
+        return quantity._replace(start=start)
+
+    changed = dataclasses.replace(
+        interface,
+        parameters=[started(one) for one in interface.parameters],
+        inputs=[started(one) for one in interface.inputs],
+    )
+    return exported_plant(dataclasses.replace(model, interface=changed), _VERSION)
+
+
+def _to_driver(vehicle: Vehicle, *, reverses: bool) -> list[Connection]:
+    motion = ("x", "y", "psi", "v_x", "v_y", "yaw_rate")
+    hitches = [f"articulation_{k}" for k in range(1, len(vehicle.units))]
+    demands = ("steer", "acceleration", *(("gear",) if reverses else ()))
+    return [
+        *(Connection("plant", f"{name}_1", "driver", name) for name in motion),
+        *(Connection("plant", name, "driver", name) for name in hitches),
+        *(Connection("driver", name, "plant", name) for name in demands),
+    ]
+
+
+def _to_sensor(vehicle: Vehicle) -> list[Connection]:
+    return [Connection("plant", one.name, "sensor", one.name) for one in truth_signals(vehicle)]
+
+
+def _to_law(n_steered: int, n_units: int) -> list[Connection]:
+    return [
+        *(Connection("sensor", one.name, "law", one.name) for one in estimate_signals(coarse=False)),
+        *(Connection("sensor", MEASURED + one.name, "law", one.name) for one in reading_signals(n_steered, n_units)),
+    ]
+
+
+def _to_axles(n_steered: int) -> list[Connection]:
+    axles = range(1, n_steered + 1)
+    return [Connection("law", f"steer_demand_{k}", "plant", f"steer_trailer_{k}") for k in axles]
+
+
+def _connectors(component: Element, variables: Iterable[Variable]) -> None:
+    connectors = SubElement(component, _ssd("Connectors"))
+    for one in variables:
+        connector = SubElement(connectors, _ssd("Connector"), name=one.quantity.name, kind=one.causality)
+        unit = one.quantity.unit
+        SubElement(connector, f"{{{_SSC}}}Real", {} if unit == "-" else {"unit": unit})
+
+
+def _units(root: Element, variables: Iterable[Variable]) -> None:
+    units = SubElement(root, _ssd("Units"))
+    for name in sorted({one.quantity.unit for one in variables} - {"-"}):
+        unit, base = SubElement(units, f"{{{_SSC}}}Unit", name=name), base_unit(name)
+        exponents = {} if base is None else {si: str(exponent) for si, exponent in base.exponents.items()}
+        of_unit = SubElement(unit, f"{{{_SSC}}}BaseUnit", exponents)
+        if base is not None and base.factor != 1.0:
+            of_unit.set("factor", repr(base.factor))
+
+
+def _ssd(name: str) -> str:
+    return f"{{{_SSD}}}{name}"
