@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from importlib import resources
 from typing import Final
 
+from scenarios.fmi_export.unused_functions import unused_functions
 from scenarios.fmi_export.variables import Interface
 from vehicle.engine.c_source import c_source, numbers_source
 from vehicle.engine.program import Program
@@ -17,7 +18,7 @@ HEADERS: Final = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
     3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
 }
-_WRAPPERS: Final = {2: ("fmi2.c",), 3: ("fmi3.c", "fmi3_unused.c")}
+_UNUSED: Final = "fmi3_unused.c"
 
 
 def parameters_read(programs: Mapping[str, Program]) -> frozenset[int]:
@@ -48,10 +49,14 @@ def c_files(
 
 def common_files(version: int) -> dict[str, str]:
     """Source files of every FMU of a version of FMI, with the headers of the standard."""
-    return {
-        **{name: source_text(name) for name in ("instance.c", *_WRAPPERS[version], "instance.h", "portable.h")},
+    wrapper = f"fmi{version}.c"
+    files = {
+        **{name: source_text(name) for name in ("instance.c", wrapper, "instance.h", "portable.h")},
         **{name: _text("headers", name) for name in (*HEADERS[version], "LICENSE.txt")},
     }
+    if version == 3:
+        files[_UNUSED] = unused_functions(files["fmi3FunctionTypes.h"], files[wrapper])
+    return files
 
 
 def source_text(name: str) -> str:

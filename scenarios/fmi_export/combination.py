@@ -18,6 +18,7 @@ from scenarios.fmi_export.model import (
     vector,
 )
 from scenarios.fmi_export.variables import Quantity, numbered
+from vehicle.clock import TICK
 from vehicle.combination.attitude import smooth_ground_sizes
 from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import (
@@ -61,6 +62,8 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
         defined={"FIRST_START": len(parameters), "FIRST_GROUND": sum(command_sizes(vehicle))},
         gear=CommandInputs(*slices(command_sizes(vehicle))).gear.start,
         fixed=fixed_values(vehicle, unread),
+        internal_step=TICK,
+        stepping=f"Internal step: {1e3 * TICK:g} ms.",
     )
 
 

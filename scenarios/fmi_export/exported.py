@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from scenarios.fmi_export.c_files import c_files, plant_header
 from scenarios.fmi_export.model import PlantModel
 from scenarios.fmi_export.variables import Variable
-from vehicle.clock import TICK
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +38,7 @@ def exported_plant(model: PlantModel, version: int) -> Exported:
         summary=model.summary,
         variables=model.interface.variables(),
         sources={**sources, "plant.h": plant_header(model.interface, model.programs, model.gear)},
-        notes=("Internal step: 1 ms. Communication steps are whole numbers of milliseconds; inputs hold during one.",),
+        notes=(f"{model.stepping} Communication steps are whole numbers of milliseconds; inputs hold during one.",),
         fixed=model.fixed,
-        internal_step=TICK,
+        internal_step=model.internal_step,
     )

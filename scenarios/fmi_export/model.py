@@ -30,6 +30,8 @@ class PlantModel:
     defined: Mapping[str, object]  # macros for the fixed file
     gear: int | None  # place of the input that must be 1 or -1
     fixed: Sequence[tuple[str, str]]  # what is fixed at export: path and value
+    internal_step: float | None  # of the integration [s]; None: the communication step decides it
+    stepping: str  # a sentence on it
 
     @property
     def identifier(self) -> str:

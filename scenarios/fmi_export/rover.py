@@ -17,12 +17,14 @@ from scenarios.fmi_export.model import (
     vector,
 )
 from scenarios.fmi_export.variables import Quantity, numbered
+from vehicle.clock import TICK
 from vehicle.combination.layout import parts
 from vehicle.combination.plant_inputs import slices
 from vehicle.engine.program import Program, program_of
 from vehicle.rover.description import Rover
 from vehicle.rover.equations import lift_function, load_function, numbers, step_function
 from vehicle.rover.layout import RoverInput, RoverState, input_sizes, state_sizes
+from vehicle.rover.plant import LONGEST_STEP
 from vehicle.rover.soil import Soil
 
 _FRICTION: Final = 0.6  # of a lugged wheel on firm ground, as of ``Terrain`` [-]
@@ -58,9 +60,12 @@ def rover_model(rover: Rover, soil: Soil | None) -> PlantModel:
             "OMEGA": in_state.wheel_speed.start,
             "TURN": in_state.turn.start,
             "SINKAGE": in_state.sinkage.start,
+            "LONGEST_STEP": LONGEST_STEP,
             "FIRST_FIRM": in_input.firm.start - 1,  # the length of a step is no input of the FMU
         },
         gear=None,
+        internal_step=None,
+        stepping=f"A communication step is divided into equal steps of at most {1e3 * LONGEST_STEP * TICK:g} ms.",
         fixed=[
             *fixed_values(rover, unread),
             *((f"wheels.{k}.{axis}", f"{getattr(wheel, axis):g}, in proportion to {size}")

@@ -7,10 +7,12 @@ other platforms need the extra ``zig``.
 from __future__ import annotations
 
 import importlib.util
+import math
 import shutil
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +24,11 @@ from scenarios.fmi_export.archive import write_fmu
 from scenarios.fmi_export.binaries import PLATFORMS, library_path
 from scenarios.fmi_export.plants import plant_model
 from tests.fmu_plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
-from vehicle.combination.description import load_vehicle
+from vehicle.combination.attitude import smooth_ground_sizes
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.ground_inputs import SurfaceLookup
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.plant_inputs import GroundInputs, ground_input_sizes, slices
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.rover.command import RoverCommand
 from vehicle.rover.description import load_rover
@@ -30,6 +36,7 @@ from vehicle.rover.plant import RoverPlant
 from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Terrain
 from vehicle.rover.truth import RoverTruth
+from vehicle.surface import Roughness, RoughProfile, Surface
 
 MAGIC: Final = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
 ROVERS: Final = (("el_dorado_ii", "beach_sand"), ("el_dorado_ii_skid", None), ("six_wheel_rover", "toyoura_sand"))
@@ -47,6 +54,84 @@ def test_a_truck_weaves_as_the_plant_here(name: str, version: int, tmp_path: Pat
     found = deviations(driven_here(vehicle, drive), outputs)
     assert found.pop("wheel_load") < 1e-5  # N, of some 1e5
     assert max(found.values()) < 1e-9
+
+
+def ground_under(lookup: SurfaceLookup, plant: Plant, vehicle: Vehicle, state: FloatArray) -> dict[str, float]:
+    """Inputs of the FMU for the ground below a state, by name."""
+    kinematics = plant._kinematics_of(state)
+    ground = GroundInputs(*parts_of(lookup.ground_inputs(kinematics), ground_input_sizes(vehicle)))
+    heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
+    named = {
+        "friction_wheel": ground.friction,
+        "ground_slope_x": ground.slope_x,
+        "ground_slope_y": ground.slope_y,
+        "road_height": ground.road,
+        "ground_height": heights,
+    }
+    return {f"{name}_{k}": float(one) for name, values in named.items() for k, one in enumerate(values, start=1)}
+
+
+def parts_of(values: FloatArray, sizes: Iterable[int]) -> list[FloatArray]:
+    return [values[at] for at in slices(sizes)]
+
+
+def test_a_truck_on_a_rough_slope_is_the_plant_here(tmp_path: Path) -> None:
+    """Grade, cross-fall and a road of class D: the FMU gets them as inputs, the plant looks them up by itself.
+
+    Below 10 m/s the plant looks the ground up once in 10 ms, as the inputs of the FMU hold for 10 ms.
+    """
+    vehicle, fmu, drive = load_vehicle("eu_tractor_semitrailer"), tmp_path / "truck.fmu", weave(10.0)
+    write_fmu(fmu, plant_model(vehicle.name, None, wind=False), 3, ("linux64",), optimisation=1)
+    rough = Roughness(profile=RoughProfile(np.random.default_rng(3), "D"))
+    surface = Surface(friction=0.7, grade=0.03, cross_fall=0.04, roughness=rough)
+    plant, lookup = Plant(vehicle, surface), SurfaceLookup(surface, vehicle)
+    state = plant.initial_state(Pose2(1.0, 2.0, 0.3), 6.0)
+    at_start = ground_under(lookup, plant, vehicle, state)
+    slave = Slave(fmu, tmp_path / "unpacked", {**START, "start_speed": 6.0, **at_start})
+    names, truths, rows = slave.outputs, [plant.observe(state, 0)], []
+    rows.append(slave.get(names))
+    for steer, acceleration, _ in zip(*drive, strict=True):
+        slave.set(ground_under(lookup, plant, vehicle, state))
+        slave.set({"steer": steer, "acceleration": acceleration})
+        slave.step()
+        state = plant.step(state, VehicleCommand(float(steer), float(acceleration), ()), 10)
+        slave.set(ground_under(lookup, plant, vehicle, state))  # loads and poses follow it at once
+        rows.append(slave.get(names))
+        truths.append(plant.observe(state, 0))
+    slave.close()
+    loads = np.array([truth.wheel_loads for truth in truths])
+    assert np.abs(np.diff(loads, axis=0)).max() > 100.0  # N within 10 ms: the road is rough
+    assert max(abs(truth.velocities[0, 0]) for truth in truths) < 10.0
+    found = deviations(truths, dict(zip(names, np.array(rows).T, strict=True)))
+    assert found.pop("wheel_load") < 1e-4  # N, of some 1e5
+    assert max(found.values()) < 1e-9
+
+
+@pytest.mark.parametrize(("name", "along"), [("ground_slope_x", 1.0), ("ground_slope_y", 0.0)])
+def test_a_slope_pulls_by_gravity_alone(name: str, along: float, tmp_path: Path) -> None:
+    """A freely rolling truck that heads along x slows down by g sin(slope) uphill, besides its rolling resistance.
+
+    Across, the downhill wheels carry more: by the height of the centre of gravity.
+    """
+    fmu, slope = tmp_path / "truck.fmu", 0.05
+    write_fmu(fmu, plant_model("eu_tractor_semitrailer", None, wind=False), 2, ("linux64",), optimisation=1)
+    speeds, transfers = [], []
+    for given in (0.0, slope):
+        inputs = {f"{name}_{unit}": given for unit in (1, 2)}
+        slave = Slave(fmu, tmp_path / "unpacked", {"start_speed": 5.0, **inputs})
+        for _ in range(100):
+            slave.step()
+        speeds.append(slave.get(["v_x_1"])[0])
+        transfers.append(slave.get(["load_transfer_2"])[0])
+        slave.close()
+    down = 9.81 * math.sin(math.atan(slope))
+    assert speeds[0] - speeds[1] == pytest.approx(along * down, abs=0.03)  # the wheels' inertia: 2 % of the mass
+    if not along:
+        # + when the right wheels carry more; y is to the left, so they stand lower. A rigid body: 2 h/b sin(slope); it
+        # also leans on its springs and tyres, which adds a third.
+        trailer = load_vehicle("eu_tractor_semitrailer").units[1]
+        rigid = 2.0 * trailer.cg_height / trailer.axles[0].track * math.sin(math.atan(slope))
+        assert rigid < transfers[1] - transfers[0] < 1.6 * rigid
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -19,12 +19,15 @@ import offtrack
 from scenarios.cli import app
 from scenarios.fmi_export import binaries
 from scenarios.fmi_export.archive import write_fmu
+from scenarios.fmi_export.c_files import common_files
 from scenarios.fmi_export.combination import combination_inputs, combination_model
 from scenarios.fmi_export.model import PlantModel
 from scenarios.fmi_export.plants import plant_model
+from scenarios.fmi_export.rover import rover_model
 from scenarios.fmi_export.units import base_unit
 from tests.fmu_plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.rover.description import load_rover
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 TRUCK = "rigid_truck"
@@ -254,6 +257,27 @@ def test_a_compiler_that_fails_leaves_no_file(
         write_fmu(tmp_path / "x.fmu", model, 3, ("linux64",))
     assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_function_of_fmi_3_is_forgotten_and_none_is_there_twice() -> None:
+    """Importers look all of them up: those of the header are in the fixed file or in the one written at export."""
+    files = common_files(3)
+    declared = set(re.findall(r"FMI3_Export\s+fmi3\w+\s+(fmi3\w+);", files["fmi3Functions.h"]))
+    written, fixed = (
+        re.findall(r"^\w[\w ]*[ *](fmi3\w+)\(", files[name], re.MULTILINE) for name in ("fmi3_unused.c", "fmi3.c")
+    )
+    assert len(declared) > 70
+    assert len(written) == len(set(written)) > 50
+    assert not set(written) & set(fixed)
+    assert declared == {*written, *fixed}
+
+
+def test_only_a_truck_declares_a_fixed_internal_step(model: PlantModel) -> None:
+    """A rover divides a communication step into equal ones of at most 5 ms, so that theirs depends on it."""
+    assert model.internal_step == 1e-3
+    rover = rover_model(load_rover("el_dorado_ii"), None)
+    assert rover.internal_step is None
+    assert "at most 5 ms" in rover.stepping
 
 
 def test_a_rover_has_inputs_for_every_wheel() -> None:

@@ -26,7 +26,7 @@ from vehicle.rover.terramechanics import Rolling, soil_force
 from vehicle.rover.truth import RoverTruth
 from vehicle.sanity import is_sane
 
-_LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
+LONGEST_STEP: Final = 5  # [ticks]; a standing rover rocks on its contacts at some 50 rad/s: a quarter of a radian
 _LOOK_EVERY: Final = 0.01  # distance between two looks at uneven ground [m]: a tenth of a wheel's radius
 _SETTLING: Final = 2000  # [ticks]; a wheel at 2 cm/s rolls over its whole contact in this time
 
@@ -67,11 +67,11 @@ class RoverPlant:
         state[self._in_state.wheel_speed] = speed / self._rover.radius
         u = self._input(state)
         u[self._in_input.wheel_speed] = state[self._in_state.wheel_speed]
-        u[self._in_input.step] = _LONGEST_STEP * TICK
+        u[self._in_input.step] = LONGEST_STEP * TICK
         if self._soil is not None:
             sunk = [settled_sinkage(self._rover, self._soil, float(load)) for load in self._loads(state, u)]
             state[self._in_state.sinkage] = (1.0 - u[self._in_input.firm]) * sunk
-        settled = self._advance(state, u, _SETTLING // _LONGEST_STEP)
+        settled = self._advance(state, u, _SETTLING // LONGEST_STEP)
         settled[:3] = pose
         settled[self._in_state.turn] = 0.0
         return settled
@@ -120,7 +120,7 @@ class RoverPlant:
 
     def _stepped(self, state: FloatArray, demands: FloatArray, ticks: int) -> FloatArray:
         u = self._input(state)
-        steps = -(-ticks // _LONGEST_STEP)
+        steps = -(-ticks // LONGEST_STEP)
         u[: len(demands)] = demands
         u[self._in_input.step] = ticks * TICK / steps
         after = self._advance(state, u, steps)

@@ -1,4 +1,4 @@
-/* FMI 3.0 for co-simulation; the functions that it does not need are in fmi3_unused.c. */
+/* FMI 3.0 for co-simulation; the functions that it does not need are written at export, as fmi3_unused.c. */
 
 #include <stdlib.h>
 #include <string.h>

@@ -6,7 +6,6 @@
 #include "model.h"
 #include "programs.h"
 
-#define LONGEST_STEP 5   /* of the integration [ticks] */
 #define SETTLING 2000    /* [ticks] */
 #define BISECTIONS 60
 
