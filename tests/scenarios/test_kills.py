@@ -1,4 +1,4 @@
-"""Commands killed at a moment that matters; `make kills`` tries random ones, of all commands."""
+"""Commands killed at a moment that matters; ``make kills`` tries random ones, of all commands."""
 
 from __future__ import annotations
 
