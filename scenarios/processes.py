@@ -16,6 +16,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, as_completed, wait
 from contextlib import contextmanager
+from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from vehicle.engine.compiler import warn_if_interpreted
@@ -48,12 +49,25 @@ def as_finished(
             yield futures[future], future.result()
 
 
+class _End(Enum):
+    """Mark of an iterator's end."""
+
+    END = 0
+
+
+_END: Final = _End.END
+
+
 class WorkerDiedError(Exception):
     """A worker process died with a task, or took too long; one line that says how."""
 
 
 def each_in_a_worker(
-    work: Callable[..., OutputT], tasks: Mapping[str, Sequence[object]], *, jobs: int, timeout: float | None = None
+    work: Callable[..., OutputT],
+    tasks: Mapping[str, Sequence[object]] | Iterator[tuple[str, Sequence[object]] | None],
+    *,
+    jobs: int,
+    timeout: float | None = None,
 ) -> Generator[tuple[str, OutputT | BaseException], None, None]:
     """Key of each task with its output, or with the exception that ended it, in order of completion.
 
@@ -62,44 +76,59 @@ def each_in_a_worker(
 
     Args:
         work: function of a task's arguments.
-        tasks: arguments by key.
+        tasks: arguments by key; or an iterator of keys with arguments, which is asked when a process is free, and
+            gives None while there is nothing to do yet.
         jobs: number of processes.
         timeout: longest time of a task [s]; None: any.
     """
-    waiting, deaths = deque(tasks), Counter[str]()
+    source = iter(tasks.items()) if isinstance(tasks, Mapping) else tasks
+    again, deaths, exhausted = deque[tuple[str, Sequence[object]]](), Counter[str](), False
     pools: list[ProcessPoolExecutor] = []
-    running: dict[Future[OutputT], tuple[str, ProcessPoolExecutor, float]] = {}
+    running: dict[Future[OutputT], tuple[str, Sequence[object], ProcessPoolExecutor, float]] = {}
     try:
-        while waiting or running:
-            while waiting and (pools or len(running) < jobs):
-                pool = pools.pop() if pools else _lone_worker(jobs)
-                try:
-                    future = pool.submit(work, *tasks[waiting[0]])
-                except BrokenExecutor:  # its process died while it had nothing to do
-                    pool.shutdown(kill_workers=True)
-                    continue
-                running[future] = (waiting.popleft(), pool, time.monotonic())
-            done = wait(running, timeout=None if timeout is None else _LOOK, return_when=FIRST_COMPLETED).done
+        while True:
+            idle = False
+            while not idle and (again or not exhausted) and (pools or len(running) < jobs):
+                task = again.popleft() if again else next(source, _END)
+                if isinstance(task, _End):
+                    exhausted = True
+                elif task is None:
+                    idle = True
+                else:
+                    pool = pools.pop() if pools else _lone_worker(jobs)
+                    try:
+                        future = pool.submit(work, *task[1])
+                    except BrokenExecutor:  # its process died while it had nothing to do
+                        pool.shutdown(kill_workers=True)
+                        again.appendleft(task)
+                        continue
+                    running[future] = (*task, pool, time.monotonic())
+            if not running and not idle:
+                return
+            looking = idle or timeout is not None
+            if not running:
+                time.sleep(_LOOK)
+            done = wait(running, timeout=_LOOK if looking else None, return_when=FIRST_COMPLETED).done
             for future in done:
-                key, pool, _ = running.pop(future)
+                key, arguments, pool, _ = running.pop(future)
                 error = future.exception()
                 if isinstance(error, BrokenExecutor):
                     pool.shutdown(kill_workers=True)
                     deaths[key] += 1
                     if deaths[key] < _TRIES:
-                        waiting.append(key)
+                        again.append((key, arguments))
                         continue
                     error = WorkerDiedError(f"its process died twice, at last by {_death(error)}")
                 else:
                     pools.append(pool)
                 yield key, future.result() if error is None else error
-            for future, (key, pool, since) in list(running.items()):
+            for future, (key, _, pool, since) in list(running.items()):
                 if timeout is not None and time.monotonic() - since > timeout:
                     del running[future]
                     pool.shutdown(kill_workers=True)
                     yield key, WorkerDiedError(f"took longer than {timeout:g} s")
     except BaseException:
-        for _, pool, _ in running.values():
+        for _, _, pool, _ in running.values():
             pool.shutdown(kill_workers=True)
         raise
     finally:

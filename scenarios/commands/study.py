@@ -23,6 +23,7 @@ from scenarios.commands.console import (
 from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
+    from scenarios.studies.case import Settings
     from scenarios.studies.study import Study
     from scenarios.studies.table import Row
 
@@ -130,16 +131,95 @@ def sweep(
     ],
     jobs: Jobs = None,
     timeout: Timeout = None,
+    join: Annotated[
+        bool,
+        typer.Option(
+            "--join",
+            help="Work on the study together with other commands that have --join, also on other machines with the "
+            "same output directory; each makes runs that nobody else has begun.",
+        ),
+    ] = False,
+    lease: Annotated[
+        float,
+        typer.Option(help="Time without a sign of life after which --join takes over a run of another command [s]."),
+    ] = 30.0,
+    status: Annotated[
+        bool, typer.Option("--status", help="Print what is finished, running and waiting; run nothing.")
+    ] = False,
+    where: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
+    ] = None,
     out: Out = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run every combination of a study's values with every seed, and print a table."""
-    from scenarios.studies.study import load_study
+    """Run every combination of a study's values with every seed, and print a table.
 
+    Finished runs are saved at once: repeat the command to continue an interrupted study. With --join any number of
+    commands share the work, for example one on each machine of a cluster (sbatch --array) in one shared folder.
+    """
+    from scenarios.studies.study import load_study, settings_of
+
+    title = f"sweep-{study_file.stem}"
     with one_line_errors():
+        check_number("--lease", lease, 1.0, 1e5)
         study = load_study(study_file)
-    _run_study(f"sweep-{study_file.stem}", study, jobs=jobs, timeout=timeout, out=out, quiet=quiet, as_json=as_json)
+        again = settings_of(where or [], "--where")
+        if status:
+            _print_status(study, out or Path("runs") / title, as_json=as_json)
+            return
+    _run_study(
+        title,
+        study,
+        jobs=jobs,
+        timeout=timeout,
+        join=lease if join else None,
+        again=again,
+        out=out,
+        quiet=quiet,
+        as_json=as_json,
+    )
+
+
+def _print_status(study: Study, directory: Path, *, as_json: bool) -> None:
+    from scenarios.studies.files import check_study_directory
+    from scenarios.studies.status import silent_for, status
+
+    if not directory.is_dir():
+        raise ValueError(f"{directory}: there is no study yet: leave out --status, or name its --out")
+    check_study_directory(directory)
+    now = status(study, directory)
+    if as_json:
+        numbers = {
+            "runs": now.runs,
+            "finished": now.finished,
+            "failed": [{"run": run, "reason": reason} for run, reason in now.failed],
+            "running": [
+                {"run": run, "host": claim.host, "process": claim.process, "silent_s": round(silent_for(claim), 1)}
+                for run, claim in now.running
+            ],
+            "waiting": now.waiting,
+            "mean_s": now.mean_seconds,
+            "remaining_s": now.remaining_seconds,
+            "machines": list(now.machines),
+        }
+        typer.echo(json.dumps(numbers, indent=2))
+        return
+    console = PlainConsole()
+    table = Table(title=f"{directory}: {now.runs} runs", title_justify="left")
+    for heading in ("finished", "running", "waiting", "failed", "mean [s]", "remaining [s]"):
+        table.add_column(heading, justify="right")
+    seconds = ["-" if value is None else f"{value:.1f}" for value in (now.mean_seconds, now.remaining_seconds)]
+    table.add_row(*map(str, (now.finished, len(now.running), now.waiting, len(now.failed))), *seconds)
+    console.print(table)
+    for run, claim in now.running:
+        line = f"running: {run} on {claim.host}, process {claim.process}, last sign {silent_for(claim):.0f} s ago"
+        console.print(line, soft_wrap=True)
+    for run, reason in now.failed:
+        console.print(f"failed: {run}: {reason.removeprefix('failed: ')}", soft_wrap=True)
+    if len(now.machines) > 1:
+        console.print(f"made on {', '.join(now.machines)}", soft_wrap=True)
 
 
 def _compare_runs(runs: Sequence[Path], out: Path | None, *, quiet: bool, as_json: bool) -> None:
@@ -161,7 +241,16 @@ def _short(scenario: str) -> str:
 
 
 def _run_study(
-    title: str, study: Study, *, jobs: int | None, timeout: float | None, out: Path | None, quiet: bool, as_json: bool
+    title: str,
+    study: Study,
+    *,
+    jobs: int | None,
+    timeout: float | None,
+    out: Path | None,
+    quiet: bool,
+    as_json: bool,
+    join: float | None = None,
+    again: Settings = (),
 ) -> None:
     """Run the study, write its directory and print its table."""
     from scenarios.processes import default_jobs
@@ -179,6 +268,8 @@ def _run_study(
                 directory,
                 jobs=jobs or default_jobs(),
                 timeout=timeout,
+                join=join,
+                again=again,
                 progress=progress,
                 remark=remark,
             )

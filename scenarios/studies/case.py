@@ -14,6 +14,7 @@ from scenarios.options.scenario import Scenario, load_any_scenario
 from scenarios.results.numbers import number_at
 from scenarios.studies.identity import content, identity
 from scenarios.studies.part_parameters import expanded
+from scenarios.studies.provenance import Made
 
 MOST_CASES: Final = 20_000  # of a study
 RUN: Final = "run"  # axis of finished runs
@@ -74,6 +75,7 @@ class Outcome:
     case: Case
     numbers: Mapping[str, Any]  # its summary; {"outcome": "failed: …"} if it has none
     signals: Path | None = None  # file of its signals
+    made: Made | None = None  # where and when; None: not known
 
     def number(self, path: str) -> float | None:
         """The number ``group.name`` of the summary; None if there is none."""
@@ -85,8 +87,10 @@ class Outcome:
         return bool(self.numbers["outcome"] == "completed")
 
 
-def identities(cases: Sequence[Case]) -> list[str]:
+def identities(cases: Sequence[Case], *, portable: bool = False) -> list[str]:
     """Identity of every case; a scenario with its settings is resolved once for all seeds.
+
+    A ``portable`` one is the same on machines with other processors and compilers.
 
     Raises:
         ValueError: one line, for the first scenario that is not valid with its settings.
@@ -95,7 +99,7 @@ def identities(cases: Sequence[Case]) -> list[str]:
     for case in cases:
         key = case.scenario, case.settings
         if key not in contents:
-            contents[key] = content(case.resolved().model_dump(exclude_none=True))
+            contents[key] = content(case.resolved().model_dump(exclude_none=True), portable=portable)
     return [identity(contents[case.scenario, case.settings], case.seed) for case in cases]
 
 

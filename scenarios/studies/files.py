@@ -10,9 +10,11 @@ from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow import csv as pa_csv
 
-from scenarios.results.files import replaced, replacing, sole_user, unfinished_files
+from scenarios.results.files import replaced, replacing, unfinished_files, user_of
 from scenarios.studies.case import Outcome
+from scenarios.studies.runs_table import runs_table
 from scenarios.studies.study import FILE, Study, load_study
 from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
@@ -44,15 +46,20 @@ def study_text(study: Study, directory: Path) -> str:
 
 
 @contextmanager
-def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
+def opened_study(directory: Path, file: str, content: str, *, shared: bool = False) -> Iterator[None]:
     """Lock the directory of a study, write its file, and remove what killed processes have left.
+
+    A ``shared`` lock lets others in that want to share it, too; then nothing is removed.
 
     Raises:
         ValueError: one line, if another process works in it.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    with sole_user(directory):
+    with user_of(directory, shared=shared):
         replaced(directory / file, content)
+        if shared:
+            yield
+            return
         for folder in (directory, directory / CELLS):
             for path in unfinished_files(folder) if folder.is_dir() else ():
                 path.unlink()
@@ -60,9 +67,13 @@ def opened_study(directory: Path, file: str, content: str) -> Iterator[None]:
 
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
-    """Write the table (CSV, Parquet) and the report of a finished study."""
+    """Write the table of points and that of runs (CSV, Parquet), and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
     _write_parquet(rows, directory / "table.parquet")
+    runs = runs_table(outcomes)
+    for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
+        with replacing(directory / name) as unfinished:
+            write(runs, unfinished)
     replaced(directory / "report.html", study_page(title, study, outcomes, rows))
 
 

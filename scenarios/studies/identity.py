@@ -29,9 +29,13 @@ from vehicle.own_code import package_folders
 _DERIVED: Final = (".pyc", ".md")  # files of offtrack that no number depends on
 
 
-def content(scenario: Mapping[str, Any]) -> str:
-    """Hash of a resolved scenario, of all files and modules that it names, and of the software."""
-    return hashlib.sha256(json.dumps([_content(scenario), software()], sort_keys=True).encode()).hexdigest()
+def content(scenario: Mapping[str, Any], *, portable: bool = False) -> str:
+    """Hash of a resolved scenario, of all files and modules that it names, and of the software.
+
+    A ``portable`` one leaves the machine out: processor and compiler.
+    """
+    on = _installed() if portable else software()
+    return hashlib.sha256(json.dumps([_content(scenario), on], sort_keys=True).encode()).hexdigest()
 
 
 def identity(content: str, seed: int) -> str:

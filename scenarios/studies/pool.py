@@ -7,7 +7,8 @@ A run is saved as ``<identity>.json`` (summary, and digests of the files that it
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from scenarios.results.files import digest, replacing
 from scenarios.studies.case import Case, Outcome, identities
 from scenarios.studies.identity import named_files
 from scenarios.studies.opened_files import opened_files, watch_files
+from scenarios.studies.provenance import Made, made
 
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
+_MADE = "made"  # key of the provenance
 
 
 def run_cases(
@@ -45,25 +48,26 @@ def run_cases(
     names = identities(cases) if known is None else known
     cells.mkdir(parents=True, exist_ok=True)
     missing = {
-        identity: case for identity, case in zip(names, cases, strict=True) if not _is_saved(cells, identity, remark)
+        identity: case for identity, case in zip(names, cases, strict=True) if not is_saved(cells, identity, remark)
     }
     done, failed = len(cases) - len(missing), dict[str, str]()
     progress(done, len(cases), "from an earlier run" if done else "")
-    tasks = {identity: (case, cells, identity) for identity, case in missing.items()}
+    tasks = {identity: (case, cells, identity, identity) for identity, case in missing.items()}
     processes = max(1, min(jobs, len(tasks)))
     with closing(each_in_a_worker(run_case, tasks, jobs=processes, timeout=timeout)) as results:
         for identity, result in results:
-            if problem := _problem(result):
+            if problem := problem_of(result):
                 failed[identity] = problem
             done += 1
             progress(done, len(cases), missing[identity].title)
-    return [_outcome(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
+    return [outcome_of(case, cells, identity, failed) for identity, case in zip(names, cases, strict=True)]
 
 
-def run_case(case: Case, cells: Path, identity: str) -> str:
-    """Make one run and save its summary and signals; called in a worker.
+def run_case(case: Case, cells: Path, name: str, identity: str) -> str:
+    """Make one run and save its summary and signals under a name; called in a worker.
 
-    A run that failed is not saved, so that the next command tries again; its outcome is returned.
+    ``identity`` is that of the run on this machine when the command began. A run that failed is not saved, so that the
+    next command tries again; its outcome is returned.
 
     Raises:
         ValueError: one line, if a file that it depends on has changed meanwhile.
@@ -73,6 +77,7 @@ def run_case(case: Case, cells: Path, identity: str) -> str:
     from scenarios.results.summary import summary
 
     watch_files()
+    begin = time.monotonic()
     scenario = case.resolved()
     result = run_any(scenario, case.seed)
     if result.traceback:
@@ -80,16 +85,17 @@ def run_case(case: Case, cells: Path, identity: str) -> str:
     if case.identity() != identity:
         raise ValueError("what it depends on has changed while the study ran: repeat the command")
     opened = opened_files(named_files([case.scenario, scenario.model_dump(exclude_none=True)]))
-    signals = _signals(cells, identity)
+    signals = _signals(cells, name)
     with replacing(signals) as path:
         write_log(result.log, path)
-    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened}
-    with replacing(_summary(cells, identity)) as path:  # the last: a run with a summary is complete
+    numbers = {**summary(result), _SIGNALS: digest(signals), _FILES: opened, _MADE: made(begin)}
+    with replacing(summary_file(cells, name)) as path:  # the last: a run with a summary is complete
         path.write_text(json.dumps(numbers, allow_nan=False), encoding="utf-8")
     return ""
 
 
-def _summary(cells: Path, identity: str) -> Path:
+def summary_file(cells: Path, identity: str) -> Path:
+    """File of a run's summary: the last that is written of a run."""
     return cells / f"{identity}.json"
 
 
@@ -97,9 +103,9 @@ def _signals(cells: Path, identity: str) -> Path:
     return cells / f"{identity}.parquet"
 
 
-def _is_saved(cells: Path, identity: str, remark: Callable[[str], None]) -> bool:
+def is_saved(cells: Path, identity: str, remark: Callable[[str], None]) -> bool:
     """True if a run is saved completely, and all files that it opened are as they were."""
-    path = _summary(cells, identity)
+    path = summary_file(cells, identity)
     if not path.is_file():
         return False
     try:
@@ -120,14 +126,16 @@ def _read(path: Path) -> dict[str, Any]:
     return numbers
 
 
-def _outcome(case: Case, cells: Path, identity: str, failed: dict[str, str]) -> Outcome:
+def outcome_of(case: Case, cells: Path, identity: str, failed: Mapping[str, str]) -> Outcome:
+    """Outcome of a saved run, or of one that failed: ``failed`` has its line."""
     if identity in failed:
         return Outcome(case=case, numbers={"outcome": failed[identity]})
-    numbers = {key: value for key, value in _read(_summary(cells, identity)).items() if key not in (_SIGNALS, _FILES)}
-    return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity))
+    saved = _read(summary_file(cells, identity))
+    numbers = {key: value for key, value in saved.items() if key not in (_SIGNALS, _FILES, _MADE)}
+    return Outcome(case=case, numbers=numbers, signals=_signals(cells, identity), made=Made.of(saved.get(_MADE)))
 
 
-def _problem(result: str | BaseException) -> str:
+def problem_of(result: str | BaseException) -> str:
     """The outcome of a run that failed, empty for others; a study continues after an error in a single run."""
     if isinstance(result, str):
         return result

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from scenarios.progress import Progress, no_progress
-from scenarios.studies.case import Outcome, identities
+from scenarios.studies.case import Outcome, Settings, identities
 from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
+from scenarios.studies.join import PLAN, forget, forget_failures, join_cases, planned
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import FILE, Study
 from scenarios.studies.table import Row, rows_of
@@ -20,12 +21,16 @@ def run_study(
     *,
     jobs: int,
     timeout: float | None = None,
+    join: float | None = None,
+    again: Settings = (),
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
 ) -> tuple[list[Outcome], list[Row]]:
     """Run what the directory does not hold yet of a study, and write its tables and report.
 
-    A run that takes longer than ``timeout`` [s] fails; None: any time.
+    A run that takes longer than ``timeout`` [s] fails; None: any time. With ``join``, other commands may work in the
+    directory at the same time; it is the time without a sign of life after which their runs are taken over [s]. Runs
+    whose axes have the values ``again`` are made again.
 
     Raises:
         ValueError: one line, for an invalid scenario or directory, before anything is written.
@@ -34,10 +39,31 @@ def run_study(
     check_study_directory(directory)
     cases = study.cases()
     known = identities(cases)  # refuses invalid scenarios before anything is written
-    with opened_study(directory, FILE, study_text(study, directory)):
-        outcomes = run_cases(
-            cases, directory / CELLS, jobs=jobs, known=known, timeout=timeout, progress=progress, remark=remark
-        )
+    if again and not any(set(again) <= set(case.axes) for case in cases):
+        raise ValueError(f"--where {' '.join('='.join(pair) for pair in again)}: no run of the study has these values")
+    if join is not None and (directory / PLAN).exists():
+        planned(cases, directory)  # refuses another study before its file is replaced
+    with opened_study(directory, FILE, study_text(study, directory), shared=join is not None):
+        names = known if join is None else planned(cases, directory)
+        for name, case in zip(names, cases, strict=True):
+            if again and set(again) <= set(case.axes):
+                forget(directory, name)
+        if join is None:
+            outcomes = run_cases(
+                cases, directory / CELLS, jobs=jobs, known=known, timeout=timeout, progress=progress, remark=remark
+            )
+            forget_failures(directory)
+        else:
+            outcomes = join_cases(
+                cases,
+                names,
+                directory / CELLS,
+                jobs=jobs,
+                lease=join,
+                timeout=timeout,
+                progress=progress,
+                remark=remark,
+            )
         rows = rows_of(outcomes)
         write_study(title, study, outcomes, rows, directory)
     return outcomes, rows

@@ -10,6 +10,7 @@ from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Secti
 from scenarios.results.manifest import versions
 from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Case, Outcome
+from scenarios.studies.provenance import machines
 from scenarios.studies.study import Study
 from scenarios.studies.table import Row, shown_quantities, text_of
 
@@ -20,14 +21,25 @@ def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequ
     facts = (study.scenario, _facts(outcomes[0].case, study.axes), _counted(outcomes), f"seeds {seeds}")
     file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
     changed = ", ".join(f"{key} = {value}" for key, value in study.fixed)
+    made_on = machines([outcome.made for outcome in outcomes])
     return Page(
         title=title,
         heading=title,
         subtitle=" · ".join(filter(None, facts)),
         changes=f"Changed in all runs: {changed}" if changed else "",
-        sections=[*_sections(outcomes, rows), file, software_section(versions())],
+        sections=[*_sections(outcomes, rows), *_machines(made_on), file, software_section(versions())],
         wide=True,
     ).html()
+
+
+def _machines(made_on: Sequence[str]) -> Iterator[Section]:
+    """A word of caution on runs of several machines."""
+    if len(made_on) > 1:
+        text = (
+            "Equal seeds give bitwise equal runs on one machine; on others the last digits may differ. runs.csv says "
+            "where each run was made."
+        )
+        yield Section("Machines", text, [Items(made_on)])
 
 
 def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:

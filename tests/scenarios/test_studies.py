@@ -222,7 +222,8 @@ def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     rows = json.loads(result.stdout)
     assert [row["axes"]["trailer_steering"] for row in rows] == ["none", "path_preview"]
     assert all(row["completed"] == 1 for row in rows)
-    assert {path.name for path in out.iterdir()} == {"cells", "report.html", "study.toml", "table.csv", "table.parquet"}
+    tables = {f"{name}.{ending}" for name in ("table", "runs") for ending in ("csv", "parquet")}
+    assert {path.name for path in out.iterdir()} == {"cells", "report.html", "study.toml", *tables}
     page = (out / "report.html").read_text()
     assert not any(f'{link}="http' in page for link in ("src", "href"))
 
