@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-import socket
+import platform
 import threading
 import time
 import uuid
@@ -102,7 +102,7 @@ class Claims:
         except FileExistsError:
             return False
         with open(descriptor, "w", encoding="utf-8") as file:
-            json.dump({"host": socket.gethostname(), "pid": os.getpid(), "token": token}, file)
+            json.dump({"host": platform.node(), "pid": os.getpid(), "token": token}, file)
         return True
 
     def _is_abandoned(self, name: str) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
-import socket
 import time
 from collections.abc import Iterable
 from functools import cache
@@ -44,7 +43,7 @@ class Made(NamedTuple):
 def made(since: float) -> dict[str, Any]:
     """Provenance of a run that began at ``since``, on the clock `time.monotonic`."""
     return Made(
-        host=socket.gethostname(),
+        host=platform.node(),
         cpu=_cpu(),
         python=platform.python_version(),
         offtrack=importlib.metadata.version("offtrack"),
