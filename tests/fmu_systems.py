@@ -25,7 +25,10 @@ def run_in_order(ssp: Path, folder: Path, seconds: float, python: str) -> dict[s
     connections: Sequence[Connection] = read_ssd(str(ssp)).system.connections
     slaves = {
         name: Slave(
-            folder / "resources" / f"{name}.fmu", folder / name, {}, {} if name == "plant" else {"python": python}
+            folder / "resources" / f"{name}.fmu",
+            folder / name,
+            {"first_step": 0.0} if name == "law" else {},  # it need not wait for the sensor
+            {} if name == "plant" else {"python": python},
         )
         for name in ORDER
     }

@@ -122,6 +122,7 @@ def system(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
     settings: Settings = None,
     seed: Annotated[int, typer.Option(help="Decides world and noise.")] = 1,
+    step: Annotated[float, typer.Option(help="Communication step of the runner [s], up to 0.02.")] = 0.01,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Name of the system.", show_default="SCENARIO.ssp")
     ] = None,
@@ -130,7 +131,7 @@ def system(
 ) -> None:
     """Write a whole run as a system of FMUs in the SSP format: plant, driver, sensor, law and their connections.
 
-    The ground is level and smooth. Run it with communication steps of 0.01 s.
+    The ground is level and smooth.
     """
     with one_line_errors():
         from scenarios.fmi_export.binaries import checked_platforms
@@ -139,7 +140,7 @@ def system(
         from scenarios.results.files import check_new_file, replacing
 
         platforms = checked_platforms(platform or [], 2)
-        loop = fmu_system(load_scenario(scenario, settings or []), seed)
+        loop = fmu_system(load_scenario(scenario, settings or []), seed, step)
         path = out or Path(f"{loop.name}.ssp")
         if path.suffix != ".ssp":
             raise ValueError(f"--out {path}: the name must end in .ssp")
@@ -148,8 +149,8 @@ def system(
             unfinished.write_bytes(loop.content(platforms))
         if not quiet:
             typer.echo(
-                f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of 0.01 s, "
-                f"ends after {loop.stop:.1f} s"
+                f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of "
+                f"{step:g} s, ends after {loop.stop:.1f} s"
             )
 
 

@@ -32,3 +32,8 @@ class Computation(Protocol):
     def close(self) -> None:
         """Finish files and free what it holds."""
         ...
+
+
+def moments(tick: int, ticks: int, period: int) -> range:
+    """Multiples of a period from ``tick`` on, inside a step over ``ticks``."""
+    return range(-(-tick // period) * period, tick + ticks, period)

@@ -15,7 +15,6 @@ from scenarios.fmi_import.mapping import Signal
 
 FORMAT: Final = 1  # of the description; another one is refused
 MODEL_FILE: Final = "model.json"
-PERIOD: Final = 10  # of the loop; communication steps are multiples of it [ticks]
 _COMMON: Final = (
     Quantity("start_timeout", "s", "longest time that the Python process may take to start", 120.0, 0.1, 1e5),
     Quantity("timeout", "s", "longest time that it may take for a step", 60.0, 0.01, 1e5),
@@ -105,7 +104,6 @@ class Proxy:
             f"#define N_OUTPUTS {len(self.outputs)}",
             f"#define N_TEXTS {len(self._all_texts)}",
             f"#define N_SAID {len(self.said)}",
-            f"#define PERIOD {PERIOD} /* communication steps are multiples of it [ticks] */",
             *(f"#define {name} \\\n  {rows(repr(float(one.start)) for one in of)}"
               for name, of in (("PARAMETER_STARTS", self._all_parameters), ("INPUT_STARTS", self.inputs),
                                ("OUTPUT_STARTS", self.outputs))),

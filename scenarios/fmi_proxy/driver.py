@@ -11,8 +11,8 @@ from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.assembly.drivers import opened_driver
 from scenarios.fmi_export.variables import Quantity
 from scenarios.fmi_import.mapping import Signal
-from scenarios.fmi_proxy.computation import Opening
-from scenarios.fmi_proxy.description import PERIOD, Proxy, quantity
+from scenarios.fmi_proxy.computation import Opening, moments
+from scenarios.fmi_proxy.description import Proxy, quantity
 from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
 from scenarios.loop.combination import CONTROL
 from scenarios.options.scenario import Scenario
@@ -55,8 +55,8 @@ def driver_proxy(scenario: Scenario) -> Proxy:
         files=scenario_files(scenario, changes),
         notes=(
             f"The driver acts every {1e3 * CONTROL_PERIOD:g} ms; the demands are there at the end of the step in which "
-            "that is. Communication steps are multiples of 10 ms. In a first step with all inputs 0 nothing is done: "
-            "some importers begin so.",
+            "that is. Communication steps are whole numbers of milliseconds. In a first step with all "
+            "inputs 0 nothing is done: some importers begin so.",
         ),
         step=CONTROL_PERIOD,
         stop=opened.duration,
@@ -83,10 +83,9 @@ class DriverComputation:
         is_there = tick > 0 or any(values.values())
         motion = {signal.name: values[signal.name] for signal in _MOTION}
         articulation = tuple(value for name, value in values.items() if name.startswith("articulation_"))
-        for now in range(tick, tick + ticks, PERIOD):
-            if is_there and CONTROL.due(now):
-                ego = EgoState(tick=now, articulation=articulation, **motion)
-                self._memory, self._demand = self._driver.step(self._memory, now, ego)
+        for now in moments(tick, ticks, CONTROL.period) if is_there else ():
+            ego = EgoState(tick=now, articulation=articulation, **motion)
+            self._memory, self._demand = self._driver.step(self._memory, now, ego)
         return {name: float(value) for name, value in self._demand._asdict().items()}
 
     def text(self, name: str) -> str:

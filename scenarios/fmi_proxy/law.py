@@ -27,14 +27,16 @@ from scenarios.fmi_import.estimate_signals import (
     reading_signals,
 )
 from scenarios.fmi_proxy.computation import Opening
-from scenarios.fmi_proxy.description import PERIOD, Proxy, quantity
+from scenarios.fmi_proxy.description import Proxy, quantity
 from scenarios.loop.combination import CONTROL
 from scenarios.options.scenario import Scenario
+from vehicle.clock import Schedule, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.option import Option, Parameter
 
 GUARDED: Final = "guarded"  # parameter: 1 with the guard against bad estimates, 0 without
 _DEGRADATION: Final = "degradation."
+_FIRST: Final = "first_step"
 _STARTS: Final = {
     "off_tracking_std": NO_STD,
     "off_tracking_health": 2.0,
@@ -54,18 +56,23 @@ def steered_unit(vehicle: Vehicle) -> int:
     return steered[-1]
 
 
-def law_of_scenario(scenario: Scenario) -> Proxy:
-    """The scenario's law as an FMU.
+def law_of_scenario(scenario: Scenario, first_step: float = 0.0) -> Proxy:
+    """The scenario's law as an FMU, with its first step at a time [s].
 
     Raises:
         ValueError: one line, if it can't be constructed for the vehicle.
     """
     given = steering_parameters(scenario)
-    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, scenario.degradation.degradation())
+    limits = scenario.degradation.degradation()
+    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, limits, first_step)
 
 
 def law_proxy(
-    name: str, vehicle: Vehicle, given: Mapping[str, Parameter], degradation: Degradation | None = None
+    name: str,
+    vehicle: Vehicle,
+    given: Mapping[str, Parameter],
+    degradation: Degradation | None = None,
+    first_step: float = 0.0,
 ) -> Proxy:
     """A law for the last steered trailer of a vehicle.
 
@@ -76,6 +83,7 @@ def law_proxy(
         vehicle: the data sheet that it goes by.
         given: values of its options; texts are fixed, and files that they name go into the FMU.
         degradation: limits of the guard.
+        first_step: time of the law's first step [s].
 
     Raises:
         ValueError: one line, if there is no such law or it can't be constructed.
@@ -101,7 +109,11 @@ def law_proxy(
         outputs=[
             Quantity(f"steer_demand_{k}", "rad", f"of steered axle {k} of the trailer, + left") for k in axles
         ],
-        parameters=[*numbers, *guard],
+        parameters=[
+            *numbers,
+            *guard,
+            Quantity(_FIRST, "s", "time of the law's first step, a whole number of milliseconds", first_step, 0.0, 1.0),
+        ],
         settings={
             "law": name,
             "vehicle": vehicle.model_dump(mode="json"),
@@ -113,7 +125,7 @@ def law_proxy(
         files=files,
         notes=(
             f"The law acts every {1e3 * CONTROL_PERIOD:g} ms; its demands are there at the end of the step in which it "
-            "does. Communication steps are multiples of 10 ms.",
+            "does. Communication steps are whole numbers of milliseconds; inputs hold during one.",
         ),
         step=CONTROL_PERIOD,
     )  # fmt: skip
@@ -165,13 +177,15 @@ class LawComputation:
             self._law = bare_law(name, trailer, combination, given)
         self._n_steered, self._n_units = len(trailer.steered_distances), len(vehicle.units)
         self._memory = self._law.init()
+        first = to_ticks(parameters[_FIRST], _FIRST)
+        self._control = Schedule(period=CONTROL.period, offset=first)
         self._demands = {f"steer_demand_{k}": 0.0 for k in range(1, self._n_steered + 1)}
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Demands [rad] at the end of a step; inputs hold during it."""
         estimate = estimate_of(tick, values)
-        for now in range(tick, tick + ticks, PERIOD):
-            if CONTROL.due(now):
+        for now in range(tick, tick + ticks):
+            if self._control.due(now):
                 reading = reading_of(now, values, self._n_steered, self._n_units)
                 self._memory, command = self._law.step(self._memory, now, estimate, reading)
                 self._demands = {f"steer_demand_{k}": float(x) for k, x in enumerate(command.angles, start=1)}

@@ -21,7 +21,7 @@ from scenarios.fmi_import.estimate_signals import (
 )
 from scenarios.fmi_import.mapping import Signal
 from scenarios.fmi_import.truth_signals import truth_of, truth_signals
-from scenarios.fmi_proxy.computation import Opening
+from scenarios.fmi_proxy.computation import Opening, moments
 from scenarios.fmi_proxy.description import Proxy, Text, quantity
 from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
 from scenarios.loop.channel import estimator_thread
@@ -74,8 +74,8 @@ def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
         files=scenario_files(scenario, changes),
         notes=(
             f"Cameras take images every {1e3 * schedule.period * TICK:g} ms, estimates appear "
-            f"{1e3 * schedule.latency * TICK:g} ms later. Communication steps are multiples of 10 ms; inputs hold "
-            "during one. While all positions are 0 it samples nothing: some importers begin so.",
+            f"{1e3 * schedule.latency * TICK:g} ms later. Communication steps are whole numbers of milliseconds; "
+            "inputs hold during one. While all positions are 0 it samples nothing: some importers begin so.",
         ),
         step=LOG_PERIOD * TICK,
     )
@@ -123,8 +123,7 @@ class SensorComputation:
         """Estimate and readings at the end of a step; inputs hold during it."""
         channel, vehicle = self._trailer.channel, self._parts.vehicle
         is_there = any(values[f"{axis}_{k}"] for axis in ("x", "y") for k in range(1, len(vehicle.units) + 1))
-        now = tick
-        for now in range(tick, tick + ticks, LOG_PERIOD):
+        for now in moments(tick, ticks, LOG_PERIOD):
             if is_there:
                 truth = truth_of(now, values, vehicle, self._on_ground)
                 self._pictures.follow(truth)
@@ -138,7 +137,7 @@ class SensorComputation:
         newest = self._trailer.newest
         estimate = None if newest is None else newest.off_tracking
         return {
-            **estimate_values(now, estimate, _USED),
+            **estimate_values(tick + ticks, estimate, _USED),
             **self._readings,
             "off_tracking_count": float(len(channel.delivered)),
         }

@@ -23,8 +23,10 @@ from scenarios.fmi_import.truth_signals import truth_signals
 from scenarios.fmi_proxy.driver import driver_proxy
 from scenarios.fmi_proxy.law import law_of_scenario
 from scenarios.fmi_proxy.sensor import MEASURED, sensor_proxy
+from scenarios.loop.combination import CONTROL
 from scenarios.options.scenario import Scenario
 from scenarios.randomness import stream
+from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
 
@@ -102,13 +104,18 @@ class FmuSystem:
         ]
 
 
-def fmu_system(scenario: Scenario, seed: int) -> FmuSystem:
-    """The system of a scenario.
+def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
+    """The system of a scenario, for communication steps of this length [s].
+
+    The law acts a step after driver and sensor: a runner that passes values on at the end of steps then gives it the
+    readings of the same 20 ms.
 
     Raises:
-        ValueError: one line, if the scenario is not consistent, or has what no connection carries: uneven ground, or a
-            law for more than the last trailer.
+        ValueError: one line, if the step is none of whole milliseconds up to 20 ms, if the scenario is not consistent,
+            or has what no connection carries: uneven ground, or a law for more than the last trailer.
     """
+    if not 1 <= to_ticks(step, "--step") <= CONTROL.period:
+        raise ValueError(f"--step {step:g} s: must be 0.001 to {CONTROL.period * TICK:g} s")
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
     surface = surface_of(scenario, course, stream(seed, "surface"))
@@ -127,7 +134,7 @@ def fmu_system(scenario: Scenario, seed: int) -> FmuSystem:
     connections = [*_to_driver(vehicle, reverses=bool(scenario.driver.stops)), *_to_sensor(vehicle)]
     n_steered = len(vehicle.units[last].steered_axles)
     if n_steered:
-        components["law"] = law_of_scenario(scenario).exported(_VERSION)
+        components["law"] = law_of_scenario(scenario, first_step=step).exported(_VERSION)
         connections += [*_to_law(n_steered, len(vehicle.units)), *_to_axles(n_steered)]
     return FmuSystem(
         name=scenario.name,

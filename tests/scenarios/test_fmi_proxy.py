@@ -201,7 +201,7 @@ def test_steps_of_other_lengths_and_states_are_refused(fmus: dict[int, Path], tm
     slave = slave_of(fmus, 3, stand_in(tmp_path))
     assert not slave.description.coSimulation.canGetAndSetFMUstate
     for call, reason in (
-        (lambda: slave.step(0.015), "communication step of 0.015 s must be a multiple of 0.01 s"),
+        (lambda: slave.step(0.0015), "communication step of 0.0015 s must be a whole number of ticks of 1 ms"),
         (slave.fmu.getFMUState, "the state of this FMU cannot be taken or set: it is in another process"),
         (lambda: slave.set({"speed": np.inf}), "must be finite and below 1e+12"),
         (lambda: slave.set({"timeout": 1.0}), "is a parameter, which is fixed after the initialisation"),
@@ -373,6 +373,11 @@ def test_a_system_connects_what_there_is_in_the_same_units() -> None:
 def test_a_system_that_cannot_be_is_one_line(settings: list[str], reason: str) -> None:
     with pytest.raises(ValueError, match=reason):
         fmu_system(load_scenario("roundabout", settings), 1)
+
+
+def test_a_step_that_outlasts_the_controllers_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"--step 0\.03 s: must be 0\.001 to 0\.02 s"):
+        fmu_system(load_scenario("roundabout"), 1, 0.03)
 
 
 def test_resources_by_address_and_by_path(tmp_path: Path) -> None:

@@ -55,14 +55,11 @@ void model_free(Model *model) {
   free(model);
 }
 
-int model_check_step(Model *model, double now, double time, double step, long period, long *ticks) {
+int model_check_step(Model *model, double now, double time, double step, long *ticks) {
   double whole = floor(step / TICK + 0.5);
   int is_whole = step > 0.0 && step <= LONGEST_STEP && whole >= 1.0;
-  if (!is_whole || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole) || (long)whole % period) {
-    if (period == 1)
-      model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
-    else
-      model_refuse(model, "communication step of %.9g s must be a multiple of %g s", step, (double)period * TICK);
+  if (!is_whole || fabs(step / TICK - whole) > ROUNDING * (1.0 + whole)) {
+    model_refuse(model, "communication step of %.9g s must be a whole number of ticks of 1 ms", step);
     return 1;
   }
   if (!(fabs(time - now) < 0.5 * TICK)) {

@@ -29,7 +29,7 @@ typedef struct Model {
 HIDDEN Model *model_new(const char *name, const char *resources);
 HIDDEN void model_free(Model *model);
 HIDDEN void model_refuse(Model *model, const char *format, ...);
-HIDDEN int model_check_step(Model *model, double now, double time, double step, long period, long *ticks);
+HIDDEN int model_check_step(Model *model, double now, double time, double step, long *ticks);
 
 /* of the kind of model; they return 0, or 1 after a log message */
 HIDDEN size_t model_data_size(void);

@@ -137,7 +137,7 @@ int model_step(Model *model, double time, double step) {
     model_refuse(model, "a step needs an initialised model");
     return 1;
   }
-  if (model_check_step(model, now, time, step, 1, &ticks) || check_inputs(model)) return 1;
+  if (model_check_step(model, now, time, step, &ticks) || check_inputs(model)) return 1;
   before = *data;
   if (plant_advance(data, ticks, message) || !is_sane(data->state, N_STATES)) {
     *data = before;

@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "process.h"
-#include "proxy.h" /* sizes, start values and the period of this model */
+#include "proxy.h" /* sizes and start values of this model */
 
 #define MODULE "scenarios.fmi_proxy.server"
 #define VARIABLE "OFFTRACK_PYTHON"
@@ -271,7 +271,7 @@ int model_step(Model *model, double time, double step) {
                                           : "a step needs an initialised model");
     return 1;
   }
-  if (model_check_step(model, now, time, step, PERIOD, &ticks)) return 1;
+  if (model_check_step(model, now, time, step, &ticks)) return 1;
   head[0] = data->ticks;
   head[1] = ticks;
   snprintf(when, sizeof when, "at %.9g s", now);
