@@ -59,7 +59,7 @@ class Controller:
 
 def off_tracking(tick: int, signals: Mapping[str, float]) -> OffTracking | None:
     """The estimate; None before the first, or if the bus does not carry it."""
-    if signals.get("off_tracking_std", 1e3) >= 1e3 and signals.get("path_x_1", 0.0) == 0.0:
+    if not signals.get("off_tracking_known") or "path_x_1" not in signals:
         return None
     health = HEALTH[round(signals["off_tracking_health"])]
     return OffTracking(
