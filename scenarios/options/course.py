@@ -269,7 +269,7 @@ class OpenDriveOptions(_FileOptions):
 
     def points(self) -> PathPoints:
         """Read the points of the file."""
-        request = Request(road=self.road, lane=self.lane, words=self.route, edges=self.edges)
+        request = Request(road=self.road, lane=self.lane, words=self.route, heights=self.heights, edges=self.edges)
         return lane_points(read_opendrive(Path(self.file)), request, self.source)
 
 

@@ -114,6 +114,33 @@ def test_lanes_lie_beside_each_other_and_roll_with_the_road(tmp_path: Path) -> N
     assert points.widths == pytest.approx(np.tile(0.5 * (3.0 + 0.01 * s)[:, None], (1, 2)))
 
 
+def test_a_crowned_road_banks_its_lanes(tmp_path: Path) -> None:
+    """A crown that falls 2.5 % to both sides at the begin and is flat 50 m on; half way it falls 1.25 %."""
+    crown = (
+        '<shape s="0" t="-4" a="-0.1" b="0.025" c="0" d="0"/><shape s="0" t="0" a="0" b="-0.025" c="0" d="0"/>'
+        '<shape s="50" t="-4" a="0" b="0" c="0" d="0"/>'
+    )
+    inside = f"<lateralProfile>{crown}</lateralProfile>{TWO_LANES}"
+    text = file(road("1", (Piece(100.0),), inside))
+    for number, side in ((-1, 1.0), (1, 1.0)):  # travel on either side has the middle of the road on its left
+        points = route(tmp_path, text, Request(lane=number))
+        fall = 0.025 * np.clip(1.0 - points.places[:, 0] / 50.0, 0.0, 1.0)
+        assert points.heights == pytest.approx(-2.0 * fall)
+        assert points.banks == pytest.approx(side * fall)
+
+
+def test_crossfall_and_superelevation_add_up(tmp_path: Path) -> None:
+    """Angles add: 0.02 rad that falls outwards on the right, on a road that rolls by 0.03 rad to the right."""
+    profile = (
+        '<superelevation s="0" a="0.03" b="0" c="0" d="0"/><crossfall side="{}" s="0" a="0.02" b="0" c="0" d="0"/>'
+    )
+    for side, fall in (("right", 0.02), ("both", 0.02), ("left", 0.0)):
+        inside = f"<lateralProfile>{profile.format(side)}</lateralProfile>{TWO_LANES}"
+        points = route(tmp_path, file(road("1", (Piece(100.0),), inside)))
+        assert points.banks == pytest.approx(math.tan(0.03 + fall))
+        assert points.heights == pytest.approx(-2.0 / math.cos(fall) * math.sin(0.03 + fall))
+
+
 def test_a_lane_on_the_left_is_driven_against_the_reference_line(tmp_path: Path) -> None:
     """It comes from the end, its bank is mirrored, and its neighbours are on the other side."""
     roll = '<lateralProfile><superelevation s="0" a="0.05" b="0" c="0" d="0"/></lateralProfile>'
@@ -227,6 +254,8 @@ def test_30_km_of_road_load_in_time(tmp_path: Path) -> None:
 
 ROAD: Final = bend(20.0, math.pi)
 WALL: Final = '<elevation s="0" a="0" b="0.9" c="0" d="0"/>'
+LEANING: Final = '<shape s="0" t="0" a="0" b="-0.9" c="0" d="0"/>'
+RAISED: Final = f"<elevationProfile>{WALL}</elevationProfile>{TWO_LANES}".replace('a="0" b="0.9"', 'a="0.4" b="0"')
 LINKED: Final = '<link><successor elementType="road" elementId="{}" contactPoint="start"/></link><planView>'
 
 
@@ -279,6 +308,11 @@ REFUSED: Final = {
     "link to elsewhere": (changed("<planView>", LINKED.format("2"), file(
         road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), TWO_LANES, start=Start(60.0, 0.0, 0.0)))),
         "a gap of 10 m between the lanes at the begin of road 2"),
+    "step": (changed("<planView>", LINKED.format("2"), file(
+        road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), RAISED, start=Start(50.0, 0.0, 0.0)))),
+        "a step of .0.4 m in height between the lanes at the begin of road 2"),
+    "wall across": (changed("<lanes>", f"<lateralProfile>{LEANING}</lateralProfile><lanes>"), "bank = -0.9"),
+    "shape of words": (changed("<lanes>", "<lateralProfile><shape s='a'/></lateralProfile><lanes>"), "s = 'a' is not"),
 }  # fmt: skip
 
 

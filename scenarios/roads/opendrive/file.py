@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from scenarios.roads.opendrive.cross_section import CrossSections
 from scenarios.roads.opendrive.cubics import Cubics
 from scenarios.roads.opendrive.network import Connection, Contact, Lane, Link, Network, Road, Section
 from scenarios.roads.opendrive.reference_line import Geometry, ReferenceLine, clothoid, parametric, polynomial
@@ -76,6 +78,7 @@ class _Reader:
             reference=reference,
             elevation=self._cubics(element.first("elevationProfile"), "elevation", "s"),
             superelevation=self._cubics(element.first("lateralProfile"), "superelevation", "s"),
+            cross_sections=self._cross_sections(element.first("lateralProfile")),
             lane_offset=self._cubics(lanes, "laneOffset", "s"),
             sections=tuple(sections),
             predecessor=self._link(link, "predecessor"),
@@ -194,8 +197,25 @@ class _Reader:
         contact = element.attributes.get("contactPoint")
         return "start" if contact == "start" else "end" if contact == "end" else None
 
+    def _cross_sections(self, profile: Element | None) -> CrossSections:
+        """Shapes, and the crossfall of files before OpenDRIVE 1.6."""
+        shapes: dict[float, list[Element]] = {}
+        for one in profile.all("shape") if profile else ():
+            shapes.setdefault(self._number(one, "s"), []).append(one)
+        falls = profile.all("crossfall") if profile else []
+        left, right = ([one for one in falls if one.attributes.get("side") != other] for other in ("right", "left"))
+        return CrossSections(
+            stations=np.array(sorted(shapes), dtype=np.float64),
+            shapes=[self._cubics_of(shapes[s], "t") for s in sorted(shapes)],
+            left=self._cubics_of(left, "s"),
+            right=self._cubics_of(right, "s"),
+        )
+
     def _cubics(self, parent: Element | None, name: str, begin: str) -> Cubics:
-        rows = [[self._number(one, key) for key in (begin, *_CUBIC)] for one in (parent.all(name) if parent else [])]
+        return self._cubics_of(parent.all(name) if parent else (), begin)
+
+    def _cubics_of(self, elements: Sequence[Element], begin: str) -> Cubics:
+        rows = [[self._number(one, key) for key in (begin, *_CUBIC)] for one in elements]
         table = np.array(sorted(rows), dtype=np.float64).reshape(-1, 5)
         return Cubics(table[:, 0], table[:, 1:])
 

@@ -15,6 +15,7 @@ from vehicle.user_file import shown
 
 _SPACING: Final = 1.0  # between points along a lane [m]: a chord of a 12.5 m arc is 10 mm from it
 _GAP: Final = 0.5  # largest distance between the lanes of two roads [m]: beyond it the link is wrong
+_STEP: Final = 0.1  # largest difference of their heights [m]: it becomes a ramp as long as the smoothing
 _LONGEST: Final = 50e3  # route [m], as of any course
 _PAVED: Final = frozenset(  # types of lanes that a vehicle can stand on
     (
@@ -39,7 +40,7 @@ def lane_points(network: Network, request: Request, source: str) -> PathPoints:
             raise ValueError(f"{source}: the route is longer than {1e-3 * _LONGEST:g} km")
         points = _points(leg, request.edges)
         if end is not None:
-            _check_gap(end, points[0], leg, source)
+            _check_joint(end, points[0], leg, request, source)
         end = points[-1]
         if rows:  # a road begins where the one before ends
             away = np.hypot(*(points[:, :2] - rows[-1][-1, :2]).T) >= 0.5 * _SPACING
@@ -50,13 +51,20 @@ def lane_points(network: Network, request: Request, source: str) -> PathPoints:
     return PathPoints(places=table[:, :2], heights=table[:, 2], banks=table[:, 3], widths=table[:, 4:])
 
 
-def _check_gap(end: FloatArray, begin: FloatArray, leg: Leg, source: str) -> None:
-    """Refuse a lane that does not begin where the one before ends."""
+def _check_joint(end: FloatArray, begin: FloatArray, leg: Leg, request: Request, source: str) -> None:
+    """Refuse a lane that does not begin where the one before ends, or at another height."""
     gap = float(np.hypot(*(begin[:2] - end[:2])))
     if gap > _GAP:
         raise ValueError(
             f"{source}: a gap of {gap:.3g} m between the lanes at the begin of road {shown(leg.road.id, 40)}, at "
             f"({begin[0]:.2f}, {begin[1]:.2f}): must be at most {_GAP:g} m"
+        )
+    step = float(begin[2] - end[2])
+    if request.heights and abs(step) > _STEP:
+        raise ValueError(
+            f"{source}: a step of {step:+.3g} m in height between the lanes at the begin of road "
+            f"{shown(leg.road.id, 40)}, at ({begin[0]:.2f}, {begin[1]:.2f}): must be at most {_STEP:g} m; "
+            "course.heights = false drives it level"
         )
 
 
@@ -71,7 +79,9 @@ def _points(leg: Leg, edges: Edges) -> FloatArray:
     low, high = np.minimum(inner, outer), np.maximum(inner, outer)
     if edges == "road":
         low, high = _paved(leg, s, low, high)
-    bank = np.tan(road.superelevation.at(s))
+    ends = [road.cross_sections.height(s, offset + border) for border in (inner, outer)]
+    width = np.where(np.abs(outer - inner) > 0.0, outer - inner, 1.0)
+    bank = np.tan(road.superelevation.at(s) + np.arctan((ends[1] - ends[0]) / width))  # mean of the lane
     left, right = offset + high - middle, middle - offset - low
     if leg.direction < 0:
         bank, left, right = -bank, right, left

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from scenarios.roads.opendrive.cross_section import CrossSections
 from scenarios.roads.opendrive.cubics import Cubics
 from scenarios.roads.opendrive.reference_line import ReferenceLine
 from vehicle.frames import FloatArray
@@ -64,6 +65,7 @@ class Road:
     reference: ReferenceLine
     elevation: Cubics  # [m]
     superelevation: Cubics  # roll about the reference line, + falls to the right [rad]
+    cross_sections: CrossSections
     lane_offset: Cubics  # of lane 0 from the reference line, + left [m]
     sections: tuple[Section, ...]
     predecessor: Link | None
@@ -77,8 +79,9 @@ class Road:
         """Positions (n, 3) [m] at s along the road and t to the left of its reference line (n,) [m]."""
         x, y, psi = self.reference.poses(s).T
         roll = self.superelevation.at(s)
-        across = t * np.cos(roll)
-        height = self.elevation.at(s) + t * np.sin(roll)
+        bulge = self.cross_sections.height(s, t)
+        across = t * np.cos(roll) - bulge * np.sin(roll)
+        height = self.elevation.at(s) + t * np.sin(roll) + bulge * np.cos(roll)
         return np.stack([x - across * np.sin(psi), y + across * np.cos(psi), height], axis=1)
 
 

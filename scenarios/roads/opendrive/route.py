@@ -28,6 +28,7 @@ class Request:
     road: str | None = None  # to start on; None: the first one with a lane to drive on
     lane: int | None = None  # to start on; None: the outermost lane to drive on
     words: Sequence[str] = ()  # ids of roads, or turns at junctions, in the order of driving
+    heights: bool = True  # False: they are not driven, so that steps between roads do not matter
     edges: Edges = "lane"  # the road's edges: those of the lane, or of all paved lanes beside it
 
 
