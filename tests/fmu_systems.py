@@ -18,8 +18,11 @@ from vehicle.frames import FloatArray, rotation_zyx, transform
 ORDER = ("sensor", "law", "driver", "plant")
 
 
-def run_in_order(ssp: Path, folder: Path, seconds: float, python: str) -> dict[str, FloatArray]:
-    """Outputs of the plant after every step of 10 ms; every component gets what those before it gave in this step."""
+def run_in_order(ssp: Path, folder: Path, seconds: float, python: str) -> tuple[dict[str, FloatArray], str]:
+    """Outputs of the plant after every step of 10 ms, and the hash of all images.
+
+    Every component gets what those before it gave in this step.
+    """
     with zipfile.ZipFile(ssp) as archive:
         archive.extractall(folder)
     connections: Sequence[Connection] = read_ssd(str(ssp)).system.connections
@@ -48,9 +51,11 @@ def run_in_order(ssp: Path, folder: Path, seconds: float, python: str) -> dict[s
             slave.step()
             said[name] = dict(zip(numbers[name], slave.get(numbers[name]), strict=True))
         rows.append(slaves["plant"].get(names))
+    sensor = slaves["sensor"]
+    (sha,) = sensor.fmu.getString([sensor.reference["frames_sha256"]])
     for slave in slaves.values():
         slave.close()
-    return dict(zip(names, np.array(rows).T, strict=True))
+    return dict(zip(names, np.array(rows).T, strict=True)), sha.decode() if isinstance(sha, bytes) else sha
 
 
 def off_tracking(outputs: Mapping[str, Any], unit: int, follow_distance: float, path_height: float) -> FloatArray:

@@ -278,7 +278,7 @@ def test_a_system_gives_the_numbers_of_the_run(tmp_path: Path, monkeypatch: pyte
     trailer = vehicle.units[1]
     assert trailer.follow_x is not None
     place = (2, -trailer.follow_x, trailer.roll_axis_height)
-    in_order = off_tracking(run_in_order(ssp, tmp_path / "system", 30.0, sys.executable), *place)
+    in_order = off_tracking(run_in_order(ssp, tmp_path / "system", 30.0, sys.executable)[0], *place)
     n = min(len(own), len(in_order))
     assert np.nanmax(np.abs(in_order[:n] - own[:n])) < 1e-9
     monkeypatch.setenv("OFFTRACK_PYTHON", sys.executable)
@@ -287,3 +287,18 @@ def test_a_system_gives_the_numbers_of_the_run(tmp_path: Path, monkeypatch: pyte
     by_fmpy = off_tracking(outputs, *place)
     n = min(len(own) - 1, len(by_fmpy))
     assert np.nanmax(np.abs(by_fmpy[:n] - own[1 : n + 1])) < 0.02
+
+
+def test_a_system_in_order_sees_the_images_of_the_run(tmp_path: Path) -> None:
+    settings = ["course.turn_deg=60"]
+    ssp, trailer = tmp_path / "loop.ssp", load_vehicle(VEHICLE).units[1]
+    ssp.write_bytes(fmu_system(load_scenario("roundabout", settings), 1).content(("linux64",)))
+    own = offtrack.run("roundabout", settings={"course.turn_deg": 60.0})
+    own.save(tmp_path / "own")
+    true = np.asarray(own["off_tracking_true"])
+    seconds = 0.01 * (len(true) - 1)
+    outputs, sha = run_in_order(ssp, tmp_path / "system", seconds, sys.executable)
+    assert trailer.follow_x is not None
+    found = off_tracking(outputs, 2, -trailer.follow_x, trailer.roll_axis_height)[: len(true)]
+    assert np.nanmax(np.abs(found - true[: len(found)])) < 1e-6
+    assert sha == json.loads((tmp_path / "own" / "manifest.json").read_text())["frames_sha256"]
