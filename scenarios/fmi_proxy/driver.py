@@ -14,7 +14,7 @@ from scenarios.fmi_import.mapping import Signal
 from scenarios.fmi_proxy.computation import Opening, moments
 from scenarios.fmi_proxy.description import Proxy, quantity
 from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
-from scenarios.loop.combination import CONTROL
+from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from sensors.messages import EgoState
 

@@ -28,7 +28,7 @@ from scenarios.fmi_import.estimate_signals import (
 )
 from scenarios.fmi_proxy.computation import Opening
 from scenarios.fmi_proxy.description import Proxy, quantity
-from scenarios.loop.combination import CONTROL
+from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from vehicle.clock import Schedule, to_ticks
 from vehicle.combination.description import Vehicle

@@ -23,7 +23,7 @@ from scenarios.fmi_import.truth_signals import truth_signals
 from scenarios.fmi_proxy.driver import driver_proxy
 from scenarios.fmi_proxy.law import law_of_scenario
 from scenarios.fmi_proxy.sensor import MEASURED, sensor_proxy
-from scenarios.loop.combination import CONTROL
+from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from scenarios.randomness import stream
 from vehicle.clock import TICK, to_ticks

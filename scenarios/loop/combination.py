@@ -11,7 +11,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
 from estimators.estimates import CameraOffTracking, OffTracking
@@ -20,6 +19,7 @@ from scenarios.hil.demands import DRIVER
 from scenarios.hil.link import Link
 from scenarios.loop.bench import Sensed, TrailerBench, opened_bench
 from scenarios.loop.channel import Channel, Stateful, estimator_thread
+from scenarios.loop.control import CONTROL
 from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.recorded_drive import RecordedDrive
 from scenarios.loop.referee import Referee
@@ -29,7 +29,7 @@ from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.trailer_signals import CombinationRecord, Estimate
 from sensors.instruments.navigation import DriverPerception
 from sensors.sensor import Message
-from vehicle.clock import TICK, Schedule, to_ticks
+from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
@@ -38,7 +38,6 @@ from vehicle.frames import Pose2
 MemoryT = TypeVar("MemoryT")
 OffTrackingEstimate = OffTracking | CameraOffTracking
 
-CONTROL = Schedule(period=to_ticks(DRIVER_PERIOD, "control period"))  # driver and trailer steering alike
 _PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
 _GRACE = 10.0  # added for a start on a slope [s]
 
