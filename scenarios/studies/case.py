@@ -29,17 +29,19 @@ class Case:
     fixed: Settings  # common to all runs of the study
     axes: Settings  # values of this run on the axes
     seed: int
+    drawn: Settings = ()  # values that were drawn for this run
 
     @property
     def settings(self) -> tuple[str, ...]:
         """All settings as KEY=VALUE; of a part with a file of parameters, the parameters too."""
-        pairs = (*self.fixed, *self.axes)
+        pairs = (*self.fixed, *self.axes, *self.drawn)
         return tuple(f"{key}={value}" for pair in pairs for key, value in expanded(*pair))
 
     @property
     def title(self) -> str:
         """Values on the axes and the seed, which identify the run in its study."""
-        return " ".join([*(f"{key}={value}" for key, value in self.axes), f"seed={self.seed}"])
+        drawn = (f"{key}={_short(value)}" for key, value in self.drawn)
+        return " ".join([*(f"{key}={value}" for key, value in self.axes), *drawn, f"seed={self.seed}"])
 
     def resolved(self) -> Scenario | RoverScenario:
         """The scenario with all settings.
@@ -103,18 +105,36 @@ def identities(cases: Sequence[Case], *, portable: bool = False) -> list[str]:
     return [identity(contents[case.scenario, case.settings], case.seed) for case in cases]
 
 
-def cases_of(scenario: str, fixed: Settings, axes: Mapping[str, Sequence[str]], seeds: Sequence[int]) -> Iterator[Case]:
-    """Every combination of the axes' values, each with every seed.
+def cases_of(
+    scenario: str,
+    fixed: Settings,
+    axes: Mapping[str, Sequence[str]],
+    seeds: Sequence[int],
+    draws: Sequence[Settings] = ((),),
+) -> Iterator[Case]:
+    """Every combination of the axes' values, each with every seed; or each with all draws, which take turns with seeds.
 
     Raises:
         ValueError: one line, if there are too many.
     """
-    count = math.prod(map(len, axes.values())) * len(seeds)
+    sampled: list[tuple[int, Settings]] = [(seed, ()) for seed in seeds]
+    if draws and draws[0]:
+        sampled = [(seeds[k % len(seeds)], drawn) for k, drawn in enumerate(draws)]
+    count = math.prod(map(len, axes.values())) * len(sampled)
     if count > MOST_CASES:
         raise ValueError(f"{count} runs: a study has at most {MOST_CASES}; use fewer values or seeds")
     for values in itertools.product(*axes.values()):
-        for seed in seeds:
-            yield Case(scenario=scenario, fixed=fixed, axes=tuple(zip(axes, values, strict=True)), seed=seed)
+        point = tuple(zip(axes, values, strict=True))
+        for seed, drawn in sampled:
+            yield Case(scenario=scenario, fixed=fixed, axes=point, seed=seed, drawn=drawn)
+
+
+def _short(value: str) -> str:
+    """A number with four digits, other values as they are."""
+    try:
+        return f"{float(value):.4g}"
+    except ValueError:
+        return value
 
 
 def listed(text: str, name: str) -> tuple[str, ...]:

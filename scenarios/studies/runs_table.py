@@ -12,11 +12,13 @@ from scenarios.studies.table import QUANTITIES
 
 
 def runs_table(outcomes: Sequence[Outcome]) -> pa.Table:
-    """Values on the axes, seed, outcome, quantities with a number in any run, and provenance."""
+    """Values on the axes, drawn values, seed, outcome, quantities with a number in any run, and provenance."""
     axes = [key for key, _ in outcomes[0].case.axes] if outcomes else []
     columns: dict[str, list[str | int | float | None]] = {
         key: [dict(outcome.case.axes)[key] for outcome in outcomes] for key in axes
     }
+    for key in (key for key, _ in outcomes[0].case.drawn) if outcomes else ():
+        columns[key] = [dict(outcome.case.drawn)[key] for outcome in outcomes]
     columns["seed"] = [outcome.case.seed for outcome in outcomes]
     columns["outcome"] = [str(outcome.numbers["outcome"]) for outcome in outcomes]
     for quantity in QUANTITIES:

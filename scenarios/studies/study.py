@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,11 +15,14 @@ from pydantic import Field, ValidationError
 from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of, identities
+from scenarios.studies.draws import Draws, Sample, read_draws
 from scenarios.studies.part_parameters import parameters_beside
-from vehicle.parameter_file import parsed_toml, read_toml
+from scenarios.studies.table import QUANTITIES
+from vehicle.parameter_file import nearest, parsed_toml, read_toml
 from vehicle.user_file import FileKind, shown
 
 FILE = "study.toml"
+_LARGEST = 1e12  # number of a limit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,11 +33,13 @@ class Study:
     fixed: Settings
     axes: Mapping[str, Sequence[str]]  # every key with its values as text
     seeds: tuple[int, ...]
+    draws: Draws = field(default_factory=Draws)
+    limits: Mapping[str, float] = field(default_factory=dict)  # of numbers of the summary, by their paths
 
     def cases(self) -> list[Case]:
         """All runs; a law that does not use the off-tracking runs with the first off-tracking source only."""
         sources = self.axes.get("off_tracking", ())
-        cases = cases_of(self.scenario, self.fixed, self.axes, self.seeds)
+        cases = cases_of(self.scenario, self.fixed, self.axes, self.seeds, list(self.draws.settings()))
         return [
             case
             for case in cases
@@ -53,18 +58,22 @@ class Study:
         """The study as TOML for `offtrack sweep`."""
         vary = {key: [_typed(value) for value in values] for key, values in self.axes.items()}
         fixed = {key: _typed(value) for key, value in self.fixed}
-        return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary})
+        more = self.draws.tables() | ({"limits": dict(self.limits)} if self.limits else {})
+        return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary, **more})
 
 
 class _File(Options):
     scenario: str
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = Field((1,), min_length=1)
     set: dict[str, Any] = Field(default_factory=dict)
-    vary: dict[str, Any]
+    vary: dict[str, Any] = Field(default_factory=dict)
+    sample: Sample | None = None
+    draw: dict[str, Any] = Field(default_factory=dict)
+    limits: dict[str, Any] = Field(default_factory=dict)
 
 
 def load_study(path: Path) -> Study:
-    """Load a study from TOML: scenario, seeds, and the tables ``set`` and ``vary``.
+    """Load a study from TOML: scenario, seeds, and the tables ``set``, ``vary``, ``sample``, ``draw`` and ``limits``.
 
     Their keys are dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a table
     ``[set.surface]`` mean the same.
@@ -85,12 +94,28 @@ def load_study(path: Path) -> Study:
         if not texts or len(set(texts)) != len(texts) or key in axes:
             raise ValueError(f"study {path}: vary.{shown(key)} must be one list of different values")
         axes[key] = texts
+    draws = read_draws(str(path), table.sample, list(_dotted(table.draw)))
+    if twice := sorted(set(draws.distributions) & set(axes)):
+        raise ValueError(f"study {path}: {twice[0]} is varied and drawn: choose one")
+    if not axes and not draws:
+        raise ValueError(f"study {path}: has neither a table [vary] nor [sample] and [draw]")
     return Study(
         scenario=table.scenario,
         fixed=tuple((key, _text(value)) for key, value in _dotted(table.set)),
         axes=axes,
         seeds=table.seeds,
+        draws=draws,
+        limits={key: _limit(path, key, value) for key, value in _dotted(table.limits)},
     )
+
+
+def _limit(path: Path, key: str, value: Any) -> float:
+    known = [quantity.path for quantity in QUANTITIES]
+    if key not in known:
+        raise ValueError(f"study {path}: limits.{shown(key)}{nearest(key, known)}")
+    if not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < _LARGEST:
+        raise ValueError(f"study {path}: limits.{key} = {shown(str(value))} must be a number")
+    return float(value)
 
 
 def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

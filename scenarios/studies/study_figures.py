@@ -13,6 +13,7 @@ from scenarios.report.page import Figure
 from scenarios.report.plots import INK, drawn, plan_drawn, zero_line
 from scenarios.results.log import read_log
 from scenarios.studies.case import RUN, Outcome, Settings
+from scenarios.studies.spread import running_mean, spreads
 from scenarios.studies.table import Quantity, Row
 from vehicle.combination.description import load_vehicle
 from vehicle.frames import FloatArray
@@ -36,13 +37,13 @@ class Drive:
 
 
 def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
-    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value."""
+    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value or draw."""
     first = outcomes[0].case
     named = [key for key in ("trailer_steering", "off_tracking", RUN) if key in dict(first.axes)]
     alike = [
         outcome
         for outcome in outcomes
-        if outcome.case.seed == first.seed
+        if (outcome.case.seed, outcome.case.drawn) == (first.seed, first.drawn)
         and [pair for pair in outcome.case.axes if pair[0] not in named]
         == [pair for pair in first.axes if pair[0] not in named]
         and outcome.signals
@@ -114,6 +115,20 @@ def trend(rows: Sequence[Row], axis: str, quantity: Quantity) -> Figure:
             ax.set_yscale("log")  # a linear axis would hide the differences of the small values
         else:
             ax.set_ylim(bottom=0.0, top=1.05 * max(values) or None)
+    return drawing.content
+
+
+def convergence(outcomes: Sequence[Outcome], quantity: Quantity) -> Figure:
+    """Mean of a quantity over the draws so far with its confidence interval, a line for each point of the grid."""
+    points = [spread for spread in spreads(outcomes, quantity) if len(spread.known) > 1][:MOST_LINES]
+    with drawn(f"study convergence {quantity.path}", 3.6) as (drawing, ax):
+        for spread, colour in zip(points, _COLOURS, strict=False):
+            mean, half = running_mean(spread.known)
+            count = np.arange(1, len(mean) + 1)
+            label = " · ".join(value for _, value in spread.axes) or quantity.label
+            ax.plot(count, mean, color=colour, label=label)
+            ax.fill_between(count[2:], (mean - half)[2:], (mean + half)[2:], color=colour, alpha=0.15, linewidth=0.0)
+        ax.set(xlabel="number of draws", ylabel=f"mean of {quantity.label} [{quantity.unit}]")
     return drawing.content
 
 

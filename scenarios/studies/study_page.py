@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 
+import numpy as np
+
 from scenarios.report import page
 from scenarios.report.facts import scenario_facts
 from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
@@ -11,8 +13,9 @@ from scenarios.results.manifest import versions
 from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Case, Outcome
 from scenarios.studies.provenance import machines
+from scenarios.studies.spread import CONFIDENCE, exceeding, spreads
 from scenarios.studies.study import Study
-from scenarios.studies.table import Row, shown_quantities, text_of
+from scenarios.studies.table import Quantity, Row, shown_quantities, text_of
 
 
 def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
@@ -27,9 +30,70 @@ def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequ
         heading=title,
         subtitle=" · ".join(filter(None, facts)),
         changes=f"Changed in all runs: {changed}" if changed else "",
-        sections=[*_sections(outcomes, rows), *_machines(made_on), file, software_section(versions())],
+        sections=[
+            *_sections(outcomes, rows),
+            *_drawn(study, outcomes, rows),
+            *_machines(made_on),
+            file,
+            software_section(versions()),
+        ],
         wide=True,
     ).html()
+
+
+def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
+    """Spread over the drawn values, with confidence intervals."""
+    if not study.draws:
+        return
+    keys = [f"{key}: {one.kind} {', '.join(map(str, one.values))}" for key, one in study.draws.distributions.items()]
+    sample = study.draws.sample
+    text = f"{sample.count} draws ({sample.method}, seed {sample.seed}) for each point." if sample else ""
+    yield Section("Drawn values", text, [Items(keys)])
+    if study.limits:
+        text = (
+            f"Share of the runs beyond the limit or not completed, with the {100 * CONFIDENCE:.0f} % interval of its "
+            "probability (Clopper-Pearson)."
+        )
+        yield Section("Limits", text, [_limits(study, outcomes, rows)])
+    quantities = shown_quantities(rows)
+    yield Section("Spread", "Over all draws of a point.", [_spread_table(outcomes, quantities)])
+    for quantity in quantities[:2]:
+        text = (
+            f"Mean of the draws so far, with its {100 * CONFIDENCE:.0f} % interval for independent draws; Latin "
+            "hypercubes and Sobol sequences converge faster."
+        )
+        yield Section(f"Convergence: {quantity.meaning}", text, [figures.convergence(outcomes, quantity)])
+
+
+def _limits(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Table:
+    columns = [Column("text", key) for key, _ in rows[0].axes] + [Column("text", "limit")]
+    columns += [Column("number", name) for name in ("beyond", "runs", "share", "from", "to")]
+    lines: list[page.Row] = []
+    for row in rows:
+        for path, limit in study.limits.items():
+            found = exceeding(outcomes, row.axes, path, limit)
+            shares = (f"{100.0 * share:.1f} %" for share in (found.share, *found.interval()))
+            values = (value for _, value in row.axes)
+            lines.append([*values, f"{path} > {limit:g}", str(found.beyond), str(found.runs), *shares])
+    return Table(columns, lines)
+
+
+def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -> Table:
+    names = ("mean", "deviation", "5 %", "median", "95 %", "largest")
+    axes = [key for key, _ in outcomes[0].case.axes]
+    columns = [Column("text", key) for key in (*axes, "quantity")] + [Column("number", name) for name in names]
+    lines: list[page.Row] = []
+    for quantity in quantities:
+        for spread in spreads(outcomes, quantity):
+            known = spread.known
+            if len(known) < 2:
+                continue
+            low, middle, high = np.percentile(known, (5.0, 50.0, 95.0))
+            numbers = (known.mean(), known.std(ddof=1), low, middle, high, known.max())
+            values = (value for _, value in spread.axes)
+            shown = (text_of(quantity, float(number)) for number in numbers)
+            lines.append([*values, f"{quantity.label} [{quantity.unit}]", *shown])
+    return Table(columns, lines)
 
 
 def _machines(made_on: Sequence[str]) -> Iterator[Section]:

@@ -1,0 +1,141 @@
+"""Values drawn at random for the runs of a study: distributions over keys, and how they are sampled."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+from scipy.stats import norm, qmc
+
+from scenarios.options.base import Options
+from scenarios.studies.case import MOST_CASES, Settings
+from vehicle.frames import FloatArray
+from vehicle.user_file import shown
+
+Method = Literal["latin", "sobol", "random"]
+_MOST_KEYS: Final = 50
+_LARGEST: Final = 1e12  # number of a distribution
+
+
+class Sample(Options):
+    """How many values are drawn, and how: the table ``sample`` of a study."""
+
+    count: Annotated[int, Field(ge=2, le=MOST_CASES, strict=True)]
+    method: Method = "latin"  # Latin hypercube, scrambled Sobol sequence, or independent values
+    seed: Annotated[int, Field(ge=0, strict=True)] = 1
+
+
+class Distribution(NamedTuple):
+    """A distribution of one key: a name of ``DISTRIBUTIONS``, and its numbers or values."""
+
+    kind: str
+    values: tuple[Any, ...]
+
+    def text_at(self, share: float) -> str:
+        """The value below which a share (0 to 1) of all values lies, as text of a setting."""
+        if self.kind == "choice":
+            return str(self.values[min(int(share * len(self.values)), len(self.values) - 1)])
+        first, second = (float(value) for value in self.values)
+        if self.kind == "uniform":
+            return repr(first + share * (second - first))
+        deviation = float(norm.ppf(min(max(share, 1e-9), 1.0 - 1e-9)))
+        return repr(first + second * deviation if self.kind == "normal" else first * math.exp(second * deviation))
+
+
+DISTRIBUTIONS: Final[Mapping[str, str]] = {
+    "uniform": "[lowest, highest]",
+    "normal": "[mean, standard deviation]",
+    "lognormal": "[median, standard deviation of the logarithm]",
+    "choice": "[value, value, ...], equally likely",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Draws:
+    """Keys that are drawn, and their sample."""
+
+    distributions: Mapping[str, Distribution] = field(default_factory=dict)
+    sample: Sample | None = None
+
+    def __bool__(self) -> bool:
+        return self.sample is not None
+
+    def settings(self) -> Iterator[Settings]:
+        """Values of each draw; one empty draw if nothing is drawn."""
+        if self.sample is None:
+            yield ()
+            return
+        for shares in _shares(self.sample, len(self.distributions)):
+            yield tuple(
+                (key, distribution.text_at(share))
+                for (key, distribution), share in zip(self.distributions.items(), shares.tolist(), strict=True)
+            )
+
+    def tables(self) -> dict[str, Any]:
+        """The tables ``sample`` and ``draw`` of a study file."""
+        if self.sample is None:
+            return {}
+        drawn = {key: {one.kind: list(one.values)} for key, one in self.distributions.items()}
+        return {"sample": self.sample.model_dump(), "draw": drawn}
+
+
+def read_draws(path: str, sample: Sample | None, table: Sequence[tuple[str, Any]]) -> Draws:
+    """Draws of a study file from its table ``sample`` and the dotted keys of its table ``draw``.
+
+    Raises:
+        ValueError: one line, naming the key.
+    """
+    if sample is None and not table:
+        return Draws()
+    if sample is None or not table:
+        missing = "[sample] with count" if sample is None else "[draw] with a distribution for each key"
+        raise ValueError(f"study {path}: a table {missing} is missing")
+    distributions: dict[str, Distribution] = {}
+    for dotted, values in table:
+        key, _, kind = dotted.rpartition(".")
+        place = f"study {path}: draw.{shown(dotted)}"
+        if kind not in DISTRIBUTIONS or not key:
+            raise ValueError(
+                f"{place}: expected a distribution: {'; '.join(f'{k} = {v}' for k, v in DISTRIBUTIONS.items())}"
+            )
+        if key in distributions:
+            raise ValueError(f"{place}: the key has two distributions")
+        distributions[key] = Distribution(kind, _checked(place, kind, values))
+    if len(distributions) > _MOST_KEYS:
+        raise ValueError(f"study {path}: draw has {len(distributions)} keys: must be at most {_MOST_KEYS}")
+    return Draws(distributions=distributions, sample=sample)
+
+
+def _checked(place: str, kind: str, values: Any) -> tuple[Any, ...]:
+    """Numbers or values of a distribution."""
+    form = f"{place}: must be {DISTRIBUTIONS[kind]}"
+    if not isinstance(values, list | tuple) or len(values) < 2:
+        raise ValueError(form)
+    if kind == "choice":
+        if any(isinstance(value, dict | list | tuple) for value in values):
+            raise ValueError(f"{form}: numbers, words or truth values")
+        return tuple(str(value).lower() if isinstance(value, bool) else value for value in values)
+    numbers = [value for value in values if isinstance(value, int | float) and not isinstance(value, bool)]
+    if len(values) != 2 or len(numbers) != 2 or not all(abs(number) <= _LARGEST for number in numbers):
+        raise ValueError(form)
+    first, second = (float(number) for number in numbers)
+    if (kind == "uniform" and not first < second) or (kind != "uniform" and not second > 0.0):
+        raise ValueError(f"{form}, {'rising' if kind == 'uniform' else 'with a deviation above 0'}")
+    if kind == "lognormal" and not first > 0.0:
+        raise ValueError(f"{form}, with a median above 0")
+    return (first, second)
+
+
+def _shares(sample: Sample, keys: int) -> FloatArray:
+    """Shares (count, keys) between 0 and 1."""
+    rng = np.random.default_rng(sample.seed)
+    if sample.method == "random":
+        return rng.random((sample.count, keys))
+    if sample.method == "latin":
+        return np.asarray(qmc.LatinHypercube(keys, rng=rng).random(sample.count), dtype=np.float64)
+    points = qmc.Sobol(keys, rng=rng).random_base2(math.ceil(math.log2(sample.count)))
+    return np.asarray(points[: sample.count], dtype=np.float64)
