@@ -37,7 +37,7 @@ class Drive:
 
 
 def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
-    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value or draw."""
+    """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value."""
     first = outcomes[0].case
     named = [key for key in ("trailer_steering", "off_tracking", RUN) if key in dict(first.axes)]
     alike = [
