@@ -23,6 +23,7 @@ from vehicle.plant_like import EndedError
 from vehicle.user_file import shown
 
 _START: Final = 30.0  # a large library may take long to load [s]
+_OWN_START: Final = 120.0  # an FMU of offtrack may open cameras [s]
 _END: Final = 2.0  # for an orderly end [s]
 _PIECE: Final = 65_536  # of an answer: mostly all of it [bytes]
 _TAIL: Final = 2_000  # of what an FMU printed that is searched for its last line [bytes]
@@ -80,7 +81,11 @@ class FmuProcess:
         self._poll = select.poll()
         self._poll.register(self._answers, select.POLLIN | select.POLLHUP)
         self._end = weakref.finalize(self, _ended, self._process, self._folder, self._log)
-        self._ask(json.dumps(self._start()).encode() + b"\n", "cannot be started", _START)
+        self._ask(
+            json.dumps(self._start()).encode() + b"\n",
+            "cannot be started",
+            _OWN_START if fmu.tool == "offtrack" else _START,
+        )
 
     def _start(self) -> dict[str, object]:
         variables = self.fmu.variables

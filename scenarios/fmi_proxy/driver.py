@@ -9,6 +9,7 @@ from controllers.driver import PERIOD as CONTROL_PERIOD
 from controllers.driver import DriverCommand
 from scenarios.assembly.adapters import course_of, vehicle_of
 from scenarios.assembly.drivers import opened_driver
+from scenarios.assembly.plants import plant_kind
 from scenarios.fmi_export.variables import Quantity
 from scenarios.fmi_import.mapping import Signal
 from scenarios.fmi_proxy.computation import Opening, moments
@@ -37,6 +38,8 @@ def driver_proxy(scenario: Scenario) -> Proxy:
     kind = scenario.driver.kind or ""
     if kind.endswith(".fmu"):
         raise ValueError(f"driver = {kind}: is an FMU already")
+    if plant_kind(scenario) == "constant_slip":
+        raise ValueError(f"scenario {scenario.name}: nobody drives, its motion is prescribed")
     vehicle = vehicle_of(scenario)
     opened = opened_driver(scenario, vehicle, course_of(scenario, vehicle))
     hitches = range(1, len(vehicle.units))

@@ -7,7 +7,7 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
-from scenarios.assembly.adapters import surface_of, vehicle_of, watched_units
+from scenarios.assembly.adapters import course_of, surface_of, vehicle_of, watched_units
 from scenarios.assembly.plants import plant_vehicle
 from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, assemble
@@ -54,6 +54,7 @@ def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
     if scenario.off_tracking.endswith(".fmu"):
         raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
     nominal = vehicle_of(scenario)
+    course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
     vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1]
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})

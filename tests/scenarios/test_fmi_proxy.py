@@ -380,6 +380,7 @@ def test_a_system_connects_what_there_is_in_the_same_units() -> None:
         (["surface.cross_fall=0.02"], "a system has level, smooth ground"),
         (["vehicle=b_double_steered"], "a system has one law"),
         (["off_tracking=x.fmu"], "is an FMU already"),
+        (["plant.kind=constant_slip"], "a system has the plant multibody"),
     ],
 )
 def test_a_system_that_cannot_be_is_one_line(settings: list[str], reason: str) -> None:
