@@ -53,6 +53,7 @@ class Course:
     road_half_width: float | FloatArray  # everywhere, or (n, 2) to the left and right at the centre line's points [m]
     relief: RoadRelief | None = None  # heights and banks of the road; None: level
     friction: FrictionMap | None = None  # of the road, in place of the scenario's
+    lane_lines: FloatArray | None = None  # (n, k, 2) painted at the centre line's points: to the left [m], 1 if broken
     deviation: float | None = None  # largest distance of the points of a file from the path [m]
 
     @property

@@ -88,6 +88,7 @@ def built_world(options: WorldOptions, course: Course, surface: Surface, rng: np
         rng=rng,
         centreline=course.centreline,
         road_half_width=half_width,
+        lane_lines=course.lane_lines if options.tarmac_width is None else None,
         surface=surface,
         scenery_density=options.scenery_density,
         clearance=max(_SCENERY_CLEARANCE, float(np.max(half_width))),

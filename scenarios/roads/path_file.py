@@ -42,6 +42,7 @@ class PathPoints:
     banks: FloatArray | None = None  # (n,) rise of the road to the left [-]
     widths: FloatArray | None = None  # (n, 2) of the road to the left and right of the path [m]
     friction: FloatArray | None = None  # (n,) [-]
+    lines: FloatArray | None = None  # (n, k, 2) painted on the road: place to the left of the path [m], 1 if broken
 
 
 def read_path(path: Path) -> PathPoints:

@@ -56,6 +56,7 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
         road_half_width=0.5 * width if points.widths is None else widths,
         relief=_relief(points, smooth, poses[:, :2], stations, float(widths.max()) + _ROADSIDE, fit),
         friction=_friction(points, smooth, poses[:, :2], stations),
+        lane_lines=_lane_lines(points, smooth, stations),
         deviation=float(np.abs(smooth.deviations).max()),
     )
 
@@ -161,3 +162,11 @@ def _friction(points: PathPoints, smooth: SmoothPath, line: FloatArray, stations
     if points.friction is None:
         return None
     return LineFriction(np.interp(stations, smooth.stations, points.friction), line)
+
+
+def _lane_lines(points: PathPoints, smooth: SmoothPath, stations: FloatArray) -> FloatArray | None:
+    if points.lines is None:
+        return None
+    columns = points.lines.reshape(len(points.places), -1).T
+    lines = np.stack([np.interp(stations, smooth.stations, column) for column in columns], axis=1)
+    return lines.reshape(len(stations), *points.lines.shape[1:])

@@ -31,6 +31,7 @@ from sensors.textures import to_bytes
 from sensors.world import sky
 from sensors.world.condition import Condition
 from sensors.world.ground import RoadMap
+from sensors.world.lane_lines import line_range
 from sensors.world.scenery import Instances
 from sensors.world.traffic import MAX_VEHICLES
 from sensors.world.world import World
@@ -71,7 +72,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             name: Program.load(self._program_cache, vertex, name)
             for name, vertex in (("thing", "thing"), ("leaves", "thing"), ("sky", "sky"))
         }
-        marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes}
+        marks = {"LOOKS": world.condition.looks, "HOLES": world.condition.holes, "LINES": world.road.lines}
         defined = [name for name, mark in marks.items() if mark is not None]  # absent features cost nothing
         defined += ["TRAFFIC"] if world.moving else []
         defined += ["MARKED"] if defined else []
@@ -83,7 +84,7 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
         self._ground_textures = {  # by texture unit
             0: upload_texture(world.detail, nearest_level),  # see ground.frag
             1: upload_texture(_packed(world.road), nearest_level),  # smooth: its levels do not show
-            **_uploaded(world.condition),
+            **_uploaded(world.condition, world.road),
         }
         parts = [InstancedPart.of(instances, part) for instances in world.scenery for part in instances.thing.parts]
         self._moving = [
@@ -179,6 +180,8 @@ class PairRenderer(Renderer):  # type: ignore[misc]  # pyrender ships no types
             "road": 1,
             "looks": 2,
             "holes": 3,
+            "lines": 4,
+            "line_range": line_range(road),
             "detail_period": world.detail_period,
         }
         on_map: Uniforms = {"map_origin": road.origin - 0.5 * road.cell, "map_size": size, "strip": _STRIP}
@@ -263,13 +266,16 @@ def _rays(calibration: StereoCalibration) -> FloatArray:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float64)
 
 
-def _uploaded(condition: Condition) -> dict[int, int]:
-    """Textures of the ground's condition by texture unit."""
+def _uploaded(condition: Condition, road: RoadMap) -> dict[int, int]:
+    """Textures of the ground's condition and of the lines between lanes, by texture unit."""
     textures = {}
     if condition.looks is not None:
         textures[2] = upload_texture(to_bytes(condition.looks), GL.GL_LINEAR_MIPMAP_NEAREST)
     if condition.holes is not None:
         textures[3] = upload_table(condition.holes)
+    if road.lines is not None:
+        levels = 0.5 + 0.5 * road.lines / line_range(road)
+        textures[4] = upload_texture(to_bytes(np.concatenate([levels, levels[..., :1]], axis=-1)), GL.GL_LINEAR)
     return textures
 
 

@@ -137,6 +137,7 @@ class RoadMap:
     light: NoiseArray  # (ny, nx) 1 in the sun, 0 in full shadow
     gravel: NoiseArray  # (ny, nx) off the road: share of gravel, 0 to 1; on it: wear, 0 to 1
     lushness: NoiseArray  # (ny, nx) of the grass, 0..1
+    lines: NoiseArray | None = None  # (ny, nx, 2) lines between lanes, see sensors.world.lane_lines; None: none
 
 
 def road_map(rng: np.random.Generator, centreline: Centreline, low: FloatArray, high: FloatArray) -> RoadMap:

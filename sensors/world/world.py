@@ -15,6 +15,7 @@ from sensors.world import sky
 from sensors.world.airfield import grain_fields, patched
 from sensors.world.condition import Condition, condition_of
 from sensors.world.ground import Centreline, Landscape, RoadMap, ground_mesh, road_map
+from sensors.world.lane_lines import line_map
 from sensors.world.scenery import Instances, Site, kerbs, planted
 from sensors.world.shapes import Mesh
 from sensors.world.sky import Sunlight, daylight
@@ -68,6 +69,7 @@ def build_world(
     overcast: bool = False,
     grain: bool = False,
     tarmac_patches: float = 0.0,
+    lane_lines: FloatArray | None = None,
 ) -> World:
     """The world around a road.
 
@@ -83,6 +85,7 @@ def build_world(
         overcast: True if clouds hide the sun.
         grain: True for fields of grain beyond the road.
         tarmac_patches: number of patches per 100 m2 of the road.
+        lane_lines: (n, k, 2) lines painted on the road, at the points of the centreline, see ``line_map``; None: none.
 
     Raises:
         ValueError: naming the argument that is out of its range.
@@ -102,6 +105,8 @@ def build_world(
     road = road_map(rng, line, low - _MAP_MARGIN, high + _MAP_MARGIN)
     if tarmac_patches > 0.0:
         road = patched(rng, road, tarmac_patches)
+    if lane_lines is not None:
+        road = replace(road, lines=line_map(road, centreline, lane_lines))
     return World(
         ground=ground_mesh(rng, landscape, line, low, high),
         detail=textures.ground_detail(rng, _DETAIL_SIZE),

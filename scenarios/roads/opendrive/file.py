@@ -10,7 +10,17 @@ import numpy as np
 
 from scenarios.roads.opendrive.cross_section import CrossSections
 from scenarios.roads.opendrive.cubics import Cubics
-from scenarios.roads.opendrive.network import Connection, Contact, Lane, Link, Network, Road, Section
+from scenarios.roads.opendrive.network import (
+    Connection,
+    Contact,
+    Lane,
+    LineKind,
+    Link,
+    Network,
+    Road,
+    RoadMarks,
+    Section,
+)
 from scenarios.roads.opendrive.reference_line import Geometry, ReferenceLine, clothoid, parametric, polynomial
 from vehicle.frames import Pose2
 from vehicle.table_file import Column
@@ -164,9 +174,26 @@ class _Reader:
                 )
 
     def _section(self, element: Element) -> Section:
-        sides = [side for name in ("left", "right") for side in element.all(name)]
-        lanes = [self._lane(lane) for side in sides for lane in side.all("lane")]
-        return Section(s=self._number(element, "s"), lanes={lane.id: lane for lane in lanes if lane.id})
+        beside, middle = (
+            [lane for name in names for side in element.all(name) for lane in side.all("lane")]
+            for names in (("left", "right"), ("center",))
+        )
+        lanes = [self._lane(lane) for lane in beside]
+        return Section(
+            s=self._number(element, "s"),
+            lanes={lane.id: lane for lane in lanes if lane.id},
+            marks={self._whole(lane, "id"): self._marks(lane) for lane in beside + middle if lane.first("roadMark")},
+        )
+
+    def _marks(self, lane: Element) -> RoadMarks:
+        rows = sorted(
+            (
+                self._number(mark, "sOffset") if "sOffset" in mark.attributes else 0.0,
+                _line_kind(mark.attributes.get("type", "none")),
+            )
+            for mark in lane.all("roadMark")
+        )
+        return RoadMarks(np.array([begin for begin, _ in rows]), np.array([kind for _, kind in rows]))
 
     def _lane(self, element: Element) -> Lane:
         number, link = self._whole(element, "id"), element.first("link")
@@ -237,6 +264,12 @@ class _Reader:
 
     def _error(self, element: Element, message: str) -> ValueError:
         return ValueError(f"{self._path}: line {element.line}: {message}")
+
+
+def _line_kind(mark: str) -> LineKind:
+    """Kind of a road mark; of two lines side by side the solid one, and none for kerbs, grass and studs."""
+    words = mark.split()
+    return LineKind.SOLID if "solid" in words else LineKind.BROKEN if "broken" in words else LineKind.NONE
 
 
 _SHAPES: Final[dict[str, tuple[str, ...]]] = {  # with the names of their curvatures at both ends

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from scenarios.roads.opendrive.lane_lines import LINES, lines_between, seen_backwards
 from scenarios.roads.opendrive.network import Network
 from scenarios.roads.opendrive.route import Edges, Leg, Request, legs
 from scenarios.roads.path_file import PathPoints
@@ -32,7 +33,7 @@ def lane_points(network: Network, request: Request, source: str) -> PathPoints:
     Raises:
         ValueError: one line with the roads' ids, if there is no such route.
     """
-    rows: list[FloatArray] = []  # x, y, z, bank, left and right width
+    rows: list[FloatArray] = []  # x, y, z, bank, left and right width, and the lines
     length, end = 0.0, None
     for leg in legs(network, request, source):
         length += leg.length
@@ -48,7 +49,14 @@ def lane_points(network: Network, request: Request, source: str) -> PathPoints:
         if len(points):
             rows.append(points)
     table = np.concatenate(rows)
-    return PathPoints(places=table[:, :2], heights=table[:, 2], banks=table[:, 3], widths=table[:, 4:])
+    lines = table[:, 6:].reshape(-1, LINES, 2)
+    return PathPoints(
+        places=table[:, :2],
+        heights=table[:, 2],
+        banks=table[:, 3],
+        widths=table[:, 4:6],
+        lines=None if np.isnan(lines).all() else lines,
+    )
 
 
 def _check_joint(end: FloatArray, begin: FloatArray, leg: Leg, request: Request, source: str) -> None:
@@ -69,7 +77,10 @@ def _check_joint(end: FloatArray, begin: FloatArray, leg: Leg, request: Request,
 
 
 def _points(leg: Leg, edges: Edges) -> FloatArray:
-    """x, y, z [m], bank [-], width to the left and right edge [m] along a lane in the direction of travel, (n, 6)."""
+    """Rows (n, 6 + 2 LINES) along a lane in the direction of travel.
+
+    x, y, z [m], bank [-], width to the left and right edge [m]; place to the left [m] and kind of each line.
+    """
     road, section = leg.road, leg.road.sections[leg.section]
     s = np.linspace(section.s, section.s + leg.length, max(2, math.ceil(leg.length / _SPACING) + 1))
     side = 1.0 if leg.lane > 0 else -1.0
@@ -77,28 +88,28 @@ def _points(leg: Leg, edges: Edges) -> FloatArray:
     offset = road.lane_offset.at(s)
     middle = offset + 0.5 * (inner + outer)
     low, high = np.minimum(inner, outer), np.maximum(inner, outer)
-    if edges == "road":
-        low, high = _paved(leg, s, low, high)
+    paved = _paved(leg) if edges == "road" else [leg.lane]
+    for lane in paved:
+        borders = [(1.0 if lane > 0 else -1.0) * border for border in section.borders(s, lane)]
+        low, high = np.minimum(low, np.minimum(*borders)), np.maximum(high, np.maximum(*borders))
+    lines = lines_between(section, leg.lane, paved, s, middle - offset)
     ends = [road.cross_sections.height(s, offset + border) for border in (inner, outer)]
     width = np.where(np.abs(outer - inner) > 0.0, outer - inner, 1.0)
     bank = np.tan(road.superelevation.at(s) + np.arctan((ends[1] - ends[0]) / width))  # mean of the lane
     left, right = offset + high - middle, middle - offset - low
     if leg.direction < 0:
-        bank, left, right = -bank, right, left
-    table = np.column_stack([road.places(s, middle), bank, left, right])
+        bank, left, right, lines = -bank, right, left, seen_backwards(lines)
+    table = np.column_stack([road.places(s, middle), bank, left, right, lines.reshape(len(s), -1)])
     return table[:: leg.direction]
 
 
-def _paved(leg: Leg, s: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest t of the paved lanes that join a lane without one between that is not paved."""
+def _paved(leg: Leg) -> list[int]:
+    """Ids of the lane and of the paved lanes that join it without one between that is not paved, rising."""
     section = leg.road.sections[leg.section]
     ids = sorted(section.lanes)
-    at = ids.index(leg.lane)
-    for step in (-1, 1):
-        k = at + step
-        while 0 <= k < len(ids) and section.lanes[ids[k]].kind in _PAVED:
-            side = 1.0 if ids[k] > 0 else -1.0
-            borders = [side * border for border in section.borders(s, ids[k])]
-            low, high = np.minimum(low, np.minimum(*borders)), np.maximum(high, np.maximum(*borders))
-            k += step
-    return low, high
+    first = last = ids.index(leg.lane)
+    while first > 0 and section.lanes[ids[first - 1]].kind in _PAVED:
+        first -= 1
+    while last + 1 < len(ids) and section.lanes[ids[last + 1]].kind in _PAVED:
+        last += 1
+    return ids[first : last + 1]

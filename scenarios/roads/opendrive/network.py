@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scenarios.roads.opendrive.cross_section import CrossSections
 from scenarios.roads.opendrive.cubics import Cubics
@@ -28,12 +30,46 @@ class Lane:
     successor: int | None
 
 
+class LineKind(IntEnum):
+    """What is painted on the border of a lane."""
+
+    NONE = 0
+    BROKEN = 1
+    SOLID = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoadMarks:
+    """Lines on the outer border of a lane, of lane 0 on itself."""
+
+    begins: FloatArray  # (n,) ascending, from the begin of the section [m]
+    kinds: NDArray[np.int_]  # (n,) LineKind
+
+    def at(self, along: FloatArray) -> NDArray[np.int_]:
+        """LineKind (m,) at distances from the begin of the section (m,) [m]."""
+        if not len(self.begins):
+            return np.full(len(along), LineKind.NONE)
+        k = np.searchsorted(self.begins, along, side="right") - 1
+        return np.where(k < 0, LineKind.NONE, self.kinds[k])
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Section:
     """Lanes from one place along the road to the next section."""
 
     s: float  # its begin [m]
     lanes: Mapping[int, Lane]  # without lane 0
+    marks: Mapping[int, RoadMarks]  # by the lane's id, with lane 0; empty: the file states none in this section
+
+    def line_kinds(self, s: FloatArray, lane: int, between: tuple[int, int]) -> NDArray[np.int_]:
+        """LineKind (n,) on a lane's outer border at s (n,) [m], which is ``between`` two lanes.
+
+        Where the file states no lines they are broken between lanes of one type, and solid beside others.
+        """
+        if self.marks:
+            return self.marks[lane].at(s - self.s) if lane in self.marks else np.full(len(s), LineKind.NONE)
+        right, left = (self.lanes[one].kind for one in between)
+        return np.full(len(s), LineKind.BROKEN if right == left else LineKind.SOLID)
 
     def borders(self, s: FloatArray, lane: int) -> tuple[FloatArray, FloatArray]:
         """Distance of a lane's inner and outer border from lane 0 at s (n,) [m], without a sign."""

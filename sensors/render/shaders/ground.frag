@@ -128,6 +128,19 @@ vec3 weathered(vec3 albedo, vec3 light, vec4 grain, vec4 here, float d)
 }
 #endif
 
+#ifdef LINES
+uniform sampler2D lines;   // r from the nearest line between lanes, g into the line from its end; of the road map
+uniform float line_range;  // greatest distance of both [m]
+
+// Share of the footprint that such a line covers.
+float lane_line()
+{
+    vec2 at = line_range * (2.0 * texture(lines, clamp(map_uv, 0.0, 1.0)).rg - 1.0);  // none at the edges of the map
+    float within = clamp(at.y / (fwidth(at.y) + 0.02) + 0.5, 0.0, 1.0);
+    return within * stripe(at.x, 0.06, 0.5 * fwidth(at.x) + 0.002);
+}
+#endif
+
 void main()
 {
     vec4 grain = along_footprint(detail_uv) - 0.5;
@@ -140,6 +153,9 @@ void main()
 
     vec3 asphalt = vec3(0.455, 0.455, 0.460) * (0.82 + 1.8 * grain.r + 0.36 * here.b);
     float paint = stripe(d + 0.35, 0.07, half_footprint) * clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92);
+#ifdef LINES
+    paint = max(paint, lane_line() * clamp(4.0 * (grain.r + 0.8 * grain.a) + 1.3, 0.0, 0.92));
+#endif
     asphalt = mix(asphalt, vec3(0.86, 0.86, 0.83) * (1.0 + 0.6 * grain.r), paint);
 
     vec3 gravel = vec3(0.52, 0.47, 0.39) * (1.0 + 1.5 * grain.b);
