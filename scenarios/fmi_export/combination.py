@@ -39,6 +39,7 @@ _FRICTION = 0.8  # of dry asphalt, where nothing is connected [-]
 
 def combination_model(vehicle: Vehicle) -> PlantModel:
     """The model of a vehicle; one ``in_wind`` has inputs for the wind."""
+    vehicle = vehicle.with_torque_inputs()
     twin = symbolic_twin(vehicle)
     paths = [str(twin.symbols[k]) for k in range(twin.symbols.numel())]
     parameters = [
@@ -71,12 +72,15 @@ def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
     """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights of the ground below the bodies."""
     units = [unit.name for unit in vehicle.units]
     axles = [(unit.name, k) for unit in vehicle.units[1:] for k, _ in enumerate(unit.steered_axles, start=1)]
+    axle_names = [f"axle {k} of {unit.name}" for unit in vehicle.units for k, _ in enumerate(unit.axles, start=1)]
     tyres = _wheel_names(vehicle)
     inputs = [
         Quantity("steer", "rad", "demanded road-wheel angle of the tractor's foremost steered axle, + left"),
         Quantity("acceleration", "m/s2", "demanded: above 0 drives the way the gear does, below 0 brakes"),
         *numbered("steer_trailer", "rad", [f"demanded angle of steered axle {k} of {name}" for name, k in axles]),
         Quantity("gear", "-", "1 forward, -1 backward; change it at a standstill", 1.0),
+        *numbered("drive_torque", "N m", [f"of a further drive on {axle}, + forward" for axle in axle_names]),
+        *numbered("brake_torque", "N m", [f"of a further brake on {axle}, not below 0" for axle in axle_names]),
         *numbered("friction_wheel", "-", [f"friction coefficient under {tyre}" for tyre in tyres], _FRICTION),
         *numbered("ground_slope_x", "-", [f"rise of the ground under {name} along x of the world" for name in units]),
         *numbered("ground_slope_y", "-", [f"rise of the ground under {name} along y of the world" for name in units]),

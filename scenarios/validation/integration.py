@@ -65,6 +65,8 @@ class OtherStepPlant:
             gravity_y=np.zeros(sizes.gravity_y),
             road=np.zeros(sizes.road),
             wind=np.zeros(sizes.wind),
+            drive_torque=np.zeros(sizes.drive_torque),
+            brake_torque=np.zeros(sizes.brake_torque),
         )
         return np.concatenate(u)
 

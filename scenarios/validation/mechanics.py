@@ -133,5 +133,7 @@ def _inputs(vehicle: Vehicle, rng: np.random.Generator, count: int) -> FloatArra
         gravity_y=rng.uniform(-1.0, 1.0, (sizes.gravity_y, count)),
         road=rng.uniform(-0.05, 0.05, (sizes.road, count)),
         wind=rng.uniform(-20.0, 20.0, (sizes.wind, count)),
+        drive_torque=np.zeros((sizes.drive_torque, count)),
+        brake_torque=np.zeros((sizes.brake_torque, count)),
     )
     return np.concatenate(drawn)

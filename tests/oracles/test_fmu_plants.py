@@ -134,6 +134,60 @@ def test_a_slope_pulls_by_gravity_alone(name: str, along: float, tmp_path: Path)
         assert rigid < transfers[1] - transfers[0] < 1.6 * rigid
 
 
+@pytest.fixture(scope="module")
+def semitrailer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    fmu = tmp_path_factory.mktemp("torques") / "truck.fmu"
+    write_fmu(fmu, plant_model("eu_tractor_semitrailer", None, wind=False), 3, ("linux64",), optimisation=1)
+    return fmu
+
+
+def rolled(fmu: Path, speed: float, seconds: float, **inputs: float) -> tuple[float, float]:
+    """Mean acceleration in the second half of a drive straight ahead [m/s2], and the speed at its end [m/s]."""
+    slave = Slave(fmu, fmu.parent / "unpacked", {"start_speed": speed, **inputs})
+    speeds = [speed]
+    for _ in range(round(seconds / STEP)):
+        slave.step()
+        speeds.append(slave.get(["v_x_1"])[0])
+    slave.close()
+    middle = len(speeds) // 2
+    return (speeds[-1] - speeds[middle]) / ((len(speeds) - 1 - middle) * STEP), speeds[-1]
+
+
+def test_torques_of_axles_act_as_forces_at_their_treads(semitrailer: Path) -> None:
+    """Force is torque over radius, and wheels add their inertia: J/r2 of 12 wheels, 2 % of the mass.
+
+    A further drive on the driven axle does what the same torque of the driveline does. Brakes act on any axle.
+    """
+    vehicle = load_vehicle("eu_tractor_semitrailer")
+    axles = [axle for unit in vehicle.units for axle in unit.axles]
+    mass = vehicle.mass + sum(2.0 * axle.wheel_inertia / axle.wheel_radius**2 for axle in axles)
+    driven = next(k for k, axle in enumerate(axles, start=1) if axle.driven)
+    radius = axles[driven - 1].wheel_radius
+    coasting, _ = rolled(semitrailer, 8.0, 3.0)
+    demanded, _ = rolled(semitrailer, 8.0, 3.0, acceleration=0.3)
+    driving, _ = rolled(semitrailer, 8.0, 3.0, **{f"drive_torque_{driven}": 0.3 * vehicle.mass * radius})
+    assert driving == pytest.approx(demanded, abs=0.01)  # the lag of the driveline has not quite passed
+    assert driving - coasting == pytest.approx(0.3 * vehicle.mass / mass, rel=0.02)
+    for k, axle in enumerate(axles, start=1):
+        braking, _ = rolled(semitrailer, 8.0, 2.0, **{f"brake_torque_{k}": 6000.0})
+        assert braking - coasting == pytest.approx(-6000.0 / axle.wheel_radius / mass, rel=0.03), k
+    pushed_back, _ = rolled(semitrailer, 8.0, 2.0, **{f"drive_torque_{driven}": -6000.0})
+    assert pushed_back - coasting == pytest.approx(-6000.0 / radius / mass, rel=0.03)
+
+
+def test_brake_torques_hold_a_truck_on_a_slope_and_push_nowhere(semitrailer: Path) -> None:
+    """6 % pull 23 kN of 40 t; brakes that could hold 60 kN hold it after 2 cm, in which tyres and brakes wind up."""
+    axles = [axle for unit in load_vehicle("eu_tractor_semitrailer").units for axle in unit.axles]
+    brakes = {f"brake_torque_{k}": 12_000.0 * axle.wheel_radius for k, axle in enumerate(axles, start=1)}
+    slope = {f"ground_slope_x_{unit}": 0.06 for unit in (1, 2)}
+    _, held = rolled(semitrailer, 0.0, 12.0, **brakes, **slope)
+    _, released = rolled(semitrailer, 0.0, 4.0, **slope)
+    _, level = rolled(semitrailer, 0.0, 4.0, **brakes)
+    assert abs(held) < 1e-3
+    assert released < -1.0
+    assert abs(level) < 1e-6
+
+
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(("name", "soil_name"), ROVERS)
 def test_a_rover_winds_as_the_plant_here(name: str, soil_name: str | None, version: int, tmp_path: Path) -> None:

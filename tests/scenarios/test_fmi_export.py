@@ -272,6 +272,15 @@ def test_no_function_of_fmi_3_is_forgotten_and_none_is_there_twice() -> None:
     assert declared == {*written, *fixed}
 
 
+def test_every_axle_of_a_truck_has_inputs_for_torques(model: PlantModel, vehicle: Vehicle) -> None:
+    """Of a drive and of a brake, besides the demand that the plant's own driveline shares out."""
+    given = {quantity.name: quantity.unit for quantity in model.interface.inputs}
+    axles = range(1, 1 + sum(len(unit.axles) for unit in vehicle.units))
+    names = [f"{kind}_torque_{k}" for kind in ("drive", "brake") for k in axles]
+    assert [name for name in given if "torque" in name] == names
+    assert {given[name] for name in names} == {"N m"}
+
+
 def test_only_a_truck_declares_a_fixed_internal_step(model: PlantModel) -> None:
     """A rover divides a communication step into equal ones of at most 5 ms, so that theirs depends on it."""
     assert model.internal_step == 1e-3

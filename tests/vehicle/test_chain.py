@@ -81,7 +81,18 @@ LATERAL = State(  # +1: stays in a mirror, -1: flips
     brake_pressure=1,
     brake_valve=1,
 )
-LATERAL_INPUT = Input(steer=-1, acceleration=1, gear=1, friction=1, gravity_x=1, gravity_y=-1, road=1, wind=-1)
+LATERAL_INPUT = Input(
+    steer=-1,
+    acceleration=1,
+    gear=1,
+    friction=1,
+    gravity_x=1,
+    gravity_y=-1,
+    road=1,
+    wind=-1,
+    drive_torque=1,
+    brake_torque=1,
+)
 PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
 
 
@@ -98,6 +109,8 @@ def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[
         gravity_y=rng.uniform(-1, 1, sizes.gravity_y),
         road=rng.uniform(-0.02, 0.02, sizes.road),
         wind=rng.uniform(-20, 20, sizes.wind),
+        drive_torque=rng.uniform(-5e3, 5e3, sizes.drive_torque),
+        brake_torque=rng.uniform(0, 1e4, sizes.brake_torque),
     )
     return s, u
 

@@ -170,10 +170,20 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
     springs = springs_of(vehicle) if vehicle.has_springs else None
     bodies = rides(vehicle, layout, s, u, springs)
     carried = _carried(vehicle, layout, e, springs, bodies, s, u)
-    slowing = slowing_of(vehicle, layout, s)
+    slowing = _with_further_brakes(vehicle, layout, slowing_of(vehicle, layout, s), u)
     rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, slowing, s, u)
     ground = ground_forces(vehicle, layout, e, rolling, s, u)
     return _Moment(layout, e, speeds, springs, bodies, carried, rolling, ground)
+
+
+def _with_further_brakes(vehicle: Vehicle, layout: Sequence[Wheel], slowing: list[Num], u: Input[ca.SX]) -> list[Num]:
+    """Rates of the spins that brakes can cause [rad/s2], with the torques that inputs give for the axles."""
+    if not vehicle.has_torque_inputs:
+        return slowing
+    return [
+        rate - (0.5 / wheel.axle.wheel_inertia) * ca.fmax(u.brake_torque[k // 2], 0.0)
+        for k, (wheel, rate) in enumerate(zip(layout, slowing, strict=True))
+    ]
 
 
 def _column(entries: Iterable[Num]) -> ca.SX:
@@ -325,6 +335,7 @@ def _wheel_motions(
             acceleration=s.acceleration,
             slowing=slowing[k],
             gear=u.gear,
+            torque=0.5 * u.drive_torque[k // 2] if vehicle.has_torque_inputs else None,
         )
         motions.append(wheel_motion(vehicle, wheel, state))
     return motions

@@ -274,6 +274,14 @@ class Vehicle(Frozen):
     brakes: Brakes | None = None  # None: braking forces in proportion to static loads, without limit or ABS
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
     exposed: Flag = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
+    has_torque_inputs: Flag = False  # see ``with_torque_inputs``
+
+    @field_validator("has_torque_inputs")
+    @classmethod
+    def _is_no_data(cls, given: bool) -> bool:
+        if given:
+            raise ValueError("is for exported models, not for files: leave it out")
+        return given
 
     @property
     def mass(self) -> float:
@@ -308,6 +316,10 @@ class Vehicle(Frozen):
         if not self.has_springs:
             raise ValueError(f"{self.name}: a gust needs the tables 'suspension' and 'roll'")
         return self.model_copy(update={"exposed": True})
+
+    def with_torque_inputs(self) -> Vehicle:
+        """The vehicle with inputs for driving and braking torques of every axle, besides those of its own driveline."""
+        return self.model_copy(update={"has_torque_inputs": True})
 
     @property
     def has_springs(self) -> bool:

@@ -60,6 +60,8 @@ class Input(NamedTuple, Generic[V]):
     gravity_y: V  # (N,) along W's y
     road: V  # (n_wheels,) height of the rough road under each wheel above the smooth one [m]
     wind: V  # (N,) velocity of the wind at each unit along W's y [m/s]; () of a vehicle that is not ``exposed``
+    drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
+    brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
 
 
 class Output(NamedTuple, Generic[V]):
@@ -194,6 +196,8 @@ def input_sizes(vehicle: Vehicle) -> Input[int]:
         gravity_y=N,
         road=n_wheels,
         wind=N if vehicle.exposed else 0,
+        drive_torque=n_wheels // 2 if vehicle.has_torque_inputs else 0,
+        brake_torque=n_wheels // 2 if vehicle.has_torque_inputs else 0,
     )
 
 

@@ -21,6 +21,8 @@ class CommandInputs(NamedTuple, Generic[V]):
     acceleration: V  # above 0 drives the way the gear does, below 0 brakes [m/s2]
     trailer_steer: V  # of every steered trailer axle, front to rear [rad]
     gear: V  # +1 forward, -1 backward
+    drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
+    brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
 
 
 class GroundInputs(NamedTuple, Generic[V]):
@@ -35,7 +37,8 @@ class GroundInputs(NamedTuple, Generic[V]):
 
 def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
     """Length of every part of the vector."""
-    return CommandInputs(1, 1, sum(len(unit.steered_axles) for unit in vehicle.units[1:]), 1)
+    n_trailer, of_chain = sum(len(unit.steered_axles) for unit in vehicle.units[1:]), input_sizes(vehicle)
+    return CommandInputs(1, 1, n_trailer, 1, of_chain.drive_torque, of_chain.brake_torque)
 
 
 def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
@@ -74,6 +77,8 @@ def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundI
         gravity_y=gravity_y,
         road=ground.road,
         wind=ground.wind,
+        drive_torque=command.drive_torque,
+        brake_torque=command.brake_torque,
     )
 
 

@@ -38,6 +38,7 @@ class WheelState(NamedTuple):
     acceleration: Num  # demanded of drive torques [m/s2]
     slowing: Num  # rate of the spin that its brakes can cause, not above 0 [rad/s2]
     gear: Num  # +1 drives forward, -1 backward
+    torque: Num | None = None  # of a further drive, + forward [N m]
 
 
 class Relaxation(NamedTuple):
@@ -110,6 +111,8 @@ def wheel_motion(vehicle: Vehicle, wheel: Wheel, s: WheelState) -> WheelMotion:
         drive = drive_torque(vehicle, wheel, s.acceleration, s.gear, s.omega, v.x)
         spin_rate = spin_rate + (1.0 / wheel.axle.wheel_inertia) * drive.torque
         spin = spin + (1.0 / wheel.axle.wheel_inertia) * drive.per_spin
+    if s.torque is not None:
+        spin_rate = spin_rate + (1.0 / wheel.axle.wheel_inertia) * s.torque
     return WheelMotion(
         travel=ca.fabs(v.x),
         omega=spin_rate,
