@@ -24,7 +24,7 @@ from scenarios.hil.udp import UdpLink
 from scenarios.loop.run import run
 from scenarios.options.outside import OutsideOptions
 from scenarios.options.scenario import load_scenario
-from scenarios.report.writer import write_run
+from scenarios.results.run_inputs import write_inputs
 from scenarios.results.run_result import RunResult
 from scenarios.results.summary import summary
 
@@ -184,8 +184,9 @@ def test_a_bench_steers_the_trailer(steered: tuple[RunResult, Proportional], ins
 
 def test_a_run_directory_repeats_the_demands_bitwise(steered: tuple[RunResult, Proportional], tmp_path: Path) -> None:
     """``scenario.toml`` names the record beside it; no bench is there any more."""
-    write_run(steered[0], tmp_path / "run", video=False)
-    again = run(load_scenario(str(tmp_path / "run/scenario.toml")), 1)
+    text = write_inputs(steered[0].scenario_toml, steered[0].inputs, tmp_path)
+    (tmp_path / "scenario.toml").write_text(text)
+    again = run(load_scenario(str(tmp_path / "scenario.toml")), 1)
     assert again.log == steered[0].log
     assert again.outside is not None
     assert again.outside.source == "record"
@@ -328,3 +329,30 @@ def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(ValueError, match=r"--can needs the package can: pip install 'offtrack\[hil\]'"):
         CanLink("dbc=example")
+
+
+class BenchDriver(ScriptedBench):
+    """A driver on the bench: curvature ahead, corrected by the errors of position and heading; keeps the speed."""
+
+    def send(self, tick: int, values: Mapping[str, float]) -> None:
+        super().send(tick, values)
+        steer = 4.0 * values["curvature"] - 0.2 * values["lateral_error"] - 1.0 * values["heading_error"]
+        acceleration = 0.5 * (values["set_speed"] - values["speed"])
+        self.script.append([{"tick": tick, "steer_demand": steer, "acceleration_demand": acceleration}])
+
+
+def test_a_bench_drives_the_tractor() -> None:
+    """It sees what a driver sees, and its demands are in the log; the scenario's own law steers the trailer."""
+    bench = BenchDriver()
+    settings = (*SHORT, "trailer_steering=command_steer", "outside.demands=driver", "outside.wait=1")
+    result = run(load_scenario("roundabout", settings), 1, links=[bench])
+    assert result.outcome == "completed"
+    assert result.outside is not None
+    assert result.outside.fallback_steps == 0
+    errors = [abs(values["lateral_error"]) for values in bench.signals]
+    assert max(errors) < 1.5  # without preview it meets the bend late, and finds back
+    assert errors[-1] < 0.5 * max(errors)
+    assert result.log["acceleration_command"][0] == pytest.approx(
+        0.5 * (bench.signals[0]["set_speed"] - bench.signals[0]["speed"])
+    )
+    assert np.abs(result.log["steer_trailer_1_command"]).max() > 0.02
