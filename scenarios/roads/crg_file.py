@@ -83,6 +83,7 @@ def _opened(path: Path) -> Any:
                 return pyopencrg.read(str(path), dtype="float32")
     except Exception as error:  # of any class: the package meets any bytes
         said = " ".join(str(error).removeprefix(f"{path}: ").replace("\n  -", "").split())
+        said, *_ = said.split(" To open it anyway")  # by the package's functions
         raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
     raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
 

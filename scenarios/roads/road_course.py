@@ -44,8 +44,8 @@ def road_course(points: PathPoints, fit: Fit, tractor: Unit, guided: Guided, wid
     narrowest = int(np.argmin(widths.sum(axis=1)))
     if widths[narrowest].sum() < tractor.width:
         raise ValueError(
-            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {stations[narrowest]:.1f} m: the "
-            f"tractor is {tractor.width:.2f} m wide"
+            f"{fit.source}: the road is {widths[narrowest].sum():.2f} m wide at {max(0.0, stations[narrowest]):.1f} m: "
+            f"the tractor is {tractor.width:.2f} m wide"
         )
     return Course(
         path=path,

@@ -134,6 +134,7 @@ BAD: Final[dict[str, tuple[Callable[[Path], object], str]]] = {
     "cut header": (lambda path: _cut(path, "LDFI", 200), "not a readable OpenCRG file"),
     "cut binary": (lambda path: _cut(path, "KRBI", -4000), "not a readable OpenCRG file"),
     "cut text": (lambda path: _cut(path, "LDFI", -333), "not a readable OpenCRG file"),
+    "nothing": (lambda path: written(path, np.full_like(BUMP, np.nan)), "not a readable OpenCRG file"),
     "missing": (lambda path: written(path, np.where(V > -1.5, np.nan, BUMP)), "share of missing heights = 0.8"),
     "short": (lambda path: written(path, BUMP[:10]), r"length = 0.45 m must be between 1 and 30000 m"),
     "narrow": (lambda path: written(path, v=0.001 * V), "increment"),

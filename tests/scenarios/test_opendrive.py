@@ -269,6 +269,7 @@ REFUSED: Final = {
     "empty": ("", "not XML"),
     "no road": ("<OpenDRIVE/>", "has no <road>"),
     "other XML": ("<gpx/>", "must be <OpenDRIVE>"),
+    "page of an error": ("<html><body>404</body></html>", "must be <OpenDRIVE>"),
     "entities": (changed('<?xml version="1.0"?>', "<!DOCTYPE x>"), "document type"),
     "deep": ("<OpenDRIVE>" * 100, "nested at most 32 deep"),
     "cut off": (ROAD[:300], "not XML"),
@@ -312,6 +313,8 @@ REFUSED: Final = {
         road("1", (Piece(50.0),), TWO_LANES), road("2", (Piece(50.0),), RAISED, start=Start(50.0, 0.0, 0.0)))),
         "a step of .0.4 m in height between the lanes at the begin of road 2"),
     "wall across": (changed("<lanes>", f"<lateralProfile>{LEANING}</lateralProfile><lanes>"), "bank = -0.9"),
+    "mark of words": (changed("</lane>", '<roadMark sOffset="x" type="solid"/></lane>'), "sOffset = 'x' is not"),
+    "no width": (changed('a="9.0"', 'a="-9"'), "the road is 0.00 m wide at 0.0 m"),
     "shape of words": (changed("<lanes>", "<lateralProfile><shape s='a'/></lateralProfile><lanes>"), "s = 'a' is not"),
 }  # fmt: skip
 

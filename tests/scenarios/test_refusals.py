@@ -32,8 +32,19 @@ REFUSED = {
     "run roundabout --record out --out out": "one contains the other",
     "run roundabout --record out/images --out out": "one contains the other",
     "run roundabout --set speed_kmh=nan --out out": "speed_kmh",
+    "run roundabout --set course.kind=path --set course.file=bomb.gpx --out out": "bomb.gpx: line 1: a document type",
+    "run roundabout --set course.kind=path --set course.file=units.csv --out out": "units.csv: line 2: x = 'm'",
+    "run roundabout --set course.kind=opendrive --set course.file=cut.xodr --out out": "cut.xodr: not XML: line 1",
+    "run roundabout --set surface.crg=empty.crg --out out": "empty.crg: not a readable OpenCRG file",
     "assess nobody --out out": "nobody",
     "reproduce nothing --out out": "unknown figure 'nothing'",
+}
+
+ROADS = {
+    "bomb.gpx": '<!DOCTYPE gpx [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;&a;">]><gpx>&b;</gpx>',
+    "units.csv": "x,y\nm,m\n1,2\n",
+    "cut.xodr": "<OpenDRIVE><road",
+    "empty.crg": "",
 }
 
 
@@ -45,6 +56,8 @@ def test_a_refusal_is_one_line_and_makes_nothing(command: str, tmp_path: Path, m
         (tmp_path / "images" / side).mkdir(parents=True)
         (tmp_path / "images" / side / "000000.png").touch()
     (tmp_path / "study.toml").write_text('scenario = "roundabout"\n[vary]\nspeed_kmh = [10, 20]\n')
+    for name, text in ROADS.items():
+        (tmp_path / name).write_text(text)
     before = sorted(tmp_path.rglob("*"))
     result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 2, result.output
