@@ -46,7 +46,7 @@ def measured_ground(options: SurfaceOptions, course: Course) -> MeasuredGround |
             surface.heights,
             u_step=surface.u_step,
             v=surface.v,
-            start=options.crg_start + _path_start(line, course),
+            start=options.crg_start + _path_start(line, course) + surface.u_start,
             beyond=options.crg_beyond,
             tyre_spread=PATCH_SPREAD,
         )

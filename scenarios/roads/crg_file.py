@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from vehicle.frames import FloatArray
@@ -19,6 +20,7 @@ _LENGTH: Final = (1.0, 30e3)  # of the grid [m]
 _WIDTH: Final = (0.2, 100.0)  # [m]
 _STEP: Final = (1e-3, 1.0)  # between heights along the road [m]
 _MOST_HEIGHTS: Final = 32_000_000
+_FINEST: Final = 0.04  # of heights, whose means take the place of finer ones: tyres average over 0.2 m [m]
 _FINEST_ACROSS: Final = 0.01  # of grids that are brought to an even spacing [m]
 
 
@@ -27,15 +29,17 @@ class CrgSurface:
     """Heights of a road on a grid: u along its reference line, v to the left."""
 
     heights: FloatArray  # (nu, nv) [m], all finite
+    u_start: float  # of the first heights, from the begin of the reference line [m]
     u_step: float  # [m]
     v: FloatArray  # (nv,) evenly spaced, rising [m]
-    line: FloatArray  # reference line (nu, 2) in the file's plane [m]
+    line: FloatArray  # reference line (n, 2) in the file's plane, ``line_step`` apart [m]
+    line_step: float  # [m]
     missing: float  # share of heights that the file lacked: filled from their neighbours across the road
 
     @property
     def length(self) -> float:
         """Length along the reference line [m]."""
-        return (len(self.heights) - 1) * self.u_step
+        return (len(self.line) - 1) * self.line_step
 
 
 def read_crg(path: Path) -> CrgSurface:
@@ -60,14 +64,26 @@ def read_crg(path: Path) -> CrgSurface:
     _check(path, "width", float(v[-1] - v[0]), *_WIDTH, " m")
     _check(path, "spacing along the road", u_step, *_STEP, " m")
     road = road.apply_mods().fill_nan(2)  # what its modifiers leave missing
-    heights = np.asarray(road.z) + np.asarray(road.zr)[:, None] + np.asarray(road.banking)[:, None] * v
+    even = _even(v)
+    is_even = even is v
+    along, across = (max(1, int(_FINEST / step)) for step in (u_step, float(v[1] - v[0]) if is_even else _FINEST))
+    rows = _means(np.column_stack([np.asarray(road.zr), np.asarray(road.banking)]), along, 1)
+    heights = _means(np.asarray(road.z), along, across)
+    v = _means(v[None], 1, across)[0]
+    heights = heights + rows[:, :1] + rows[:, 1:] * v
     if not np.isfinite(heights).all():
         raise ValueError(f"{path}: the slope or banking of its reference line is not a number everywhere")
-    even = _even(v)
-    if even is not v:
-        heights = np.asarray(make_interp_spline(v, heights, k=1, axis=1)(even))
-    line = np.column_stack([road.x, road.y])
-    return CrgSurface(heights=heights, u_step=u_step, v=even, line=line, missing=missing)
+    if not is_even:
+        heights, v = np.asarray(make_interp_spline(v, heights, k=1, axis=1)(even)), even
+    return CrgSurface(
+        heights=heights,
+        u_start=0.5 * (along - 1) * u_step,
+        u_step=along * u_step,
+        v=v,
+        line=np.column_stack([road.x, road.y]),
+        line_step=u_step,
+        missing=missing,
+    )
 
 
 def _opened(path: Path) -> Any:
@@ -86,6 +102,14 @@ def _opened(path: Path) -> Any:
         said, *_ = said.split(" To open it anyway")  # by the package's functions
         raise ValueError(f"{path}: not a readable OpenCRG file: {shown(said, 200)}") from None
     raise ValueError(f"{path}: has {count} heights: must be at most {_MOST_HEIGHTS}")
+
+
+def _means(values: NDArray[Any], rows: int, columns: int) -> FloatArray:
+    """Means of blocks of that many rows and columns; the rest at the ends is left out."""
+    n, m = (size // count for size, count in zip(values.shape, (rows, columns), strict=True))
+    blocks = values[: n * rows, : m * columns].reshape(n, rows, m, columns)
+    means: FloatArray = blocks.mean(axis=(1, 3), dtype=np.float64)
+    return means
 
 
 def _check(path: Path, name: str, value: float, least: float, most: float, unit: str) -> None:

@@ -97,7 +97,7 @@ def _read_csv(path: Path) -> PathPoints:
 def _read_reference_line(path: Path) -> PathPoints:
     """The reference line of an OpenCRG file; its heights are those of ``surface.crg``."""
     surface = read_crg(path)
-    return PathPoints(places=surface.line[:: max(1, round(_CRG_SPACING / surface.u_step))])
+    return PathPoints(places=surface.line[:: max(1, round(_CRG_SPACING / surface.line_step))])
 
 
 def _read_gpx(path: Path) -> PathPoints:

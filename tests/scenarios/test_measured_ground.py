@@ -68,6 +68,21 @@ def test_slope_banking_and_uneven_spacing_are_in_the_heights(tmp_path: Path) -> 
     np.testing.assert_allclose(surface.heights, expected, atol=1e-6)
 
 
+def test_finer_heights_are_averaged_where_they_are(tmp_path: Path) -> None:
+    """Blocks of 4 x 4 of a grid of 1 cm: heights of a slope with a wave are those of their middles."""
+    u, v = np.arange(0.0, 4.0, 0.01), np.arange(-0.5, 0.501, 0.01)
+    heights = 0.01 * np.sin(2.0 * u)[:, None] + 0.02 * v
+    path = tmp_path / "fine.crg"
+    pyopencrg.CrgRoad(heights, u_inc=0.01, v=v, slope=0.03).save(path, fmt="KDBI")
+    surface = read_crg(path)
+    assert surface.u_step == pytest.approx(0.04)
+    assert surface.v[1] - surface.v[0] == pytest.approx(0.04)
+    middles = surface.u_start + surface.u_step * np.arange(len(surface.heights))
+    expected = (0.01 * np.sin(2.0 * middles) + 0.03 * middles)[:, None] + 0.02 * surface.v
+    np.testing.assert_allclose(surface.heights, expected, atol=1e-5)
+    assert surface.length == pytest.approx(3.99)
+
+
 def test_missing_heights_are_filled_from_beside_and_told(tmp_path: Path) -> None:
     """A hole, and an edge that the scanner did not see."""
     heights = np.tile(0.01 * V, (len(U), 1))
