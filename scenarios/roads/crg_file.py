@@ -66,7 +66,9 @@ def read_crg(path: Path) -> CrgSurface:
     road = road.apply_mods().fill_nan(2)  # what its modifiers leave missing
     even = _even(v)
     is_even = even is v
-    along, across = (max(1, int(_FINEST / step)) for step in (u_step, float(v[1] - v[0]) if is_even else _FINEST))
+    along, across = (
+        max(1, int(_FINEST / step + 1e-6)) for step in (u_step, float(v[1] - v[0]) if is_even else _FINEST)
+    )
     rows = _means(np.column_stack([np.asarray(road.zr), np.asarray(road.banking)]), along, 1)
     heights = _means(np.asarray(road.z), along, across)
     v = _means(v[None], 1, across)[0]
