@@ -35,7 +35,7 @@ from scenarios.results.reference_unit import reference_off_tracking
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_inputs import RunInputs, run_inputs
-from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
+from scenarios.results.run_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult
 from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
@@ -233,6 +233,11 @@ def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
         path_deviation=parts.course.deviation,
         timing=session.stopwatch.timing(session.tick * TICK),
         frames=_camera_frames(session),
+        cameras=tuple(
+            MountedCamera(trailer.unit, trailer.sensing.cameras.calibration)
+            for trailer in parts.trailers
+            if trailer.sensing.cameras
+        ),
         manifest={
             "opengl_renderer": parts.views.renderer_name,
             "frames_sha256": session.pictures.sha256 if parts.cameras else "none",

@@ -13,6 +13,9 @@ from typing import ClassVar, Literal, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from scenarios.player.encoding import EncodedPlayback
+from scenarios.player.web_files import player_script, player_style
+
 Kind = Literal["name", "number", "text", "note"]  # row title, right-aligned, plain, in a soft colour
 Emphasis = Literal["", "best", "good", "bad", "soft"]
 
@@ -115,7 +118,20 @@ class Preformatted:
     kind: ClassVar = "preformatted"
 
 
-Content = Table | Figure | Photos | Bar | Items | Preformatted
+@dataclass(frozen=True, slots=True)
+class Player:
+    """A playback with slider, views and charts; one on a page. It is the only content that needs JavaScript."""
+
+    encoded: EncodedPlayback
+    kind: ClassVar = "player"
+
+    @property
+    def script(self) -> str:
+        """The code that plays it."""
+        return player_script()
+
+
+Content = Table | Figure | Photos | Bar | Items | Preformatted | Player
 
 
 class Verdict(NamedTuple):
@@ -162,6 +178,12 @@ class Page:
     cards: Sequence[Card] = ()
     sections: Sequence[Section]
     wide: bool = False  # for wide tables
+
+    @property
+    def player_style(self) -> str:
+        """Style sheet of the playback; empty on a page without one."""
+        plays = any(isinstance(content, Player) for section in self.sections for content in section.content)
+        return player_style() if plays else ""
 
     def html(self) -> str:
         """The page as one HTML file that loads nothing else."""

@@ -7,9 +7,11 @@ from typing import Final
 
 import numpy as np
 
+from scenarios.player.encoding import encoded
+from scenarios.player.rover import rover_playback
 from scenarios.report import plots
 from scenarios.report.numbers import number_table
-from scenarios.report.page import Figure, Photo, Photos, Section
+from scenarios.report.page import Figure, Photo, Photos, Player, Section
 from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.report.trace_view import traced
 from scenarios.results.manifest import manifest
@@ -31,6 +33,7 @@ def rover_report_html(result: RoverResult, summary: Summary) -> str:
 
 def _sections(result: RoverResult, summary: Summary) -> Iterator[Section]:
     if len(result.log) > 1:
+        yield Section("Playback", content=[Player(encoded(rover_playback(result)))])
         yield from _drawn(result)
     yield Section("All numbers", content=[number_table(summary)])
     yield timing_section(result.timing, ("physics", "sand and camera", "slip estimator"))

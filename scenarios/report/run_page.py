@@ -7,10 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from scenarios.player.encoding import encoded
+from scenarios.player.trailer import trailer_playback
 from scenarios.report import run_figures as figures
 from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import groups, number_table
-from scenarios.report.page import Column, Items, Row, Section, Table
+from scenarios.report.page import Column, Items, Player, Row, Section, Table
 from scenarios.report.run_sections import provenance_sections, run_html, timing_section
 from scenarios.results.manifest import manifest
 from scenarios.results.numbers import Summary
@@ -35,6 +37,7 @@ def _sections(result: RunResult, summary: Summary) -> Iterator[Section]:
     if warnings := all_warnings(result):
         yield Section("Warnings", content=[Items(warnings)])
     if len(result.log) > 1:
+        yield Section("Playback", content=[Player(encoded(trailer_playback(result)))])
         yield from _drawn(result)
     else:
         yield Section("Nothing to draw", "The run ended before the vehicle had moved.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from scenarios.results.paced import Paced
 from scenarios.results.run_inputs import RunInputs
 from scenarios.results.swept_path import TurnArc, UnitOutline
 from scenarios.results.timing import Timing
+from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray
 
 
@@ -28,6 +30,13 @@ class CameraFrame:
     tracks: NDArray[np.float32]  # (m, 4) of features: u, v in the previous, u, v in this left image [px]
     matches: int
     inliers: int
+
+
+class MountedCamera(NamedTuple):
+    """The left camera of a stereo pair and its place, for drawings."""
+
+    unit: int  # index of the unit that carries it
+    calibration: StereoCalibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +69,7 @@ class RunResult:
     path_deviation: float | None = None  # largest distance of the points of a course's file from its path [m]
     timing: Timing
     frames: tuple[CameraFrame, ...]  # of the last trailer; empty without cameras
+    cameras: tuple[MountedCamera, ...] = ()  # of all trailers
     manifest: Mapping[str, str]  # OpenGL renderer and hash of the sensor images
     warnings: tuple[str, ...] = ()  # of what is doubtful about the run, a line each
     traceback: str = ""  # of the exception that ended the run

@@ -21,6 +21,7 @@ from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
 from scenarios.results.swept_path import UnitOutline
 from scenarios.results.timing import Timing
 from sensors.world.world import World, build_world
+from tests.scenarios.browser import running_browser
 from vehicle.frames import FloatArray
 
 STRAIGHT, RADIUS, TURN = 25.0, 11.0, 1.5 * math.pi  # [m], [m], [rad] of the tractor's rear axle
@@ -169,6 +170,13 @@ def camera_run() -> RunResult:
 def blind_run() -> RunResult:
     """A run without cameras."""
     return make_run(cameras=False)
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Any]:
+    """Chromium, without a window."""
+    with running_browser() as started:
+        yield started
 
 
 class Worlds:

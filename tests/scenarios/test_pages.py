@@ -15,6 +15,7 @@ from typing import Final, cast
 import numpy as np
 import pytest
 
+from scenarios.player.web_files import player_script
 from scenarios.recordings import recording_page, slip_page
 from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.rover_reader import RoverRecording
@@ -60,7 +61,7 @@ from sensors.sand.trace_rig import TraceRig
 from vehicle.combination.description import load_vehicle
 
 BAD: Final = "<script>alert('$x^')</script>"  # a tag, quotes, and mathematics that matplotlib can not parse
-VOID: Final = {"meta", "link", "br", "img", "image", "path", "use", "circle", "rect"}
+VOID: Final = {"meta", "link", "br", "input", "img", "image", "path", "use", "circle", "rect"}
 
 
 class Balance(HTMLParser):
@@ -121,7 +122,8 @@ def run_html(run: RunResult) -> str:
 
 
 def rover_html(_: RunResult) -> str:
-    rig = cast(TraceRig, SimpleNamespace(wheels=(SimpleNamespace(name=BAD),), watched=0))
+    rig = cast(TraceRig, SimpleNamespace(wheels=(SimpleNamespace(name=BAD, x=0.2, y=0.1),), watched=0,
+                                         wheel_radius=0.1, wheel_width=0.1))  # fmt: skip
     names = ["tick", "time", "x", "y", "x_wheels", "y_wheels", "x_corrected", "y_corrected", "station", "health",
              "cross_track_true", "slip_angle_true", "slip_angle_estimate", "slip_angle_std", "slip_angle_lagged",
              "slip_angle_laser", f"slip_ratio_{BAD}", f"sinkage_{BAD}"]  # fmt: skip
@@ -206,7 +208,7 @@ PAGES: Final = (run_html, rover_html, recording_html, slip_html, study_html, tun
 @pytest.mark.parametrize("made", PAGES, ids=lambda made: made.__name__.removesuffix("_html"))
 def test_a_page_shows_hostile_names_as_text(made: Callable[[RunResult], str], camera_run: RunResult) -> None:
     """A name with a tag in it is shown with its brackets; it opens no element, in the page or in a figure."""
-    html = made(camera_run)
+    html = without_own_scripts(made(camera_run))
     assert "<script" not in html
     assert "&lt;script&gt;alert(" in html
     balance = Balance()
@@ -232,6 +234,7 @@ def test_every_kind_of_content_is_escaped(content: Content) -> None:
         title=BAD, heading=BAD, subtitle=BAD, verdict=Verdict(BAD, True), cards=[Card(BAD, BAD, BAD, BAD)],
         sections=[Section(BAD, BAD, [content], Verdict(BAD, False)), Section(BAD, content=[content], collapsed=True)],
     ).html()  # fmt: skip
+    html = without_own_scripts(html)
     assert "<script" not in html
     assert "'$x^'" not in html
     assert escape(BAD, quote=False).replace("'", "&#39;") in html
@@ -246,9 +249,16 @@ def test_a_figure_keeps_its_lettering_as_text() -> None:
     assert drawing.content.svg.count(escape(BAD, quote=False)) == 3
 
 
+def without_own_scripts(html: str) -> str:
+    """A page without the script of the playback and its blocks of base64."""
+    html = html.replace(f"<script>\n{player_script()}\n</script>", "")
+    return re.sub(r'<script type="text/plain" id="playback-\w+">[A-Za-z0-9+/=\n]*</script>', "", html)
+
+
 def test_markup_is_marked_as_safe_in_one_place() -> None:
-    """The SVG of a figure, and nothing else, goes into a page as it is."""
+    """The SVG of a figure and the playback's own files, and nothing else, go into a page as they are."""
     templates = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES.glob("*.j2"))
-    assert templates.count("safe") == 1
-    assert "{{ figure.svg | safe }}" in templates
+    safe = re.findall(r"\{\{ ([\w.]+) \| safe \}\}", templates)
+    assert sorted(safe) == ["figure.svg", "page.player_style", "player.script"]
+    assert templates.count("safe") == 3
     assert "autoescape" not in templates

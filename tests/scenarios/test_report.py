@@ -33,6 +33,7 @@ def test_all_sections_are_there(page: str) -> None:
     """A reader of a run with cameras expects these."""
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert titles == [
+        "Playback",
         "Plan view",
         "Off-tracking",
         "Error of the estimate",
