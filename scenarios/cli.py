@@ -24,6 +24,7 @@ from scenarios.commands import (
     tune,
     validate,
     vehicle,
+    view,
 )
 from scenarios.commands.console import INTERRUPTED, OneLineGroup, lines
 from scenarios.interrupts import TERMINATED, interrupt_on_termination, terminated
@@ -68,6 +69,7 @@ app.command(epilog=lines(listing.KEYS_EXAMPLES))(listing.keys)
 app.command(epilog=lines(run.EXAMPLES))(run.run)
 app.command(epilog=lines(vehicle.EXAMPLES))(vehicle.vehicle)
 app.command(epilog=lines(assess.EXAMPLES))(assess.assess)
+app.command(epilog=lines(view.EXAMPLES))(view.view)
 app.command(epilog=lines(draw.EXAMPLES))(draw.draw)
 app.command(epilog=lines(export.EXAMPLES))(export.export)
 app.command()(validate.validate)

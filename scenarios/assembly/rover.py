@@ -85,7 +85,7 @@ def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) 
         ValueError: one line, if the scenario is not consistent.
     """
     rover = load_rover(scenario.vehicle)
-    geometry, path, terrain = rover_geometry(rover), _path(scenario), terrain_of(scenario.surface)
+    geometry, path, terrain = rover_geometry(rover), rover_path(scenario), terrain_of(scenario.surface)
     soil = None if scenario.surface.soil == "none" else load_soil(scenario.surface.soil)
     driver = _driver(scenario, geometry, path)
     mount = rover_mount(scenario, rover, terrain, path, seed=seed)
@@ -157,7 +157,12 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     )
 
 
-def _path(scenario: RoverScenario) -> Path:
+def rover_path(scenario: RoverScenario) -> Path:
+    """The path of a rover's course.
+
+    Raises:
+        ValueError: one line, if the course is not consistent.
+    """
     kind = scenario.course.kind
     path = constructed("course.kind", kind, scenario.course.path)
     if not isinstance(path, Path):

@@ -25,7 +25,7 @@ def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
         ValueError: one line, if a directory holds no finished run, or ``out`` holds something else.
     """
     check_study_directory(out, _FILE)
-    names = _names(directories)
+    names = names_of_runs(directories)
     outcomes = [_outcome(directory, name) for directory, name in zip(directories, names, strict=True)]
     kinds = {"slip" in outcome.numbers for outcome in outcomes}
     if len(kinds) > 1:
@@ -38,7 +38,7 @@ def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
     return rows
 
 
-def _names(directories: Sequence[Path]) -> list[str]:
+def names_of_runs(directories: Sequence[Path]) -> list[str]:
     """Short names that differ: the last parts of the paths, as many as it takes."""
     paths = [directory.absolute() for directory in directories]
     if len(set(paths)) < len(paths):

@@ -79,7 +79,7 @@ class Charts {
   shown(plot, s, k, chart) {
     if (k === null || k === undefined) return "–";
     const values = plot.data[s], x = plot.data[0];
-    for (let j = k; j >= 0 && x[k] - x[j] < 10; j--) if (values[j] !== null && values[j] !== undefined) return values[j].toFixed(chart.digits) + (chart.unit === "-" ? "" : " " + chart.unit);
+    for (let j = k; j >= 0 && x[k] - x[j] < 10; j--) if (values[j] !== null && values[j] !== undefined) return fixed(values[j], chart.digits) + (chart.unit === "-" ? "" : " " + chart.unit);
     return "–";
   }
 

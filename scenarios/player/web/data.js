@@ -8,6 +8,12 @@ async function unpacked(text) {
 const KINDS = { f4: Float32Array, i2: Int16Array };
 const numbers = (buffer, place) => new KINDS[place.kind](buffer, place.at, place.count);
 
+// A number with this many digits; zero has no sign.
+function fixed(value, digits) {
+  const text = value.toFixed(digits);
+  return /^-0(\.0*)?$/.test(text) ? text.slice(1) : text;
+}
+
 // Index of the last of the rising values that is at most x; 0 if none is.
 function lastAtMost(values, x) {
   let low = 0, high = values.length - 1;

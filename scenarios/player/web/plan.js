@@ -245,7 +245,7 @@ class Plan {
     context.beginPath();
     corners.forEach((corner) => context.lineTo(...corner));
     context.closePath();
-    context.globalAlpha = 0.85;
+    context.globalAlpha = this.playback.runs.length > 1 ? 0.25 : 0.85; // of several runs none hides another
     context.fillStyle = colours.paper;
     context.fill();
     context.globalAlpha = 1;

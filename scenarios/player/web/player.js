@@ -54,7 +54,9 @@ class Player {
       if (this.playback.runs.length > 1) {
         const name = document.createElement("dt");
         name.className = "run";
-        name.textContent = run.name;
+        const title = run.link ? document.createElement("a") : name;
+        title.textContent = run.name;
+        if (run.link) { title.href = run.link; name.append(title); }
         name.style.borderColor = palette()[SERIES[r % SERIES.length]];
         list.append(name);
       }
@@ -203,7 +205,7 @@ class Player {
     this.charts.seek(this.t);
     for (const { run, r, reading, value } of this.cells) {
       const number = run.rows ? reading.scale * run.latest(reading.signal, this.rows[r]) : NaN;
-      value.textContent = Number.isNaN(number) ? "–" : `${number.toFixed(reading.digits)} ${reading.unit === "-" ? "" : reading.unit}`;
+      value.textContent = Number.isNaN(number) ? "–" : `${fixed(number, reading.digits)} ${reading.unit === "-" ? "" : reading.unit}`;
     }
     this.redraw();
     if (!this.playing) this.writeAddress();
