@@ -64,14 +64,11 @@ def encoded(playback: Playback, limit: int = LIMIT) -> EncodedPlayback:
     block = _Block()
     values = _VALUES // max(1, len(playback.runs))
     runs = [_run(run, block, values) for run in playback.runs]
-    road, lines, friction = playback.road, playback.lines, playback.friction
+    road, friction = playback.road, playback.friction
     table = {
         "title": playback.title,
         "road": None if road is None else {"left": _line(road.left, block), "right": _line(road.right, block)},
-        "lines": [
-            {"label": line.label, "colour": line.colour, "width": line.width, "points": _line(line.points, block)}
-            for line in lines
-        ],
+        "together": playback.together,
         "friction": None if friction is None else _friction(friction),
         "charts": [_chart(chart) for chart in playback.charts],
         "readings": [reading._asdict() for reading in playback.readings],
@@ -111,6 +108,7 @@ def _run(run: PlayedRun, block: _Block, values: int) -> dict[str, Any]:
         "trails": [trail._asdict() for trail in run.trails],
         "estimated": None if run.estimated is None else run.estimated._asdict(),
         "spans": [span._asdict() for span in run.spans],
+        "lines": [line._asdict() | {"points": _line(line.points, block)} for line in run.lines],
         "cameras": [camera._asdict() | {"X_BC": camera.X_BC.tolist()} for camera in run.cameras],
     }
 

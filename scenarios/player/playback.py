@@ -153,6 +153,7 @@ class PlayedRun:
     spans: tuple[Span, ...] = ()
     pictures: Sequence[Picture] = ()
     cameras: tuple[Camera, ...] = ()
+    lines: tuple[Line, ...] = ()  # that lie on its ground
     link: str = ""  # address of the run's own page, relative to this one
 
 
@@ -162,10 +163,9 @@ class Playback:
 
     title: str
     runs: tuple[PlayedRun, ...]
+    together: bool = True  # runs are laid over each other; else one at a time is chosen
     road: Road | None = None
-    lines: tuple[Line, ...] = ()
     friction: FrictionPicture | None = None
     charts: tuple[Chart, ...]
     readings: tuple[Reading, ...]
     nearest: float = 60.0  # most pixels per metre of the plan
-    to_scale: bool = True

@@ -36,7 +36,6 @@ def rover_playback(result: RoverResult) -> Playback:
     return Playback(
         title=result.scenario,
         runs=(played_rover(result),),
-        lines=(Line("path to follow", "grey", result.path, 0.0),),
         charts=tuple(_charts(result)),
         readings=tuple(_readings(result)),
         nearest=400.0,
@@ -62,6 +61,7 @@ def played_rover(result: RoverResult, name: str = "") -> PlayedRun:
         trails=tuple(trail for trail in trails if np.isfinite(result.log[trail.signals[0]]).any()),
         spans=tuple(chain(health_spans(result.log, "health"), fault_spans(result.scenario_toml, result.log))),
         pictures=list(_pictures(result)),
+        lines=(Line("path to follow", "grey", result.path),),
     )
 
 

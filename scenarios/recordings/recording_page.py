@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-import cv2
 import numpy as np
 
-from scenarios.image_file import read_grey
+from scenarios.player.encoding import encoded
 from scenarios.recordings import recording_figures as figures
 from scenarios.recordings.estimation import Estimation, FrameEstimate
+from scenarios.recordings.left_images import camera_frame
+from scenarios.recordings.recording_playback import recording_playback
 from scenarios.report.flow import flow_photos
 from scenarios.report.numbers import number_cards, number_table
-from scenarios.report.page import Items, Page, Section, outcome_verdict, software_section
+from scenarios.report.page import Items, Page, Player, Section, outcome_verdict, software_section
 from scenarios.results.log import Log
 from scenarios.results.manifest import versions
-from scenarios.results.run_result import CameraFrame
 from vehicle.clock import TICK
 
 _LISTED = 50  # dropped frames named on the page; the summary names all
@@ -61,6 +61,7 @@ def _sections(estimation: Estimation, log: Log, numbers: dict[str, Any]) -> Iter
 
 
 def _drawn(estimation: Estimation, log: Log) -> Iterator[Section]:
+    yield Section("Playback", content=[Player(encoded(recording_playback(estimation, log)))])
     yield Section("Trajectory", _TRAJECTORY, [figures.plan_view(estimation)])
     yield Section("Off-tracking", _OFF_TRACKING, [figures.off_tracking(log)])
     if np.isfinite(log["off_tracking_poses"]).any():
@@ -108,21 +109,4 @@ def _caption(frame: FrameEstimate) -> str:
     return (
         f"{frame.files.left.name}, {frame.files.tick * TICK:.1f} s after the first frame{counts}. "
         "Each stroke runs from a feature's position in the previous frame to its position in this one."
-    )
-
-
-def camera_frame(estimation: Estimation, frame: FrameEstimate) -> CameraFrame:
-    """The left image, read again and rectified, with its tracks.
-
-    Raises:
-        ValueError: if the image can no longer be read.
-    """
-    image = estimation.recording.rectified_left(read_grey(frame.files.left))
-    motion = frame.motion
-    return CameraFrame(
-        tick=frame.files.tick,
-        jpeg=cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])[1].tobytes(),
-        tracks=frame.tracks,
-        matches=motion.matches if motion else 0,
-        inliers=motion.inliers if motion else 0,
     )

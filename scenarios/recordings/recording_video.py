@@ -10,8 +10,8 @@ import numpy as np
 
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.estimation import Estimation
+from scenarios.recordings.left_images import camera_frame
 from scenarios.recordings.recording_figures import elapsed, paths
-from scenarios.recordings.recording_page import camera_frame
 from scenarios.report import canvas
 from scenarios.report.flow import camera_picture
 from scenarios.report.run_video import PLAN_WIDTH, READINGS, ROW_HEIGHT, off_tracking_panel, side_by_side

@@ -6,9 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from scenarios.player.encoding import encoded
 from scenarios.recordings.slip_estimation import SlipEstimation
+from scenarios.recordings.slip_playback import slip_playback
 from scenarios.report.numbers import number_cards, number_table
-from scenarios.report.page import Figure, Items, Page, Section, outcome_verdict, software_section
+from scenarios.report.page import Figure, Items, Page, Player, Section, outcome_verdict, software_section
 from scenarios.report.plots import BAND, ESTIMATED, TRUE, drawn, zero_line
 from scenarios.results.log import Log
 from scenarios.results.manifest import versions
@@ -20,8 +22,12 @@ _ON_CARDS: Final = ("slip.error_rms_deg", "slip.mean_deg", "slip.valid_fraction"
 def report_page(estimation: SlipEstimation, numbers: dict[str, Any]) -> str:
     """The page as HTML; ``numbers`` is the summary."""
     name = numbers["recording"]
+    playback = Section("Playback", content=[Player(encoded(slip_playback(estimation, name)))])
     sections = [
-        Section("Slip angle", "Angle from the body's axis to the direction of travel, + left.", [_slip(estimation.log)])
+        *([playback] if len(estimation.log) > 1 else []),
+        Section(
+            "Slip angle", "Angle from the body's axis to the direction of travel, + left.", [_slip(estimation.log)]
+        ),
     ]
     if estimation.dropped:
         dropped = [f"image {k}: {reason}" for k, reason in estimation.dropped.items()]

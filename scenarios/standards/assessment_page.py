@@ -6,11 +6,13 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from scenarios.player.encoding import encoded
 from scenarios.report.page import (
     Cell,
     Column,
     Items,
     Page,
+    Player,
     Row,
     Section,
     Table,
@@ -20,6 +22,7 @@ from scenarios.report.page import (
 from scenarios.results.manifest import versions
 from scenarios.standards.assessment import Assessment, AssessmentMatrix
 from scenarios.standards.assessment_figures import figures
+from scenarios.standards.assessment_playback import assessment_playback
 from scenarios.standards.levels import Judgement
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.quantities import BY_NAME
@@ -69,6 +72,8 @@ def bounds_text(judgement: Judgement, *, relative: bool = False) -> str:
 def _sections(matrix: AssessmentMatrix) -> Iterator[Section]:
     if matrix.warnings:
         yield Section("Warnings", content=[Items(matrix.warnings)])
+    if playback := assessment_playback(matrix):
+        yield Section("Playback", "Choose a manoeuvre to see it driven.", [Player(encoded(playback))])
     several = len(matrix.cases) > 1
     if several:
         yield Section("Manoeuvres and cases", _MATRIX, [matrix_table(matrix, limits=True)])

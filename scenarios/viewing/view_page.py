@@ -63,6 +63,7 @@ def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback
     ]
     most = max(playbacks, key=lambda playback: len(playback.charts))
     played = [_played(run, link) for run, link in zip(runs, [*links, *[""] * (len(runs) - len(links))], strict=True)]
+    played[1:] = [dataclasses.replace(run, lines=()) for run in played[1:]]  # the first one's ground
     return dataclasses.replace(
         playbacks[0],
         title=", ".join(run.name for run in runs),

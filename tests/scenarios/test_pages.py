@@ -161,7 +161,7 @@ def recording_html(_: RunResult) -> str:
 def slip_html(_: RunResult) -> str:
     log = table_log(*((signal.name, signal.unit) for signal in SLIP_SIGNALS))
     estimation = SlipEstimation(
-        recording=cast(RoverRecording, None),
+        recording=cast(RoverRecording, SimpleNamespace(view=lambda k: BAD)),
         estimator=BAD, outcome=BAD, dropped={2: BAD}, log=log, seconds=1.0,
     )  # fmt: skip
     return slip_page.report_page(estimation, {"recording": BAD, "frames": {"images": 5}})

@@ -13,6 +13,7 @@ class Charts {
     this.plots.forEach((plot) => plot.destroy());
     this.root.replaceChildren();
     this.plots = this.playback.charts.map((chart) => this.plot(chart)).filter(Boolean);
+    this.resize(); // once all are there the columns have their widths
     this.seek(this.now || 0);
   }
 

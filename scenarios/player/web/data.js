@@ -37,6 +37,7 @@ class Run {
       this.meanings.set(signal.name, signal.meaning);
     }
     this.time = this.columns.get("time") || new Float32Array(0);
+    this.lines = table.lines.map((line) => ({ ...line, points: numbers(buffer, line.points) }));
     this.setPictures(table.pictures, buffer, pictures);
   }
 
@@ -162,9 +163,15 @@ class Playback {
     this.nearest = table.nearest;
     this.friction = table.friction;
     this.road = table.road && { left: numbers(buffer, table.road.left), right: numbers(buffer, table.road.right) };
-    this.lines = table.lines.map((line) => ({ ...line, points: numbers(buffer, line.points) }));
-    this.runs = table.runs.map((run) => new Run(run, buffer, pictures));
+    this.all = table.runs.map((run) => new Run(run, buffer, pictures));
+    this.together = table.together;
+    this.runs = table.together ? this.all : [this.all[0]];
   }
+
+  // Shows one of several runs that are not laid over each other.
+  choose(k) { this.runs = [this.all[k]]; }
+
+  get lines() { return this.runs.flatMap((run) => run.lines); }
 
   get end() { return Math.max(0, ...this.runs.map((run) => run.end)); }
 }

@@ -126,7 +126,7 @@ class Plan {
       const run = this.playback.runs[0], body = run.bodies[0];
       this.centre = run.place(0, [body.outline[2][0], 0], rows[0]);
     }
-    const key = [this.scale, ...this.centre, width, height, isDark(), this.playback.runs.map((run) => run.rows)].join();
+    const key = [this.scale, ...this.centre, width, height, isDark(), this.playback.runs.map((run) => run.name + run.rows)].join();
     if (key !== this.stillKey) { this.drawStill(width, height, ratio); this.stillKey = key; }
     const context = this.canvas.getContext("2d");
     context.setTransform(1, 0, 0, 1, 0, 0);

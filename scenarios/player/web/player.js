@@ -33,8 +33,12 @@ class Player {
     this.slider.max = this.end;
     this.slider.step = "any";
     this.part("camera").hidden = !runs.some((run) => run.pictures.length);
+    this.part("plan").closest("figure").hidden = !runs[0].bodies.length;
+    this.root.classList.toggle("planless", !runs[0].bodies.length);
     this.root.classList.toggle("blind", !runs.some((run) => run.pictures.length));
     this.part("note").textContent = note;
+    this.part("run").parentElement.hidden = this.playback.together;
+    if (!this.part("run").options.length) this.part("run").replaceChildren(...this.playback.all.map((run, k) => new Option(run.name, k)));
     this.part("stations").hidden = runs.length < 2;
     const chooser = this.part("which");
     chooser.hidden = runs.length < 2;
@@ -82,6 +86,7 @@ class Player {
       item.append(swatch, label);
       return item;
     };
+    if (!runs[0].bodies.length) return;
     const colours = palette(), entries = [];
     if (runs.length > 1) entries.push(...runs.map((run, r) => entry(run.name, colours[SERIES[r % SERIES.length]])));
     else {
@@ -127,6 +132,7 @@ class Player {
     click("follow", () => this.plan.follow());
     click("theme", () => { document.documentElement.dataset.theme = isDark() ? "light" : "dark"; this.recolour(); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.recolour());
+    this.part("run").addEventListener("change", (e) => this.chooseRun(Number(e.target.value)));
     this.part("strokes").addEventListener("change", (e) => { this.pictures.strokes = e.target.checked; this.redraw(); });
     this.part("stations-on").addEventListener("change", (e) => this.align(e.target.checked));
     this.part("which").addEventListener("change", (e) => { this.picturesOf = Number(e.target.value); this.redraw(); });
@@ -154,6 +160,20 @@ class Player {
     this.part("scene").hidden = view !== "scene";
     if (view === "scene" && !this.scene.open()) { this.part("note").textContent = "This browser shows no 3-D view: WebGL is off."; this.choose("plan"); return; }
     this.redraw();
+  }
+
+  chooseRun(k) {
+    this.play(false);
+    this.playback.choose(k);
+    this.part("run").value = k;
+    this.rows = null;
+    this.layOut();
+    this.plan.bounds = this.plan.extent();
+    this.plan.stillKey = "";
+    this.scene.shapes.clear();
+    this.charts.build();
+    this.plan.begin();
+    this.show(0);
   }
 
   align(byStation) {
@@ -215,6 +235,7 @@ class Player {
     if (!this.rows) return;
     const run = this.playback.runs[this.picturesOf];
     this.picture = this.pictures.show(run, this.byStation && run.rows ? run.time[this.rows[this.picturesOf]] : this.t);
+    if (!run.bodies.length) return;
     if (this.view === "plan") this.plan.draw(this.rows); else this.scene.draw(this.rows);
   }
 
