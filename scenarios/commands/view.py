@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +29,7 @@ def view(
     """
     with one_line_errors():
         from scenarios.results.files import replaced
-        from scenarios.studies.finished_runs import names_of_runs
+        from scenarios.studies.finished_runs import names_of_runs, page_link
         from scenarios.viewing.finished import finished_run
         from scenarios.viewing.view_page import view_page
 
@@ -39,14 +38,9 @@ def view(
         if page.is_dir() or not (page.parent.is_dir() or out is None):
             raise ValueError(f"--out {page}: must be a file in an existing folder")
         finished = [finished_run(run, name) for run, name in zip(runs, names, strict=True)]
-        links = [_link(run / "report.html", page.parent) for run in runs]
+        links = [page_link(run, page.parent) for run in runs]
         text = view_page(finished, links)
         page.parent.mkdir(parents=True, exist_ok=True)
         replaced(page, text)
         if not quiet:
             typer.echo(f"Page: {page}")
-
-
-def _link(report: Path, folder: Path) -> str:
-    """Address of a run's own page from a folder; empty if there is none."""
-    return Path(os.path.relpath(report, folder)).as_posix() if report.is_file() else ""

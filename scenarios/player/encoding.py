@@ -59,10 +59,10 @@ class _Block:
         return base64.b64encode(gzip.compress(b"".join(self._parts), 6, mtime=0)).decode()
 
 
-def encoded(playback: Playback, limit: int = LIMIT) -> EncodedPlayback:
-    """The playback as texts of at most about ``limit`` characters."""
+def encoded(playback: Playback, limit: int = LIMIT, values: int = _VALUES) -> EncodedPlayback:
+    """The playback as texts of at most about ``limit`` characters, with about ``values`` values of the signals."""
     block = _Block()
-    values = _VALUES // max(1, len(playback.runs))
+    values //= max(1, len(playback.runs))
     runs = [_run(run, block, values) for run in playback.runs]
     road, friction = playback.road, playback.friction
     table = {

@@ -16,6 +16,13 @@ def player_script() -> str:
 
 
 @lru_cache(maxsize=1)
+def explorer_script() -> str:
+    """The script that draws the runs of a study."""
+    names = ("data", "explorer")
+    return "\n".join(['"use strict";', "{", *(_text(f"{name}.js") for name in names), "}"])
+
+
+@lru_cache(maxsize=1)
 def player_style() -> str:
     """The style sheet of the playback."""
     return _text("uPlot.min.css") + _text("player.css")

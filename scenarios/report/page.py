@@ -6,6 +6,7 @@ The templates escape all text. Only a :class:`Figure` holds markup, and only its
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +15,7 @@ from typing import ClassVar, Literal, NamedTuple
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from scenarios.player.encoding import EncodedPlayback
-from scenarios.player.web_files import player_script, player_style
+from scenarios.player.web_files import explorer_script, player_script, player_style
 
 Kind = Literal["name", "number", "text", "note"]  # row title, right-aligned, plain, in a soft colour
 Emphasis = Literal["", "best", "good", "bad", "soft"]
@@ -131,7 +132,47 @@ class Player:
         return player_script()
 
 
-Content = Table | Figure | Photos | Bar | Items | Preformatted | Player
+class ExplorerAxis(NamedTuple):
+    """A varied key or a number of the runs of a study."""
+
+    label: str
+    unit: str = ""
+    digits: int = 3
+    words: bool = False  # its values are words
+    varied: bool = False
+
+
+class ExplorerRun(NamedTuple):
+    """A run of a study with a value for each axis."""
+
+    name: str
+    outcome: str
+    good: bool
+    values: Sequence[str | float | None]
+    link: str = ""  # address of its page
+
+
+@dataclass(frozen=True, slots=True)
+class Explorer:
+    """Runs over parallel axes and as dots over two of them; a click opens a run's page. One on a page."""
+
+    axes: Sequence[ExplorerAxis]
+    runs: Sequence[ExplorerRun]
+    kind: ClassVar = "explorer"
+
+    @property
+    def table(self) -> str:
+        """Axes and runs as JSON."""
+        table = {"axes": [axis._asdict() for axis in self.axes], "runs": [run._asdict() for run in self.runs]}
+        return json.dumps(table, separators=(",", ":"), allow_nan=False)
+
+    @property
+    def script(self) -> str:
+        """The code that draws it."""
+        return explorer_script()
+
+
+Content = Table | Figure | Photos | Bar | Items | Preformatted | Player | Explorer
 
 
 class Verdict(NamedTuple):
@@ -181,9 +222,9 @@ class Page:
 
     @property
     def player_style(self) -> str:
-        """Style sheet of the playback; empty on a page without one."""
-        plays = any(isinstance(content, Player) for section in self.sections for content in section.content)
-        return player_style() if plays else ""
+        """Style sheet of the contents that are played or explored; empty on a page without any."""
+        contents = (content for section in self.sections for content in section.content)
+        return player_style() if any(isinstance(content, Player | Explorer) for content in contents) else ""
 
     def html(self) -> str:
         """The page as one HTML file that loads nothing else."""

@@ -14,6 +14,7 @@ from pyarrow import csv as pa_csv
 
 from scenarios.results.files import replaced, replacing, unfinished_files, user_of
 from scenarios.studies.case import Outcome
+from scenarios.studies.run_pages import write_run_pages
 from scenarios.studies.runs_table import runs_table
 from scenarios.studies.study import FILE, Study, load_study
 from scenarios.studies.study_page import study_page
@@ -67,14 +68,15 @@ def opened_study(directory: Path, file: str, content: str, *, shared: bool = Fal
 
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
-    """Write the table of points and that of runs (CSV, Parquet), and the report of a finished study."""
+    """Write the table of points and that of runs (CSV, Parquet), pages of runs, and the report of a finished study."""
     replaced(directory / "table.csv", table_csv(rows))
     _write_parquet(rows, directory / "table.parquet")
     runs = runs_table(outcomes)
     for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
         with replacing(directory / name) as unfinished:
             write(runs, unfinished)
-    replaced(directory / "report.html", study_page(title, study, outcomes, rows))
+    links = write_run_pages(outcomes, directory)
+    replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
 
 
 def _write_parquet(rows: Sequence[Row], path: Path) -> None:

@@ -31,15 +31,25 @@ def compare_runs(directories: Sequence[Path], out: Path) -> list[Row]:
     if len(kinds) > 1:
         raise ValueError("runs of trailers and of rovers can't be compared with each other")
     rows = rows_of(outcomes)
-    page = finished_runs_page(outcomes, rows)
+    page = finished_runs_page(outcomes, rows, [page_link(directory, out) for directory in directories])
     with opened_study(out, _FILE, json.dumps([str(directory.absolute()) for directory in directories], indent=2)):
         replaced(out / "table.csv", table_csv(rows))
         replaced(out / "report.html", page)
     return rows
 
 
+def page_link(directory: Path, folder: Path) -> str:
+    """Address of a run's own page from a folder; empty if there is none."""
+    report = directory / "report.html"
+    return Path(os.path.relpath(report, folder)).as_posix() if report.is_file() else ""
+
+
 def names_of_runs(directories: Sequence[Path]) -> list[str]:
-    """Short names that differ: the last parts of the paths, as many as it takes."""
+    """Short names that differ: the last parts of the paths, as many as it takes.
+
+    Raises:
+        ValueError: one line, if a run is named twice.
+    """
     paths = [directory.absolute() for directory in directories]
     if len(set(paths)) < len(paths):
         raise ValueError("a run is named twice")

@@ -36,11 +36,14 @@ class Drive:
     off_tracking: FloatArray  # (n,) [m], NaN where there is none
 
 
-def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
+_NAMED: Final = ("trailer_steering", "off_tracking", "slip_compensation", "slip_estimator", RUN)
+
+
+def alike(outcomes: Sequence[Outcome]) -> list[Outcome]:
     """The first seed's runs, one for each law, off-tracking source or run; other keys have their first value."""
     first = outcomes[0].case
-    named = [key for key in ("trailer_steering", "off_tracking", RUN) if key in dict(first.axes)]
-    alike = [
+    named = [key for key in _NAMED if key in dict(first.axes)]
+    return [
         outcome
         for outcome in outcomes
         if (outcome.case.seed, outcome.case.drawn) == (first.seed, first.drawn)
@@ -48,8 +51,14 @@ def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
         == [pair for pair in first.axes if pair[0] not in named]
         and outcome.signals
     ]
-    distinct = [key for key in named if len({dict(outcome.case.axes)[key] for outcome in alike}) > 1]
-    return [_drive(outcome, outcome.signals, distinct) for outcome in alike if outcome.signals]
+
+
+def drives_of(outcomes: Sequence[Outcome]) -> list[Drive]:
+    """The runs that are alike but for their laws, off-tracking sources or names."""
+    drawn = alike(outcomes)
+    keys = [key for key, _ in outcomes[0].case.axes if key in _NAMED]
+    distinct = [key for key in keys if len({dict(outcome.case.axes)[key] for outcome in drawn}) > 1]
+    return [_drive(outcome, outcome.signals, distinct) for outcome in drawn if outcome.signals]
 
 
 def _drive(outcome: Outcome, signals: Path, distinct: Sequence[str]) -> Drive:

@@ -6,20 +6,24 @@ from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
+from scenarios.player.encoding import encoded
 from scenarios.report import page
 from scenarios.report.facts import scenario_facts
-from scenarios.report.page import Cell, Column, Items, Page, Preformatted, Section, Table, software_section
+from scenarios.report.page import Cell, Column, Items, Page, Player, Preformatted, Section, Table, software_section
 from scenarios.results.manifest import versions
 from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Case, Outcome
 from scenarios.studies.provenance import machines
+from scenarios.studies.run_pages import explorer, played_together
 from scenarios.studies.spread import CONFIDENCE, exceeding, spreads
 from scenarios.studies.study import Study
 from scenarios.studies.table import Quantity, Row, shown_quantities, text_of
 
 
-def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
-    """The page as HTML."""
+def study_page(
+    title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()
+) -> str:
+    """The page as HTML; ``links`` are the addresses of the runs' pages, empty where there is none."""
     seeds = ", ".join(map(str, study.seeds))
     facts = (study.scenario, _facts(outcomes[0].case, study.axes), _counted(outcomes), f"seeds {seeds}")
     file = Section("Study file", "offtrack sweep runs this file.", [Preformatted(study.to_toml())])
@@ -31,7 +35,7 @@ def study_page(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequ
         subtitle=" · ".join(filter(None, facts)),
         changes=f"Changed in all runs: {changed}" if changed else "",
         sections=[
-            *_sections(outcomes, rows),
+            *_sections(outcomes, rows, links),
             *_drawn(study, outcomes, rows),
             *_machines(made_on),
             file,
@@ -106,14 +110,18 @@ def _machines(made_on: Sequence[str]) -> Iterator[Section]:
         yield Section("Machines", text, [Items(made_on)])
 
 
-def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> str:
-    """The page on finished runs that are compared, as HTML."""
+def finished_runs_page(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str] = ()) -> str:
+    """The page on finished runs that are compared, as HTML; ``links`` are the addresses of their pages."""
     names = [f"{run}: {_facts(o.case)}" for o in outcomes for _, run in o.case.axes]
     return Page(
         title="Comparison of runs",
         heading="Comparison of runs",
         subtitle=_counted(outcomes),
-        sections=[Section("Runs", content=[Items(names)]), *_sections(outcomes, rows), software_section(versions())],
+        sections=[
+            Section("Runs", content=[Items(names)]),
+            *_sections(outcomes, rows, links),
+            software_section(versions()),
+        ],
         wide=True,
     ).html()
 
@@ -131,7 +139,20 @@ def _counted(outcomes: Sequence[Outcome]) -> str:
     return f"{len(outcomes)} runs, {sum(outcome.completed for outcome in outcomes)} completed"
 
 
-def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
+_RUNS = (
+    "Every run as a line over its values, and as a dot over two of them. Red: it did not complete its course. A click "
+    "opens the page that plays the run"
+)
+
+
+def _explored(outcomes: Sequence[Outcome], links: Sequence[str]) -> Iterator[Section]:
+    links = list(links) or [""] * len(outcomes)
+    if found := explorer(outcomes, links):
+        paged = sum(map(bool, links))
+        yield Section("Runs", f"{_RUNS}{'' if paged == len(links) else f'; {paged} runs have one'}.", [found])
+
+
+def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row], links: Sequence[str]) -> Iterator[Section]:
     shown = shown_quantities(rows)
     columns = Items([f"{q.label} [{q.unit}]: {q.meaning}" for q in shown])
     text = (
@@ -139,6 +160,10 @@ def _sections(outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Sect
         "the others. Bold: the smallest value of its column."
     )
     yield Section("Table", text, [_table(rows), columns])
+    yield from _explored(outcomes, links)
+    if playback := played_together(figures.alike(outcomes)):
+        text = "Runs of the first seed, laid over each other; other varied keys have their first value."
+        yield Section("Playback", text, [Player(encoded(playback))])
     drives = figures.drives_of(outcomes) if _has_off_tracking(rows) else []
     if drives:
         text = "The follow point should retrace the hitch's path. First seed, first value of every other varied key."

@@ -12,8 +12,19 @@ from scenarios.player.playback import Playback, PlayedRun
 from scenarios.player.rover import played_rover, rover_playback
 from scenarios.player.trailer import played_trailer, trailer_playback
 from scenarios.report.facts import changes, scenario_facts
-from scenarios.report.numbers import groups
-from scenarios.report.page import Cell, Column, Page, Player, Row, Section, Table, software_section
+from scenarios.report.numbers import groups, number_table
+from scenarios.report.page import (
+    Cell,
+    Column,
+    Page,
+    Player,
+    Preformatted,
+    Row,
+    Section,
+    Table,
+    outcome_verdict,
+    software_section,
+)
 from scenarios.results.manifest import versions
 from scenarios.results.numbers import number_at
 from scenarios.results.rover import RoverResult
@@ -45,6 +56,28 @@ def view_page(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> str:
 
 
 _DIFFERENCES = "In brackets: the difference from the first run."
+
+
+def run_page(run: FinishedRun, values: int) -> str:
+    """The page of a run of a study, which has no page of its own: it is played, with about ``values`` values.
+
+    Raises:
+        ValueError: one line, if the files of the run do not fit each other.
+    """
+    scenario = tomllib.loads(run.result.scenario_toml)
+    return Page(
+        title=run.name,
+        heading=run.name,
+        subtitle=" · ".join(filter(None, (scenario["name"], scenario_facts(scenario), f"seed {run.result.seed}"))),
+        changes=changes(scenario),
+        verdict=outcome_verdict(run.result.outcome),
+        sections=[
+            Section("Playback", content=[Player(encoded(overlaid([run]), values=values))]),
+            Section("All numbers", content=[number_table(run.summary)]),
+            Section("Resolved scenario", content=[Preformatted(run.result.scenario_toml)], collapsed=True),
+        ],
+        wide=True,
+    ).html()
 
 
 def overlaid(runs: Sequence[FinishedRun], links: Sequence[str] = ()) -> Playback:

@@ -15,7 +15,7 @@ from typing import Final, cast
 import numpy as np
 import pytest
 
-from scenarios.player.web_files import player_script
+from scenarios.player.web_files import explorer_script, player_script
 from scenarios.recordings import recording_page, slip_page
 from scenarios.recordings.estimation import Estimation
 from scenarios.recordings.rover_reader import RoverRecording
@@ -251,7 +251,8 @@ def test_a_figure_keeps_its_lettering_as_text() -> None:
 
 def without_own_scripts(html: str) -> str:
     """A page without the script of the playback and its blocks of base64."""
-    html = html.replace(f"<script>\n{player_script()}\n</script>", "")
+    for script in (player_script(), explorer_script()):
+        html = html.replace(f"<script>\n{script}\n</script>", "")
     return re.sub(r'<script type="text/plain" id="playback-\w+">[A-Za-z0-9+/=\n]*</script>', "", html)
 
 
@@ -259,6 +260,6 @@ def test_markup_is_marked_as_safe_in_one_place() -> None:
     """The SVG of a figure and the playback's own files, and nothing else, go into a page as they are."""
     templates = "".join(path.read_text(encoding="utf-8") for path in TEMPLATES.glob("*.j2"))
     safe = re.findall(r"\{\{ ([\w.]+) \| safe \}\}", templates)
-    assert sorted(safe) == ["figure.svg", "page.player_style", "player.script"]
-    assert templates.count("safe") == 3
+    assert sorted(safe) == ["explorer.script", "figure.svg", "page.player_style", "player.script"]
+    assert templates.count("safe") == 4
     assert "autoescape" not in templates

@@ -58,3 +58,22 @@ def test_a_rover_and_its_recording_play_with_their_images(browser: Any, tmp_path
             assert opened.value("player.picture") == last - 1
             assert last > 20
             assert opened.messages == []
+
+
+def test_a_study_leads_to_the_pages_of_its_runs(browser: Any, tmp_path: Path) -> None:
+    """A click on a line of the drawing opens the page that plays the run; the first seed's runs play together."""
+    out = tmp_path / "study"
+    short = ["--set", "course.turn_deg=10", "--set", "course.exit=5", "--set", "course.entry=20"]
+    offtrack("compare", "turn-90", "--controllers", "none,path_preview", "--vary", "speed_kmh=14,15", *short,
+             "--out", str(out), "--quiet")  # fmt: skip
+    with opened_page(browser, out / "report.html") as opened:
+        assert opened.value("player.playback.runs.map((run) => run.name)") == ["none", "path_preview"]
+        assert opened.value("document.querySelectorAll('#explorer polyline').length") == 4
+        assert opened.value("explorer.axes.map((axis) => axis.label).slice(0, 2)") == ["trailer_steering", "speed_kmh"]
+        assert opened.messages == []
+        opened.page.locator("#explorer circle").nth(2).click()
+        opened.page.wait_for_url("**/pages/*.html*", timeout=8000)
+        opened.page.wait_for_selector("#player[data-ready]", state="attached")
+        name = opened.page.inner_text("h1")
+        assert "speed_kmh=" in name
+        assert "trailer_steering=" in name

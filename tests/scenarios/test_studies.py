@@ -223,7 +223,7 @@ def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     assert [row["axes"]["trailer_steering"] for row in rows] == ["none", "path_preview"]
     assert all(row["completed"] == 1 for row in rows)
     tables = {f"{name}.{ending}" for name in ("table", "runs") for ending in ("csv", "parquet")}
-    assert {path.name for path in out.iterdir()} == {"cells", "report.html", "study.toml", *tables}
+    assert {path.name for path in out.iterdir()} == {"cells", "pages", "report.html", "study.toml", *tables}
     page = (out / "report.html").read_text()
     assert not any(f'{link}="http' in page for link in ("src", "href"))
 
