@@ -34,6 +34,7 @@ EXAMPLES = (
     "offtrack run roundabout --set rig.calibration=boards --set rig.self_calibration=true   "
     "offtrack run roundabout --set odometry=viso2 --set viso_ot.smoothing=true (a Kalman filter of the motions)   "
     "offtrack run roundabout --paced --speed 0.5   "
+    "offtrack run roundabout --watch   "
     "offtrack run rover-slope --set slip_compensation=none"
 )
 
@@ -81,6 +82,13 @@ def run(
             help="The same on a CAN bus, as a DBC file says; interface virtual or socketcan.",
         ),
     ] = None,
+    watch: Annotated[
+        bool,
+        typer.Option("--watch", help="Print a link to a page on this machine that shows the run while it goes on."),
+    ] = False,
+    watch_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of --watch.", show_default="any that is free")
+    ] = 0,
     record: Annotated[Path | None, typer.Option(help="Folder for the camera images, for offtrack estimate.")] = None,
     quiet: Quiet = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")] = False,
@@ -110,6 +118,13 @@ def run(
         if record:
             check_run_directory(record)
             check_apart(directory, record)
+        watcher = None
+        if watch:
+            from scenarios.watching.server import watched
+            from scenarios.watching.watcher import Watcher
+
+            watcher = Watcher(f"{chosen.name}, seed {seed}")
+            remark(f"watch the run: {cleanup.enter_context(watched(watcher, watch_port))}")
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
             result = run_any(
                 chosen,
@@ -120,7 +135,11 @@ def run(
                 calibration_progress=checked(progress_bar(display, "calibration boards")),
                 pacer=Pacer(1.0 if speed is None else speed) if paced else None,
                 links=links,
+                watch=None if watcher is None else watcher.step,
             )
+            if watcher is not None:
+                watcher.show(result)
+                watcher.finish(f"{result.outcome}; its page will be {directory / 'report.html'}")
             video = video and result.outcome != "interrupted"
             write_run(result, directory, video=video, progress=checked(progress_bar(display, "video")))
         numbers = summary(result)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import replace
@@ -43,6 +43,7 @@ from vehicle.combination.data_sheet import data_sheet
 from vehicle.frames import FloatArray
 
 ResultT = TypeVar("ResultT", RunResult, RoverResult)
+Watch = Callable[[Callable[[], RunResult | RoverResult]], None]  # takes the result so far from what it is given
 
 _SPACING = 0.02  # distance between points of a rover's path in figures [m]
 
@@ -57,12 +58,15 @@ def run_any(
     calibration_progress: Progress = no_progress,
     pacer: Pacer | None = None,
     links: Sequence[Link] = (),
+    watch: Watch | None = None,
 ) -> RunResult | RoverResult:
     """Run a trailer's or a rover's scenario; see :func:`run` and :func:`run_rover`."""
     if isinstance(scenario, RoverScenario):
         if links:
             raise ValueError(f"--{links[0].name}: signals and demands are those of trailers; a rover has none")
-        return run_rover(scenario, seed, keep_frames=keep_frames, record=record, progress=progress, pacer=pacer)
+        return run_rover(
+            scenario, seed, keep_frames=keep_frames, record=record, progress=progress, pacer=pacer, watch=watch
+        )
     return run(
         scenario,
         seed,
@@ -72,6 +76,7 @@ def run_any(
         calibration_progress=calibration_progress,
         pacer=pacer,
         links=links,
+        watch=watch,
     )
 
 
@@ -85,6 +90,7 @@ def run(
     calibration_progress: Progress = no_progress,
     pacer: Pacer | None = None,
     links: Sequence[Link] = (),
+    watch: Watch | None = None,
 ) -> RunResult:
     """Run a trailer's scenario in the closed loop; an interrupt or an exception ends it early; results so far are kept.
 
@@ -97,6 +103,7 @@ def run(
         calibration_progress: receives the number of finished pictures of calibration boards, and their total.
         pacer: keeps the run to wall time; cameras are rendered while the loop goes on.
         links: to a bench, which gets the signals and steers what ``outside.demands`` says.
+        watch: is called between two steps with a function that makes the result so far.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
@@ -123,6 +130,7 @@ def run(
                 is_paced=pacer is not None,
             )
         )
+        progress = _watched(progress, watch, partial(trailer_result, session, inputs, reference=False))
         if pacer is None:
             session.run(progress)
         else:
@@ -141,6 +149,7 @@ def run_rover(
     record: Path | None = None,
     progress: Progress = no_progress,
     pacer: Pacer | None = None,
+    watch: Watch | None = None,
 ) -> RoverResult:
     """Run a rover's scenario in the closed loop like :func:`run`; ``record`` gets images, readings and calibration.
 
@@ -154,6 +163,7 @@ def run_rover(
         parts = assemble_rover(scenario, seed, record=record is not None)
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
         session = cleanup.enter_context(RoverSession(parts, keep_frames=keep_frames, recorder=recorder))
+        progress = _watched(progress, watch, partial(rover_result, session, seed, inputs))
         if pacer is None:
             session.run(progress)
         else:
@@ -161,6 +171,18 @@ def run_rover(
         if recorder:
             recorder.end(interrupted=session.outcome == "interrupted")
         return with_pace(rover_result(session, seed, inputs), pacer)
+
+
+def _watched(progress: Progress, watch: Watch | None, result: Callable[[], RunResult | RoverResult]) -> Progress:
+    """The progress callback, which asks the watch too."""
+    if watch is None:
+        return progress
+
+    def both(done: float, total: float, note: str = "", /) -> None:
+        watch(result)
+        progress(done, total, note)
+
+    return both
 
 
 def with_pace(result: ResultT, pacer: Pacer | None) -> ResultT:
@@ -196,15 +218,15 @@ def _recorder(parts: Assembly, directory: Path) -> RecordingWriter:
     return RecordingWriter(directory, parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
 
 
-def trailer_result(session: TrailerSession, inputs: RunInputs) -> RunResult:
-    """Result of a trailer's run as far as it has come."""
+def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: bool = True) -> RunResult:
+    """Result of a trailer's run as far as it has come; without the ``reference`` unit's signals it takes a fifth."""
     parts = session.parts
     vehicle = parts.vehicle
     outside = session.bench.report() if session.bench else None
     scenario, inputs = with_record(parts.scenario, inputs, outside)
     log = run_log(
         session.rows,
-        [_track(session, trailer) for trailer in session.trailers],
+        [_track(session, trailer, reference=reference) for trailer in session.trailers],
         units=[unit.name for unit in vehicle.units],
         n_front=len(vehicle.units[0].steered_axles),
     ).with_columns(load_columns([row.truth for row in session.rows], vehicle))
@@ -294,7 +316,7 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
     )
 
 
-def _track(session: TrailerSession, trailer: SteeredTrailer) -> TrailerTrack:
+def _track(session: TrailerSession, trailer: SteeredTrailer, *, reference: bool) -> TrailerTrack:
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     return TrailerTrack(
         name=watched.name,
@@ -305,7 +327,7 @@ def _track(session: TrailerSession, trailer: SteeredTrailer) -> TrailerTrack:
         n_steered=watched.n_steered,
         estimates=trailer.estimates,
         X_SC=cameras.calibration.X_SC if cameras else None,
-        reference=_reference(session, trailer) if session.parts.scenario.reference_unit else None,
+        reference=_reference(session, trailer) if reference and session.parts.scenario.reference_unit else None,
     )
 
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.player.pictures import small_pictures, strokes_of
+from scenarios.player.pictures import STROKES, small_pictures, strokes_of
 from scenarios.player.playback import Body, Chart, Picture, Playback, PlayedRun
 from scenarios.results.friction_picture import FrictionPicture
 from scenarios.results.log import Log
@@ -25,7 +25,6 @@ from vehicle.frames import FloatArray
 
 LIMIT: Final = 13_000_000  # characters of a page's playback
 _VALUES: Final = 1_500_000  # of all signals of all runs
-_STROKES: Final = 160  # over a picture
 _SPARSE: Final = 0.5  # share of rows with a value, below which a signal is sparse
 _LINE_POINTS: Final = 4000  # of a fixed line
 
@@ -169,7 +168,7 @@ def _pictures(playback: Playback, runs: list[dict[str, Any]], block: _Block, roo
     for run, table in zip(playback.runs, runs, strict=True):
         small, note = small_pictures(run.pictures, room * len(run.pictures) // max(count, 1))
         notes.append(note)
-        strokes = [strokes_of(one, _STROKES) for one in small]
+        strokes = [strokes_of(one, STROKES) for one in small]
         table["pictures"] = {
             "first": len(lines),
             "times": [one.picture.time for one in small],

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from scenarios.player.playback import Picture
 
+STROKES: Final = 160  # over a picture
 _SIZES: Final = ((672, 50), (560, 45), (480, 42))  # width [px] and JPEG quality, best first
 _TRIED: Final = 8  # pictures whose size is measured
 _HALVED: Final = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
@@ -72,6 +74,18 @@ def _width(jpeg: bytes) -> int:
             return int.from_bytes(jpeg[at + 7 : at + 9], "big")
         at += 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
     return 0
+
+
+def live_picture(picture: Picture) -> dict[str, Any]:
+    """A picture as a page gets it while the run goes on, ready for JSON."""
+    small = _small(picture, *_SIZES[0])
+    return {
+        "time": picture.time,
+        "base64": base64.b64encode(small.jpeg).decode() if small else "",
+        "caption": picture.caption,
+        "strokes": strokes_of(small, STROKES).ravel().tolist() if small else [],
+        "lines": list(picture.lines),
+    }
 
 
 def strokes_of(small: SmallPicture, most: int) -> NDArray[np.int16]:

@@ -6,7 +6,7 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Final
 
-_SCRIPTS: Final = ("uPlot.iife.min", "theme", "data", "charts", "pictures", "plan", "scene", "player")
+_SCRIPTS: Final = ("uPlot.iife.min", "theme", "data", "charts", "pictures", "plan", "scene", "live", "player")
 
 
 @lru_cache(maxsize=1)

@@ -124,6 +124,7 @@ class Player:
     """A playback with slider, views and charts; one on a page. It is the only content that needs JavaScript."""
 
     encoded: EncodedPlayback
+    live: str = ""  # address of the server of a run that goes on
     kind: ClassVar = "player"
 
     @property

@@ -17,10 +17,19 @@ class Charts {
     this.seek(this.now || 0);
   }
 
+  // Draws the charts with new data; a chart that is zoomed stays so.
+  renew() {
+    const whole = this.plots.map((plot) => plot.scales.x.min <= plot.data[0][0] && plot.scales.x.max >= plot.data[0][plot.data[0].length - 1]);
+    const fresh = this.playback.charts.map((chart) => this.content(chart)).filter(Boolean);
+    if (fresh.length !== this.plots.length || fresh.some((one, k) => one.series.length !== this.plots[k].series.length)) { this.build(); return; }
+    fresh.forEach((one, k) => this.plots[k].setData(one.data, whole[k]));
+  }
+
   // x values of a run: time, or distance driven.
   axis(run) { return Array.from(this.byStation ? run.stations : run.time); }
 
-  plot(chart) {
+  // Series, bands, colours of the legend and data of a chart; null if no run has its signals.
+  content(chart) {
     const colours = palette(), several = this.playback.runs.length > 1, tables = [], series = [{}], bands = [], marks = [""];
     const named = { value: (plot, value, s, k) => this.shown(plot, s, k, chart), spanGaps: true };
     const add = (x, values, options) => {
@@ -52,14 +61,20 @@ class Charts {
       });
     });
     if (!tables.length) return null;
+    const shared = tables.every(([x]) => x === tables[0][0]);
+    return { series, bands, marks, data: shared ? [tables[0][0], ...tables.map(([, values]) => values)] : uPlot.join(tables) };
+  }
+
+  plot(chart) {
+    const content = this.content(chart), colours = palette();
+    if (!content) return null;
+    const { series, bands, marks, data } = content;
     const box = document.createElement("div");
     box.className = "chart";
     const heading = document.createElement("h3");
     heading.textContent = `${chart.title} [${chart.unit}]`;
     box.append(heading);
     this.root.append(box);
-    const shared = tables.every(([x]) => x === tables[0][0]);
-    const data = shared ? [tables[0][0], ...tables.map(([, values]) => values)] : uPlot.join(tables);
     const grid = { stroke: colours.line, width: 1 }, stroke = colours.soft, font = "12px system-ui, sans-serif";
     const plot = new uPlot({
       width: box.clientWidth || 600, height: 170, series, bands,

@@ -54,6 +54,12 @@ class Run {
     this.pictureTimes = table.times;
   }
 
+  // Pictures of a run that goes on.
+  addPictures(pictures) {
+    for (const { strokes, ...picture } of pictures) this.pictures.push({ ...picture, strokes: Int16Array.from(strokes) });
+    this.pictureTimes = this.pictures.map((picture) => picture.time);
+  }
+
   get rows() { return this.time.length; }
   get end() { return this.rows ? this.time[this.rows - 1] : 0; }
 

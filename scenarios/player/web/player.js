@@ -176,6 +176,19 @@ class Player {
     this.show(0);
   }
 
+  // Takes a run as far as it has come; shows its end if `follow`.
+  async renew(table, buffer, pictures, follow) {
+    const before = this.playback.all[0], run = new Run(table.runs[0], buffer, []);
+    run.addPictures([...before.pictures.map((picture) => ({ ...picture })), ...pictures]);
+    const fresh = this.playback.charts.length !== table.charts.length;
+    Object.assign(this.playback, { all: [run], runs: [run], charts: table.charts, readings: table.readings });
+    this.plan.bounds = this.plan.extent();
+    this.layOut();
+    if (fresh) this.charts.build(); else this.charts.renew();
+    if (!this.plan.following && follow) this.plan.fit();
+    this.show(follow ? this.end : this.t);
+  }
+
   align(byStation) {
     const share = this.end ? this.t / this.end : 0;
     this.byStation = this.charts.byStation = byStation;
@@ -255,6 +268,7 @@ function timeOfAddress() {
   try {
     const begin = performance.now();
     window.player = new Player(root, await Playback.read());
+    if (root.dataset.live) window.live = new Live(window.player, root.dataset.live);
     root.dataset.ready = (performance.now() - begin).toFixed(0);
   } catch (error) {
     root.querySelector('[data-part="note"]').textContent = `The playback could not be shown: ${error.message}`;

@@ -1,0 +1,1 @@
+"""A run that is watched in a browser while it goes on."""
