@@ -27,6 +27,8 @@ ALLOWED: Final = {
     ("scenarios/fmi_export/binaries.py", "subprocess"),  # the C compiler, or Zig's
     ("scenarios/fmi_import/process.py", "subprocess"),  # Python, for the library of an FMU that the user names
     ("scenarios/hil/udp.py", "socket"),  # to the bench that --udp names
+    ("scenarios/watching/server.py", "http"),  # on 127.0.0.1 alone, for who has the link of --watch
+    ("scenarios/watching/server.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
     ("scenarios/reproduce/catalogue.py", "import_module"),  # own figures only
 }

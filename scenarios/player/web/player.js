@@ -138,7 +138,7 @@ class Player {
     this.part("which").addEventListener("change", (e) => { this.picturesOf = Number(e.target.value); this.redraw(); });
     for (const tab of this.root.querySelectorAll("[role=tab]")) tab.addEventListener("click", () => this.choose(tab.dataset.view));
     document.addEventListener("keydown", (e) => this.key(e));
-    addEventListener("hashchange", () => { const t = timeOfAddress(); if (t !== null && Math.abs(t - this.t) > 0.006) this.show(t); });
+    addEventListener("hashchange", (e) => { const t = timeOfAddress(e.newURL); if (t !== null && Math.abs(t - this.t) > 0.006) this.show(t); });
     new ResizeObserver(() => { this.charts.resize(); this.redraw(); }).observe(this.root);
   }
 
@@ -258,8 +258,9 @@ class Player {
   }
 }
 
-function timeOfAddress() {
-  const match = /[#&]t=([\d.]+)/.exec(location.hash);
+// Time that an address asks for; null if it names none.
+function timeOfAddress(address = location.href) {
+  const match = /[#&]t=([\d.]+)/.exec(address);
   return match ? Number(match[1]) : null;
 }
 
