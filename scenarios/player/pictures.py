@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scenarios.player.playback import Picture
 
 STROKES: Final = 160  # over a picture
-_SIZES: Final = ((672, 50), (560, 45), (480, 42))  # width [px] and JPEG quality, best first
+_SIZES: Final = ((672, 50), (560, 45), (480, 42), (416, 40))  # width [px] and JPEG quality, best first
 _TRIED: Final = 8  # pictures whose size is measured
 _HALVED: Final = {1: cv2.IMREAD_COLOR, 2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4}
 _MARGIN: Final = 1.1  # pictures that were not tried may be larger

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import gzip
 import html
 import json
 import re
@@ -17,7 +16,7 @@ import numpy as np
 from scenarios.player.playback import Picture
 
 _ELEMENT: Final = re.compile(r'<(\w+)[^>]* id="playback-(table|numbers|pictures)">(.*?)</\1>', re.DOTALL)
-_MOST: Final = 200_000_000  # bytes of a page that are read
+_MOST: Final = 200_000_000  # bytes of a page, or of its numbers, that are read
 
 
 def pictures_of_page(path: Path) -> tuple[Picture, ...]:
@@ -27,9 +26,9 @@ def pictures_of_page(path: Path) -> tuple[Picture, ...]:
             text = file.read(_MOST)
         parts = {match[2]: match[3] for match in _ELEMENT.finditer(text)}
         table = json.loads(html.unescape(parts["table"]))["runs"][0]["pictures"]
-        data = gzip.decompress(base64.b64decode(parts["numbers"]))
+        data = zlib.decompressobj(wbits=31).decompress(base64.b64decode(parts["numbers"]), _MOST)
         return _pictures(table, data, parts["pictures"].split("\n"))
-    except (OSError, KeyError, IndexError, TypeError, ValueError, EOFError, binascii.Error, zlib.error):
+    except (OSError, KeyError, IndexError, TypeError, ValueError, binascii.Error, zlib.error):
         return ()
 
 
