@@ -14,6 +14,7 @@ from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made
 from scenarios.options.scenario import Scenario
 from scenarios.options.viso_ot import VisoOtOptions
 from sensors.faults.fault import with_faults
+from sensors.faults.signal_kinds import SignalFault
 from sensors.messages import StereoFrame
 from sensors.sensor import Message, Sensor, check_receives
 from sensors.trailer_view import TrailerViewSensor
@@ -115,11 +116,15 @@ def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
 
 
 def _with_faults(opened: OpenedSensor, context: MountContext) -> Sensor[Truth, Message]:
-    """The sensor with the scenario's faults, applied in their order."""
+    """The sensor with the scenario's faults, applied in their order; those of signals act on the own sensors."""
+    faults = list(enumerate(options.fault() for options in context.scenario.faults))
+    of_signals = [(k, fault) for k, fault in faults if issubclass(fault.kind, SignalFault)]
+    of_sensor = [(k, fault) for k, fault in faults if not issubclass(fault.kind, SignalFault)]
+    context.signals.fail([fault for _, fault in of_signals], lambda k: context.stream(f"fault {of_signals[k][0]}"))
     return with_faults(
         opened.sensor,
-        [options.fault() for options in context.scenario.faults],
+        [fault for _, fault in of_sensor],
         camera=opened.cameras.calibration if opened.cameras else None,
         unit=context.unit,
-        rng=lambda k: context.stream(f"fault {k}"),
+        rng=lambda k: context.stream(f"fault {of_sensor[k][0]}"),
     )

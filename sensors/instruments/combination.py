@@ -7,11 +7,14 @@ tyres that wear or warm up during a run.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from sensors.faults.fault import Fault, with_faults
 from sensors.messages import CombinationSignals
+from sensors.sensor import Sensor
 from vehicle.clock import TICK
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.truth import Truth
@@ -54,14 +57,26 @@ class CombinationSensors:
         self._biases = noise * np.array([error.bias for error in errors]) * rng.standard_normal(len(errors))
         self._previous: tuple[int, float] | None = None  # tick, lateral speed above the axle group
         self._last: CombinationSignals | None = None
+        self._sensor: Sensor[Truth, CombinationSignals] = _Reading(self)
+
+    def fail(self, faults: Sequence[Fault], rng: Callable[[int], np.random.Generator]) -> None:
+        """Give the sensors faults before their first sample; ``rng`` is the random stream of the fault of a number.
+
+        Raises:
+            ValueError: one line, if a fault does not apply to such sensors.
+        """
+        self._sensor = with_faults(self._sensor, faults, camera=None, unit=self._unit, rng=rng)
 
     def sample(self, truth: Truth) -> CombinationSignals:
         """Signals at this tick; the same object for every caller."""
         if self._last is None or self._last.tick != truth.tick:
-            self._last = self._read(truth)
+            self._last = self._sensor.sample(truth) or self._last
+        if self._last is None:
+            raise ValueError("faults: the combination's own sensors sent nothing at their first sample")
         return self._last
 
-    def _read(self, truth: Truth) -> CombinationSignals:
+    def read(self, truth: Truth) -> CombinationSignals:
+        """Signals of the sound sensors; every call draws new noise."""
         errors = self._biases + self._random * self._rng.standard_normal(len(self._biases))
         articulation, yaw_rates = -np.diff(truth.poses[:, 2]), truth.velocities[:, 2]
         n = len(yaw_rates)
@@ -91,3 +106,14 @@ class CombinationSensors:
             rate = (lateral_speed - self._previous[1]) / ((truth.tick - self._previous[0]) * TICK)
         self._previous = truth.tick, lateral_speed
         return rate + v_x * yaw_rate + GRAVITY * float(truth.bodies[self._unit][2, 1])
+
+
+class _Reading:
+    """The sound sensors, below their faults."""
+
+    def __init__(self, sensors: CombinationSensors) -> None:
+        self._sensors = sensors
+
+    def sample(self, truth: Truth) -> CombinationSignals:
+        """Signals at this tick."""
+        return self._sensors.read(truth)
