@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +33,7 @@ app = typer.Typer(no_args_is_help=True, help="Run estimators on recorded images.
 EXAMPLES = (
     "Examples: offtrack run constant-slip --record runs/images, then offtrack estimate off-tracking runs/images   "
     "offtrack estimate off-tracking kitti/sequences/00 --follow-distance 12   "
+    "offtrack estimate off-tracking drive.mcap --topics left=/stereo/left/image_raw,right=/stereo/right/image_raw   "
     "offtrack estimate off-tracking photos --calibration rig.toml --rate 10 --facing rear --camera-height 4.2"
 )
 SLIP_EXAMPLES = (
@@ -56,9 +58,17 @@ def off_tracking(
             metavar="DIR",
             help="Folder with image_0 and image_1 (or image_2 and image_3, image_left and image_right, left and "
             "right), calib.txt and times.txt, as in KITTI or from `offtrack run --record`. If it contains poses.txt, "
-            "estimates are compared with these poses.",
+            "estimates are compared with these poses. Or a ROS bag: a folder, or a file .mcap, .db3 or .bag.",
         ),
     ],
+    topics: Annotated[
+        str,
+        typer.Option(
+            metavar="left=/TOPIC,right=/TOPIC",
+            help="Topics of a bag's images, and left_info=, right_info= of their calibrations.",
+            show_default="found by their names",
+        ),
+    ] = "",
     calibration: Annotated[
         Path | None,
         typer.Option(
@@ -140,6 +150,8 @@ def off_tracking(
     from scenarios.catalogue import ODOMETRY, resolve
     from scenarios.options.scenario import estimator_options
     from scenarios.recordings.agreement import agreement_numbers
+    from scenarios.recordings.bag_reader import is_bag, unpacked_bag
+    from scenarios.recordings.bag_topics import parsed_topics
     from scenarios.recordings.estimation import estimate
     from scenarios.recordings.mounting import MountingOptions, facing_named
     from scenarios.recordings.off_tracking_files import write_estimation
@@ -147,7 +159,12 @@ def off_tracking(
     from scenarios.recordings.stereo_reader import open_recording
     from scenarios.results.run_directory import results_directory
 
-    with one_line_errors(), results_directory(out, os.path.basename(os.path.realpath(directory))) as results:
+    with (
+        one_line_errors(),
+        results_directory(out, os.path.basename(os.path.realpath(directory))) as results,
+        ExitStack() as cleanup,
+    ):
+        chosen_topics = parsed_topics(topics)
         check_number("--camera-x", camera_x, -100.0, 100.0)
         check_number("--camera-y", camera_y, -10.0, 10.0)
         check_number("--direction-std", direction_std, 0.0, 10.0)
@@ -159,6 +176,12 @@ def off_tracking(
             direction_std=None if direction_std is None else math.radians(direction_std),
             z=camera_height,
         )
+        if is_bag(directory):
+            with progress_display(shown=not (quiet or as_json)) as display:
+                bar = progress_bar(display, "bag")
+                directory = cleanup.enter_context(unpacked_bag(directory, chosen_topics, bar))
+        elif chosen_topics:
+            raise ValueError(f"--topics {topics}: {directory} is no bag")
         recording = open_recording(directory, calibration_file=calibration, rate_hz=rate, options=options)
         chosen = Chosen(
             estimator=estimator,

@@ -136,7 +136,7 @@ def _messages(reader: Any) -> Iterator[tuple[Any, Any, Any, Any]]:
         yield schema, channel, message, decoded
 
 
-def test_images_are_for_mcap_alone(run: Path) -> None:
+def test_images_are_for_mcap_and_bags(run: Path) -> None:
     answer = CliRunner().invoke(app, ["export", str(run), "--images", str(run)])
     assert answer.exit_code == 2
-    assert "only MCAP holds images: add --to mcap" in answer.output
+    assert "only MCAP and bags hold images: add --to mcap or --to rosbag2" in answer.output
