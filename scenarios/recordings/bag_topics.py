@@ -55,17 +55,13 @@ def stereo_topics(kinds: Mapping[str, str], chosen: Mapping[str, str], bag: str)
     images = sorted(topic for topic, kind in kinds.items() if kind in IMAGES)
     for key, topic in chosen.items():
         if topic not in kinds:
-            raise ValueError(f"--topics {key}={shown(topic)}: is not in {bag}{_hint(topic, kinds)}")
+            raise ValueError(f"--topics {key}={shown(topic)}: is not in {bag}{nearest(topic, kinds)}")
     left, right = (chosen.get(side) or _found(side, images, bag) for side in SIDES)
     for side, topic in (("left", left), ("right", right)):
         if kinds[topic] not in IMAGES:
             raise ValueError(f"--topics {side}={topic}: has messages {kinds[topic]}, not images")
     infos = [chosen.get(f"{side}_info") or _info_of(topic, kinds) for side, topic in (("left", left), ("right", right))]
     return StereoTopics(left, right, *infos)
-
-
-def _hint(topic: str, kinds: Mapping[str, str]) -> str:
-    return nearest(topic, kinds) or f"; it has {', '.join(sorted(kinds)[:8]) or 'no topics'}"
 
 
 def _found(side: str, images: Sequence[str], bag: str) -> str:

@@ -68,6 +68,24 @@ def test_mf4_has_units_and_comments(run: Path) -> None:
             assert (read.unit, read.comment) == (signal.unit, signal.description)
 
 
+def test_mat_is_read_by_pymatreader(run: Path) -> None:
+    reader = pytest.importorskip("pymatreader", reason="not installed: pip install pymatreader")
+    content = reader.read_mat(exported(run, "mat"))
+    for signal in LOG.signals:
+        np.testing.assert_array_equal(content["signals"][signal.name], LOG[signal.name])
+        assert content["units"][signal.name] == signal.unit
+
+
+def test_mf4_is_read_by_mdfreader(run: Path) -> None:
+    pytest.importorskip("asammdf", reason="MF4 needs the extra 'export'")
+    reader = pytest.importorskip("mdfreader", reason="not installed: pip install mdfreader")
+    content = reader.Mdf(str(exported(run, "mf4")))
+    for signal in LOG.signals[1:]:
+        np.testing.assert_array_equal(content.get_channel_data(signal.name), LOG[signal.name])
+        assert content.get_channel_unit(signal.name) == signal.unit
+        assert signal.description in str(content.get_channel_desc(signal.name))
+
+
 def test_what_can_not_be_exported_is_one_line(run: Path) -> None:
     exported(run, "csv")
     cases = (

@@ -194,7 +194,7 @@ def bad_bags() -> Iterator[tuple[str, Messages, str, str]]:
     yield "one camera", without("right"), "", "no topic of the right camera's images"
     yield "no calibration", without("camera_info"), "", "no calibration of the left camera"
     yield "two left", [*plain, ("/other/left/image_raw", IMAGE, 0, image(0, 0, 0))], "", "several topics of the left"
-    yield "wrong topic", plain, "left=/stereo/left/image_ra", "did you mean /stereo/left/image_raw?"
+    yield "wrong topic", plain, "left=/stereo/left/image_ra", "bag; did you mean '/stereo/left/image_raw'?"
     yield "no image topic", plain, "left=/stereo/left/camera_info", "not images"
     yield "one topic for both", plain, "right=/stereo/left/image_raw", "one topic for both cameras"
     yield "unknown role", plain, "centre=/x", "expected left=/topic"
