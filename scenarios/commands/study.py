@@ -126,7 +126,8 @@ def sweep(
         Path,
         typer.Argument(
             metavar="STUDY.toml",
-            help="TOML file: scenario, seeds, table [set] of settings, table [vary] of value lists, by dotted keys.",
+            help="TOML file: scenario, seeds, table [set] of settings, table [vary] of value lists, by dotted keys; "
+            "for values drawn at random [sample], [draw], [limits] and [stop].",
         ),
     ],
     jobs: Jobs = None,
@@ -213,6 +214,8 @@ def _print_status(study: Study, directory: Path, *, as_json: bool) -> None:
     seconds = ["-" if value is None else f"{value:.1f}" for value in (now.mean_seconds, now.remaining_seconds)]
     table.add_row(*map(str, (now.finished, len(now.running), now.waiting, len(now.failed))), *seconds)
     console.print(table)
+    if study.stop:
+        console.print("[stop] may end the study before all runs are made", markup=False, soft_wrap=True)
     for run, claim in now.running:
         line = f"running: {run} on {claim.host}, process {claim.process}, last sign {silent_for(claim):.0f} s ago"
         console.print(line, soft_wrap=True)

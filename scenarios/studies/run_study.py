@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from scenarios.progress import Progress, no_progress
@@ -10,6 +10,7 @@ from scenarios.studies.case import Outcome, Settings, identities
 from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
 from scenarios.studies.join import PLAN, forget, forget_failures, join_cases, planned
 from scenarios.studies.pool import run_cases
+from scenarios.studies.stopping import made_in_batches
 from scenarios.studies.study import FILE, Study
 from scenarios.studies.table import Row, rows_of
 
@@ -48,15 +49,22 @@ def run_study(
         for name, case in zip(names, cases, strict=True):
             if again and set(again) <= set(case.axes):
                 forget(directory, name)
-        if join is None:
-            outcomes = run_cases(
-                cases, directory / CELLS, jobs=jobs, known=known, timeout=timeout, progress=progress, remark=remark
-            )
-            forget_failures(directory)
-        else:
-            outcomes = join_cases(
-                cases,
-                names,
+
+        def make(chosen: Sequence[int]) -> list[Outcome]:
+            some = [cases[k] for k in chosen]
+            if join is None:
+                return run_cases(
+                    some,
+                    directory / CELLS,
+                    jobs=jobs,
+                    known=[known[k] for k in chosen],
+                    timeout=timeout,
+                    progress=progress,
+                    remark=remark,
+                )
+            return join_cases(
+                some,
+                [names[k] for k in chosen],
                 directory / CELLS,
                 jobs=jobs,
                 lease=join,
@@ -64,6 +72,13 @@ def run_study(
                 progress=progress,
                 remark=remark,
             )
+
+        if study.stop is None:
+            outcomes = make(range(len(cases)))
+        else:
+            outcomes = made_in_batches(cases, study.limits, study.stop, make)
+        if join is None:
+            forget_failures(directory)
         rows = rows_of(outcomes)
         write_study(title, study, outcomes, rows, directory)
     return outcomes, rows

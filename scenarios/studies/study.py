@@ -17,6 +17,7 @@ from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of, identities
 from scenarios.studies.draws import Draws, Sample, read_draws
 from scenarios.studies.part_parameters import parameters_beside
+from scenarios.studies.stopping import Stop
 from scenarios.studies.table import QUANTITIES
 from vehicle.parameter_file import nearest, parsed_toml, read_toml
 from vehicle.user_file import FileKind, shown
@@ -35,6 +36,7 @@ class Study:
     seeds: tuple[int, ...]
     draws: Draws = field(default_factory=Draws)
     limits: Mapping[str, float] = field(default_factory=dict)  # of numbers of the summary, by their paths
+    stop: Stop | None = None  # None: all draws are made
 
     def cases(self) -> list[Case]:
         """All runs; a law that does not use the off-tracking runs with the first off-tracking source only."""
@@ -59,6 +61,7 @@ class Study:
         vary = {key: [_typed(value) for value in values] for key, values in self.axes.items()}
         fixed = {key: _typed(value) for key, value in self.fixed}
         more = self.draws.tables() | ({"limits": dict(self.limits)} if self.limits else {})
+        more |= {"stop": self.stop.model_dump()} if self.stop else {}
         return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary, **more})
 
 
@@ -70,12 +73,14 @@ class _File(Options):
     sample: Sample | None = None
     draw: dict[str, Any] = Field(default_factory=dict)
     limits: dict[str, Any] = Field(default_factory=dict)
+    stop: Stop | None = None
 
 
 def load_study(path: Path) -> Study:
-    """Load a study from TOML: scenario, seeds, and the tables ``set``, ``vary``, ``sample``, ``draw`` and ``limits``.
+    """Load a study from TOML.
 
-    Their keys are dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a table
+    It has scenario, seeds, and the tables ``set``, ``vary``, ``sample``, ``draw``, ``limits`` and ``stop``. Keys are
+    dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a table
     ``[set.surface]`` mean the same.
 
     Raises:
@@ -99,6 +104,10 @@ def load_study(path: Path) -> Study:
         raise ValueError(f"study {path}: {twice[0]} is varied and drawn: choose one")
     if not axes and not draws:
         raise ValueError(f"study {path}: has neither a table [vary] nor [sample] and [draw]")
+    if table.stop and not (draws and table.limits):
+        raise ValueError(
+            f"study {path}: [stop] is for drawn values with limits: a table [sample] or [limits] is missing"
+        )
     return Study(
         scenario=table.scenario,
         fixed=tuple((key, _text(value)) for key, value in _dotted(table.set)),
@@ -106,6 +115,7 @@ def load_study(path: Path) -> Study:
         seeds=table.seeds,
         draws=draws,
         limits={key: _limit(path, key, value) for key, value in _dotted(table.limits)},
+        stop=table.stop,
     )
 
 

@@ -52,6 +52,11 @@ def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> It
     keys = [f"{key}: {one.kind} {', '.join(map(str, one.values))}" for key, one in study.draws.distributions.items()]
     sample = study.draws.sample
     text = f"{sample.count} draws ({sample.method}, seed {sample.seed}) for each point." if sample else ""
+    if study.stop and sample:
+        text = (
+            f"At most {text} A point ends after the first multiple of {study.stop.batch} draws at which half the width "
+            f"of the interval of each limit's probability is at most {100.0 * study.stop.half_width:g} %."
+        )
     yield Section("Drawn values", text, [Items(keys)])
     if study.limits:
         text = (

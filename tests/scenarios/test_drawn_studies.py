@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from scipy.stats import binom, kstest, lognorm, norm
 from typer.testing import CliRunner
 
 from scenarios.cli import app
+from scenarios.studies.case import Case, Outcome
 from scenarios.studies.spread import Exceeding, running_mean
+from scenarios.studies.stopping import made_in_batches
 from scenarios.studies.study import Study, load_study
 
 HEAD = 'scenario = "cambered-road"\nseeds = [1, 2]\n[set]\noff_tracking = "truth"\ncourse.length = 20\n'
@@ -114,3 +117,55 @@ def test_a_wrong_study_is_refused_in_one_line(tmp_path: Path, text: str, says: s
     with pytest.raises(ValueError, match=r"^study [^\n]+$") as refusal:
         study(tmp_path, HEAD + text)
     assert refusal.match(f".*{says}")
+
+
+def outcome_of(case: Case, worst: float) -> Outcome:
+    numbers = {"outcome": "completed", "off_tracking": {"true_max_m": worst}}
+    return Outcome(case=case, numbers=numbers)
+
+
+def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
+    """Nothing beyond the limit is known within 2.5 % after 80 draws; a share of a half is not within 400."""
+    text = HEAD + SAMPLE.format(count=400, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
+    text += "[vary]\nspeed_kmh = [30, 50]\n[limits]\noff_tracking.true_max_m = 0.3\n"
+    read = study(tmp_path, text + "[stop]\nhalf_width = 0.025\nbatch = 40\n")
+    assert study(tmp_path, read.to_toml()) == read
+    cases, asked = read.cases(), list[int]()
+    assert read.stop is not None
+
+    def make(chosen: Sequence[int]) -> list[Outcome]:
+        asked.extend(chosen)
+        return [outcome_of(cases[k], 0.6 * (k % 2) if cases[k].axes == cases[0].axes else 0.1) for k in chosen]
+
+    outcomes = made_in_batches(cases, read.limits, read.stop, make)
+    made = [sum(one.case.axes == axes for one in outcomes) for axes in (cases[0].axes, cases[-1].axes)]
+    assert made == [400, 80]
+    assert len(asked) == len(set(asked)) == 480
+    # 80 is the first multiple of 40 that is enough
+    for count, narrow in ((40, False), (80, True)):
+        low, high = Exceeding(0, count).interval()
+        assert (high - low <= 0.05) == narrow
+    assert [outcome.case for outcome in outcomes] == [cases[k] for k in sorted(asked)]
+
+
+def test_a_study_that_stops_runs_what_it_needs(tmp_path: Path) -> None:
+    """Everything is beyond an impossible limit: six draws are enough for 25 %; repeated, nothing more is run."""
+    text = HEAD + SAMPLE.format(count=40, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
+    text += "[limits]\noff_tracking.true_max_m = -1\n[stop]\nhalf_width = 0.25\nbatch = 3\n"
+    study(tmp_path, text)
+    arguments = ["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--jobs", "1", "--json"]
+    for _ in range(2):
+        answer = CliRunner().invoke(app, arguments)
+        assert answer.exit_code == 0, answer.output
+        assert json.loads(answer.stdout)[0]["runs"] == 6
+        assert len(list((tmp_path / "out" / "cells").glob("*.json"))) == 6
+    assert "At most 40 draws" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("table", ["half_width = 0.5", "half_width = 0", "batch = 10", "half_width = 0.1\nbatch = 1"])
+def test_a_bad_stop_is_one_line(tmp_path: Path, table: str) -> None:
+    text = HEAD + SAMPLE.format(count=8, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"
+    with pytest.raises(ValueError, match=r"^study [^\n]*stop[^\n]*$"):
+        study(tmp_path, f"{text}[limits]\noff_tracking.true_max_m = 0.3\n[stop]\n{table}\n")
+    with pytest.raises(ValueError, match=r"\[limits\] is missing"):
+        study(tmp_path, f"{text}[stop]\nhalf_width = 0.1\n")
