@@ -44,6 +44,12 @@ class FaultOptions(Options):
     start: float = quantity(0.0, "s", 0.0, 1e5, "Time at which the fault begins.")
     duration: float | None = quantity(None, "s", 0.001, 1e5, "Duration of the fault; not given: to the end.")
 
+    def __str__(self) -> str:
+        """The fault as ``--set faults=`` takes it."""
+        amount = ",".join(f"{number:g}" for number in self.amount)
+        duration = "" if self.duration is None else f"+{self.duration:g}"
+        return f"{self.kind}{amount and ':'}{amount}@{self.start:g}{duration}"
+
     @model_validator(mode="after")
     def _possible(self) -> FaultOptions:
         self.fault()

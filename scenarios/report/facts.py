@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from scenarios.options.faults import FaultOptions
 from scenarios.options.scenario import load_any_scenario, scenario_names
 from vehicle.user_file import shown
 
@@ -44,7 +45,13 @@ def _values(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, A
         if isinstance(value, Mapping):
             yield from _values(value, f"{before}{key}.")
         else:
-            yield f"{before}{key}", list(value) if isinstance(value, tuple) else value
+            plain = list(value) if isinstance(value, tuple) else value
+            yield f"{before}{key}", _faults(value) if key == "faults" else plain
+
+
+def _faults(tables: Iterable[Mapping[str, Any]]) -> str:
+    """Faults as ``--set`` takes them; a user's own kind need not be at hand any more."""
+    return "; ".join(str(FaultOptions.model_construct(None, **table)) for table in tables) or "none"
 
 
 def _text(value: Any) -> str:

@@ -9,6 +9,8 @@ import re
 import numpy as np
 import pytest
 
+from scenarios.options.scenario import load_scenario
+from scenarios.report.facts import changes
 from scenarios.report.numbers import groups
 from scenarios.report.run_figures import steer
 from scenarios.report.run_page import report_html
@@ -141,3 +143,13 @@ def test_an_estimator_that_was_always_lost_is_reported(camera_run: RunResult) ->
     rows[np.isfinite(rows[:, health]), health] = 2.0
     lost = dataclasses.replace(camera_run, log=Log(camera_run.log.signals, rows))
     assert "no estimate" in report_html(lost, summary(lost))
+
+
+def test_changed_faults_are_written_as_they_are_set() -> None:
+    """A heading is read by people, and copied into the next command; an own kind need not be at hand any more."""
+    faults = "decalibration:-0.15,0.1,0@10; freeze@20+1"
+    scenario = load_scenario("roundabout", (f"faults={faults}",)).model_dump(mode="json", exclude_none=True)
+    assert changes(scenario) == f"Changed: faults = {faults}"
+    assert "faults = my:Kind:1.5@3" in changes(
+        scenario | {"faults": [{"kind": "my:Kind", "amount": [1.5], "start": 3.0}]}
+    )
