@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from types import ModuleType
 from typing import Any, Final, Protocol, TypeVar
 
+from scenarios.loop_faults.catalogue import LOOP_FAULTS
 from sensors.faults.catalogue import FAULTS
 from vehicle.option import Option
 from vehicle.own_code import defined_at, raised_at
@@ -125,7 +126,7 @@ PLANT: Final = Catalogue(
 )
 
 
-FAULT: Final = Catalogue(FAULTS)  # ``sensors.faults.catalogue.checked_kind`` knows the members of its classes
+FAULT: Final = Catalogue({**FAULTS, **LOOP_FAULTS})  # ``sensors.faults.catalogue.checked_kind`` knows their members
 
 
 def resolve(key: str, name: str, catalogue: Catalogue, *, in_scenario: bool = True) -> Any:

@@ -14,6 +14,7 @@ from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
 from estimators.rover_geometry import RoverGeometry
+from scenarios.assembly.loop_faults import refuse_loop_faults, sensor_faults
 from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.rover_sensors import (
     ReadOnce,
@@ -143,10 +144,11 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
     estimator = constructed("slip_estimator", scenario.slip_estimator, lambda: part.of(context))
     check_made("slip_estimator", scenario.slip_estimator, estimator, ("init", "step"))
     check_receives(f"slip_estimator = {scenario.slip_estimator}", estimator, opened.sensor)
+    refuse_loop_faults(scenario.faults, "a rover")
     return RoverSensing(
         sensor=with_faults(
             opened.sensor,
-            [options.fault() for options in scenario.faults],
+            [fault for _, fault in sensor_faults(scenario.faults)],
             camera=mount.rig.camera,
             unit=0,
             rng=lambda k: mount.stream(f"fault {k}"),

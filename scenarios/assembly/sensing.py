@@ -8,6 +8,7 @@ from typing import Any, cast
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.context import OffTrackingEstimator, OffTrackingSource, TrailerContext
 from estimators.protocol import FusesSignals, Odometry
+from scenarios.assembly.loop_faults import sensor_faults
 from scenarios.assembly.mount import SIGNALS, Cameras, MountContext, OpenedSensor
 from scenarios.assembly.stereo_cameras import Rectified
 from scenarios.catalogue import ODOMETRY, OFF_TRACKING, SENSOR, Part, check_made, constructed, resolve
@@ -117,7 +118,7 @@ def _estimator_options(scenario: Scenario) -> dict[str, Parameter]:
 
 def _with_faults(opened: OpenedSensor, context: MountContext) -> Sensor[Truth, Message]:
     """The sensor with the scenario's faults, applied in their order; those of signals act on the own sensors."""
-    faults = list(enumerate(options.fault() for options in context.scenario.faults))
+    faults = sensor_faults(context.scenario.faults)
     of_signals = [(k, fault) for k, fault in faults if issubclass(fault.kind, SignalFault)]
     of_sensor = [(k, fault) for k, fault in faults if not issubclass(fault.kind, SignalFault)]
     context.signals.fail([fault for _, fault in of_signals], lambda k: context.stream(f"fault {of_signals[k][0]}"))

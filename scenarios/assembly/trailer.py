@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -13,6 +13,7 @@ from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
 from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry, vehicle_of, watched_units
 from scenarios.assembly.drivers import OpenedDriver, opened_driver
+from scenarios.assembly.loop_faults import opened_brake_faults, opened_trailer_faults, with_failing_brakes
 from scenarios.assembly.measured_ground import measured_ground
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
@@ -21,6 +22,7 @@ from scenarios.assembly.sensing import Sensing, opened_sensing, opened_sensor
 from scenarios.assembly.trailer_law import steering_parameters, trailer_law
 from scenarios.assembly.views import Views, built_world, traffic_around
 from scenarios.courses import Course
+from scenarios.loop_faults.applied import BrakeFaults, TrailerFaults
 from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
@@ -44,6 +46,7 @@ class WatchedTrailer:
     law: TrailerSteering[Any]
     signals: CombinationSensors
     sensing: Sensing
+    faults: TrailerFaults = field(default_factory=TrailerFaults)
 
     @property
     def n_steered(self) -> int:
@@ -65,6 +68,7 @@ class Assembly:
     driver: OpenedDriver | None  # None: the motion is prescribed
     views: Views
     recording: OpenedSensor | None  # recording cameras of the last trailer
+    brake_faults: BrakeFaults
     schedule: Schedule  # of the cameras, or of the reference units instead
     remarks: tuple[str, ...] = ()  # on the inputs, for the result's warnings
 
@@ -110,7 +114,8 @@ def assemble(
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
     nominal = vehicle_of(scenario)
-    simulated = plant_vehicle(scenario, nominal)
+    kind = plant_kind(scenario)
+    simulated = with_failing_brakes(scenario, plant_vehicle(scenario, nominal), kind)
     units = watched_units(nominal, scenario)
     course = course_of(scenario, nominal)
     measured = measured_ground(scenario.surface, course)
@@ -118,14 +123,17 @@ def assemble(
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
     laws = {unit: _law(scenario, nominal, unit, geometry) for unit, geometry in geometries.items()}
     plant = opened_plant(scenario, simulated, surface)
-    driver = None if plant_kind(scenario) == "constant_slip" else opened_driver(scenario, nominal, course)
+    brakes = opened_brake_faults(scenario, simulated, partial(stream, seed))
+    streams = {unit: partial(trailer_stream, seed, simulated, unit) for unit in units}
+    faults = {unit: opened_trailer_faults(scenario, simulated, unit, kind, streams[unit]) for unit in units}
+    driver = None if kind == "constant_slip" else opened_driver(scenario, nominal, course)
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     last = units[-1]
     traffic = traffic_around(scenario.traffic, nominal.units[last], geometries[last], surface, stream(seed, "traffic"))
     views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")), traffic)
 
     def mount(unit: int) -> MountContext:
-        own = partial(trailer_stream, seed, simulated, unit)
+        own = streams[unit]
         signals = stream(seed, f"signals of {simulated.units[unit].name}")
         return MountContext(
             vehicle=simulated,
@@ -167,6 +175,7 @@ def assemble(
                 law=laws[unit],
                 signals=mounts[unit].signals,
                 sensing=sensing[unit],
+                faults=faults[unit],
             )
             for unit in units
         ),
@@ -176,6 +185,7 @@ def assemble(
         driver=driver,
         views=views,
         recording=recording,
+        brake_faults=brakes,
         schedule=schedule,
         remarks=measured.remarks if measured else (),
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from controllers.trailer_steering.policy import AHEAD, estimate_features, signal_features
 from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.loop_faults import refuse_loop_faults
 from scenarios.assembly.mount import MountContext
 from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.sensing import opened_sensing, opened_sensor
@@ -70,6 +71,7 @@ class SensedTrailer:
             ValueError: one line, for whatever of the scenario does not fit.
             RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
         """
+        refuse_loop_faults(scenario.faults, "an episode of an environment")
         unit = len(vehicle.units) - 1
         longer = _with_approach(course, distance_to_fill(follow_distance))
         own = partial(trailer_stream, seed, vehicle, unit)

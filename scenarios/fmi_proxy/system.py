@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, register_namespac
 
 from scenarios.assembly.adapters import course_of, surface_of, vehicle_of, watched_units
 from scenarios.assembly.drivers import opened_driver
+from scenarios.assembly.loop_faults import refuse_loop_faults
 from scenarios.assembly.plants import plant_kind, plant_vehicle
 from scenarios.fmi_export.archive import fmu_bytes, zipped
 from scenarios.fmi_export.combination import combination_model
@@ -112,12 +113,13 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
 
     Raises:
         ValueError: one line, if the step is none of whole milliseconds up to 20 ms, if the scenario is not consistent,
-            or has what no connection carries: uneven ground, or a law for more than the last trailer.
+            or has what no connection carries: uneven ground, faults of the loop, a law for more than the last trailer.
     """
     if not 1 <= to_ticks(step, "--step") <= CONTROL.period:
         raise ValueError(f"--step {step:g} s: must be 0.001 to {CONTROL.period * TICK:g} s")
     if plant_kind(scenario) != "multibody":
         raise ValueError(f"plant = {plant_kind(scenario)}: a system has the plant multibody")
+    refuse_loop_faults(scenario.faults, "a system of FMUs")
     nominal = vehicle_of(scenario)
     vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
     surface = surface_of(scenario, course, stream(seed, "surface"))

@@ -25,6 +25,7 @@ from scenarios.loop.recorded_drive import RecordedDrive
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
+from scenarios.loop_faults.applied import BrakeFaults
 from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.trailer_signals import CombinationRecord, Estimate
 from sensors.instruments.navigation import DriverPerception
@@ -33,7 +34,7 @@ from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
-from vehicle.frames import Pose2
+from vehicle.frames import FloatArray, Pose2
 
 MemoryT = TypeVar("MemoryT")
 OffTrackingEstimate = OffTracking | CameraOffTracking
@@ -68,6 +69,9 @@ class SteeredTrailer:
             see=see,
         )
         self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
+        self.off_tracking: OffTracking | None = None  # newest that has reached the law
+        self._received = 0  # estimates of the channel that were sent to the law
+        self._arrived = self.demand.angles  # demand at the actuators [rad]
         self._law = Stateful(trailer.law.init(), trailer.law.step)
 
     @property
@@ -80,15 +84,26 @@ class SteeredTrailer:
         """The estimate delivered last."""
         return None if self.channel.newest is None else as_estimate(self.channel.newest)
 
+    def receive(self, tick: int) -> None:
+        """Send the estimates delivered by this tick to the law, where faults let them through."""
+        sent = self.channel.delivered[self._received :]
+        self._received += len(sent)
+        arrived = self.trailer.faults.carried("estimates", tick, sent)
+        if arrived:
+            self.off_tracking = as_estimate(arrived[-1]).off_tracking
+
+    def actuate(self, truth: Truth, *, is_new: bool) -> FloatArray:
+        """Demand (n_steered,) [rad] for the plant: the law's, as faults change it; ``is_new``: it is of this tick."""
+        faults, sent = self.trailer.faults, [self.demand.angles] if is_new else []
+        for demand in faults.carried("demands", truth.tick, sent):
+            self._arrived = demand
+        first = self.trailer.steers_ahead
+        angles = truth.steer[first : first + self.trailer.n_steered]
+        return faults.demanded(truth.tick, self._arrived, angles)
+
     def control(self, truth: Truth) -> None:
         """Update the law's demand."""
         self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
-
-    @property
-    def off_tracking(self) -> OffTracking | None:
-        """The newest off-tracking."""
-        newest = self.newest
-        return None if newest is None else newest.off_tracking
 
 
 class CombinationPilot:
@@ -100,13 +115,14 @@ class CombinationPilot:
         driver: DriverLike[MemoryT] | None,
         trailers: Sequence[SteeredTrailer],
         bench: TrailerBench | None = None,
+        brakes: BrakeFaults | None = None,
     ) -> None:
         """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
 
-        Demands of the ``bench`` come before those of driver and laws.
+        Demands of the ``bench`` come before those of driver and laws. ``brakes`` are the faults of its brakes.
         """
         self.trailers = trailers
-        self._bench = bench
+        self._bench, self._brakes = bench, brakes or BrakeFaults()
         self._driver = None if driver is None else Stateful(driver.init(), driver.step)
         self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
         self._of_tractor = len(vehicle.units[0].steered_axles)
@@ -114,7 +130,10 @@ class CombinationPilot:
 
     def control(self, truth: Truth, tick: int) -> tuple[VehicleCommand, CombinationRecord]:
         """Command of this step."""
-        if CONTROL.due(tick):
+        for trailer in self.trailers:
+            trailer.receive(tick)
+        due = CONTROL.due(tick)
+        if due:
             if self._driver:
                 self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
             for trailer in self.trailers:
@@ -122,7 +141,8 @@ class CombinationPilot:
             if self._bench:
                 self._obey(self._bench, truth)
         demand = self._driver_demand
-        command = VehicleCommand(demand.steer, demand.acceleration, self._trailer_steer(), demand.gear)
+        steer = self._trailer_steer(truth, is_new=due)
+        command = VehicleCommand(demand.steer, demand.acceleration, steer, demand.gear, self._brakes.shares(tick))
         return command, CombinationRecord(demand, tuple(trailer.demand for trailer in self.trailers))
 
     def _obey(self, bench: TrailerBench, truth: Truth) -> None:
@@ -137,12 +157,12 @@ class CombinationPilot:
         if DRIVER in demands:
             self._driver_demand = DriverCommand(*demands[DRIVER])
 
-    def _trailer_steer(self) -> tuple[float, ...]:
+    def _trailer_steer(self, truth: Truth, *, is_new: bool) -> tuple[float, ...]:
         """Demands for every steered trailer axle [rad]; axles of trailers that are not watched stay straight."""
         angles = np.zeros(self._n_trailer_axles)
         for trailer in self.trailers:
             first = trailer.trailer.steers_ahead - self._of_tractor
-            angles[first : first + trailer.trailer.n_steered] = trailer.demand.angles
+            angles[first : first + trailer.trailer.n_steered] = trailer.actuate(truth, is_new=is_new)
         return tuple(angles.tolist())
 
 
@@ -241,7 +261,11 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
             parts.plant.initial_state(parts.course.start, parts.start_speed),
             period=LOG_PERIOD,
             pilot=CombinationPilot(
-                parts.vehicle, parts.driver.driver if parts.driver else None, self.trailers, self.bench
+                parts.vehicle,
+                parts.driver.driver if parts.driver else None,
+                self.trailers,
+                self.bench,
+                parts.brake_faults,
             ),
             judge=CourseJudge(parts),
             channels=channels,

@@ -1,12 +1,12 @@
-"""Options of sensor faults.
+"""Options of faults, of sensors and of the rest of the loop.
 
 Each is a table, ``{kind = "dropout", amount = 0.1, start = 5.0, duration = 2.0}``, or shorter the text
 ``dropout:0.1@5+2``: kind, amount, start [s] and duration [s]. All but the kind may be left out. Amounts of several
 numbers are separated by commas, several faults in one text by semicolons.
 
-``sensors.faults.catalogue`` names the kinds. The user's own kind is given by its import path: ``mymod:Flicker``, with
-amount and times ``mymod:Flicker:0.2@5+1``. After the first colon, a word is the class and a number is the amount. A
-catalogue name before the first colon is always that kind.
+``sensors.faults.catalogue`` and ``scenarios.loop_faults.catalogue`` name the kinds. The user's own kind is given by its
+import path: ``mymod:Flicker``, with amount and times ``mymod:Flicker:0.2@5+1``. After the first colon, a word is the
+class and a number is the amount. A catalogue name before the first colon is always that kind.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, model_validator
 
 from scenarios.catalogue import FAULT, resolve
+from scenarios.loop_faults.catalogue import is_loop_kind
+from scenarios.loop_faults.fault import LoopFault
 from scenarios.options.base import Options, option, quantity
-from sensors.faults.catalogue import FAULTS, checked_kind
-from sensors.faults.fault import Fault
+from sensors.faults.catalogue import checked_kind
+from sensors.faults.fault import Fault, defaults
 from vehicle.parameter_file import nearest
 from vehicle.user_file import shown
 
-_NAMES = "|".join(FAULTS)
+_NAMES = "|".join(FAULT)
 _TEXT = re.compile(
     rf"(?P<kind>(?:{_NAMES})(?=[:@]|$)|[A-Za-z_][\w.]*(?::[A-Za-z_]\w*)?)"
     r"(:(?P<amount>[^@]*))?(@(?P<start>[^+]*)(\+(?P<duration>.*))?)?"
@@ -55,10 +57,14 @@ class FaultOptions(Options):
         self.fault()
         return self
 
-    def fault(self) -> Fault:
-        """Build the fault."""
+    def fault(self) -> Fault | LoopFault:
+        """Build the fault. Of the loop's faults, later numbers of the amount may be left out."""
         _check_name(self.kind)
-        kind = checked_kind(self.kind, resolve("kind", self.kind, FAULT))
+        part = resolve("kind", self.kind, FAULT)
+        if is_loop_kind(part):
+            amount = self.amount and (*self.amount, *defaults(part)[len(self.amount) :])
+            return LoopFault(name=self.kind, kind=part, amount=amount, start=self.start, duration=self.duration)
+        kind = checked_kind(self.kind, part)
         return Fault(name=self.kind, kind=kind, amount=self.amount, start=self.start, duration=self.duration)
 
 
@@ -90,8 +96,8 @@ def _number(text: str) -> float | str:
 
 
 def _check_name(kind: str) -> None:
-    if kind not in FAULTS and ":" not in kind:
-        raise ValueError(f"unknown fault '{shown(kind)}'{nearest(kind, FAULTS)} (or package.module:Name)")
+    if kind not in FAULT and ":" not in kind:
+        raise ValueError(f"unknown fault '{shown(kind)}'{nearest(kind, FAULT)} (or package.module:Name)")
 
 
 Faults = Annotated[tuple[FaultOptions, ...], BeforeValidator(_tables)]

@@ -121,7 +121,7 @@ class Scenario(Options):
     ground_rig: GroundRigOptions = GroundRigOptions()  # replaces the rig for ground_watching
     world: WorldOptions = WorldOptions()
     traffic: TrafficTable = TrafficOptions()  # none, following, overtaking, crossing or mixed
-    faults: Faults = option("Faults of the sensor, as text kind:amount@start+duration or as tables.", ())
+    faults: Faults = option("Faults of sensors and loop, as text kind:amount@start+duration or as tables.", ())
     degradation: DegradationOptions = DegradationOptions()  # handling of bad estimates
     outside: OutsideOptions = OutsideOptions()  # demands of a controller on a bench
     reference_unit: bool = option("Carry a GNSS-aided reference unit, to judge estimates as in field tests.", True)

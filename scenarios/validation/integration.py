@@ -67,6 +67,7 @@ class OtherStepPlant:
             wind=np.zeros(sizes.wind),
             drive_torque=np.zeros(sizes.drive_torque),
             brake_torque=np.zeros(sizes.brake_torque),
+            brake_share=np.ones(sizes.brake_share),
         )
         return np.concatenate(u)
 

@@ -135,5 +135,6 @@ def _inputs(vehicle: Vehicle, rng: np.random.Generator, count: int) -> FloatArra
         wind=rng.uniform(-20.0, 20.0, (sizes.wind, count)),
         drive_torque=np.zeros((sizes.drive_torque, count)),
         brake_torque=np.zeros((sizes.brake_torque, count)),
+        brake_share=np.ones((sizes.brake_share, count)),
     )
     return np.concatenate(drawn)

@@ -74,8 +74,17 @@ class FaultKind(Protocol):
         """
 
 
+class Graded(Protocol):
+    """A fault kind of sensors or of the rest of the loop, as far as its severity goes."""
+
+    options: ClassVar[tuple[Option, ...]]  # numbers that set it, in this order
+
+
+KindT = TypeVar("KindT", bound=Graded)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fault:
+class TimedFault(Generic[KindT]):
     """A fault of given kind, severity and time.
 
     Raises:
@@ -83,7 +92,7 @@ class Fault:
     """
 
     name: str  # of the kind, for errors
-    kind: type[FaultKind]
+    kind: type[KindT]
     amount: tuple[float, ...] = ()  # one number for each of the kind's ``options``; empty: their defaults
     start: float = 0.0  # [s]
     duration: float | None = None  # [s]; None: to the end of the run
@@ -99,6 +108,18 @@ class Fault:
         if self.start < 0.0 or (self.duration is not None and self.duration <= 0.0):
             raise ValueError(f"{self.name}: start = {self.start} s and duration = {self.duration} s must be positive")
 
+    def active(self, tick: int) -> bool:
+        """Test whether the fault is active at a tick."""
+        begin = to_ticks(self.start, f"{self.name}: start")
+        end = math.inf if self.duration is None else begin + to_ticks(self.duration, f"{self.name}: duration")
+        return begin <= tick < end
+
+
+class Fault(TimedFault[FaultKind]):
+    """A fault of a sensor."""
+
+    __slots__ = ()
+
     def built(self, context: FaultContext) -> FaultKind:
         """The fault kind's object for one sensor.
 
@@ -111,14 +132,8 @@ class Fault:
             )
         return self.kind(self.amount or defaults(self.kind), context)
 
-    def active(self, tick: int) -> bool:
-        """Test whether the fault is active at a tick."""
-        begin = to_ticks(self.start, f"{self.name}: start")
-        end = math.inf if self.duration is None else begin + to_ticks(self.duration, f"{self.name}: duration")
-        return begin <= tick < end
 
-
-def defaults(kind: type[FaultKind]) -> tuple[float, ...]:
+def defaults(kind: type[Graded]) -> tuple[float, ...]:
     """Default amounts of a fault kind.
 
     Raises:

@@ -92,6 +92,7 @@ LATERAL_INPUT = Input(
     wind=-1,
     drive_torque=1,
     brake_torque=1,
+    brake_share=1,
 )
 PER_WHEEL = {"omega", "deflection_x", "deflection_y", "brake_windup", "friction", "road"}
 
@@ -111,6 +112,7 @@ def random_state(vehicle: Vehicle, seed: int) -> tuple[State[np.ndarray], Input[
         wind=rng.uniform(-20, 20, sizes.wind),
         drive_torque=rng.uniform(-5e3, 5e3, sizes.drive_torque),
         brake_torque=rng.uniform(0, 1e4, sizes.brake_torque),
+        brake_share=rng.uniform(0, 1, sizes.brake_share),
     )
     return s, u
 

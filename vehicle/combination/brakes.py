@@ -51,14 +51,15 @@ def kept_pressure(vehicle: Vehicle, wheel: Wheel, s: State[ca.SX]) -> Num:
     return 1.0 if valve is None else 1.0 - s.brake_valve[valve]
 
 
-def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> list[Num]:
+def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX], shares: ca.SX) -> list[Num]:
     """Rate of every wheel's spin that its brakes can cause, not above 0 [rad/s2].
 
-    ABS modulators of driven wheels reduce the endurance brake, too.
+    ABS modulators of driven wheels reduce the endurance brake, too. ``shares`` are of the service brakes' torque, if
+    the vehicle ``has_failing_brakes``; the system does not know of them.
     """
     demand, force = service_demand(vehicle, layout, s), retarding(vehicle, s.acceleration, s.v_x)
     slowing: list[Num] = []
-    for wheel in layout:
+    for number, wheel in enumerate(layout):
         per_inertia = 1.0 / wheel.axle.wheel_inertia
         per_force = wheel.axle.wheel_radius * per_inertia
         rate: Num = 0.0
@@ -66,6 +67,7 @@ def slowing_of(vehicle: Vehicle, layout: Sequence[Wheel], s: State[ca.SX]) -> li
             rate = (vehicle.mass * wheel.brake_share * per_force) * demand
         elif wheel.brake is not None and wheel.axle.brake is not None:
             rate = (-0.5 * per_inertia * wheel.axle.brake.torque) * s.brake_pressure[wheel.brake]
+            rate = shares[number] * rate if vehicle.has_failing_brakes else rate
         if wheel.axle.driven and retards_first(vehicle):
             rate = rate - (per_force * wheel.drive_share) * (kept_pressure(vehicle, wheel, s) * force)
         slowing.append(rate)

@@ -170,7 +170,7 @@ def _moment(vehicle: Vehicle, s: State[ca.SX], u: Input[ca.SX]) -> _Moment:
     springs = springs_of(vehicle) if vehicle.has_springs else None
     bodies = rides(vehicle, layout, s, u, springs)
     carried = _carried(vehicle, layout, e, springs, bodies, s, u)
-    slowing = _with_further_brakes(vehicle, layout, slowing_of(vehicle, layout, s), u)
+    slowing = _with_further_brakes(vehicle, layout, slowing_of(vehicle, layout, s, u.brake_share), u)
     rolling = _wheel_motions(vehicle, layout, e, speeds, carried.wheels, slowing, s, u)
     ground = ground_forces(vehicle, layout, e, rolling, s, u)
     return _Moment(layout, e, speeds, springs, bodies, carried, rolling, ground)

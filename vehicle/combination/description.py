@@ -275,12 +275,13 @@ class Vehicle(Frozen):
     units: Annotated[tuple[Unit, ...], Field(min_length=1)]
     exposed: Flag = False  # to wind, see ``in_wind``; without it, nothing of the wind is computed
     has_torque_inputs: Flag = False  # see ``with_torque_inputs``
+    has_failing_brakes: Flag = False  # see ``with_failing_brakes``
 
-    @field_validator("has_torque_inputs")
+    @field_validator("has_torque_inputs", "has_failing_brakes")
     @classmethod
     def _is_no_data(cls, given: bool) -> bool:
         if given:
-            raise ValueError("is for exported models, not for files: leave it out")
+            raise ValueError("is no data of a vehicle: leave it out")
         return given
 
     @property
@@ -320,6 +321,16 @@ class Vehicle(Frozen):
     def with_torque_inputs(self) -> Vehicle:
         """The vehicle with inputs for driving and braking torques of every axle, besides those of its own driveline."""
         return self.model_copy(update={"has_torque_inputs": True})
+
+    def with_failing_brakes(self) -> Vehicle:
+        """The vehicle with inputs for the share of its torque that the brake of every wheel has.
+
+        Raises:
+            ValueError: one line, if its file describes no brakes.
+        """
+        if self.brakes is None:
+            raise ValueError(f"the file of vehicle {self.name} has no table [brakes]")
+        return self.model_copy(update={"has_failing_brakes": True})
 
     @property
     def has_springs(self) -> bool:

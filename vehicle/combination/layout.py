@@ -62,6 +62,7 @@ class Input(NamedTuple, Generic[V]):
     wind: V  # (N,) velocity of the wind at each unit along W's y [m/s]; () of a vehicle that is not ``exposed``
     drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
     brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
+    brake_share: V  # (n_wheels,) of each brake's torque that acts [-]; () without ``has_failing_brakes``
 
 
 class Output(NamedTuple, Generic[V]):
@@ -198,6 +199,7 @@ def input_sizes(vehicle: Vehicle) -> Input[int]:
         wind=N if vehicle.exposed else 0,
         drive_torque=n_wheels // 2 if vehicle.has_torque_inputs else 0,
         brake_torque=n_wheels // 2 if vehicle.has_torque_inputs else 0,
+        brake_share=n_wheels if vehicle.has_failing_brakes else 0,
     )
 
 

@@ -37,6 +37,7 @@ class VehicleCommand(NamedTuple):
     acceleration: float  # above 0 drives the way the gear does, below 0 brakes [m/s2]
     trailer_steer: tuple[float, ...]  # of every steered trailer axle, front to rear [rad]
     gear: float = 1.0  # +1 forward, -1 backward; takes effect at once, so change it at a standstill
+    brake_share: tuple[float, ...] = ()  # of each wheel's brake torque that acts, of a vehicle ``with_failing_brakes``
 
 
 class DivergedError(Exception):
@@ -71,6 +72,7 @@ class Plant:
         self._start = kernel_for_one(start_function(vehicle), values, "interpreted")
         self._assembly = TruthAssembly(vehicle)
         self._n_trailer = command_sizes(vehicle).trailer_steer
+        self._sound_brakes = (1.0,) * command_sizes(vehicle).brake_share
         self._idle = np.zeros(sum(command_sizes(vehicle)))
         in_state = State(*slices(state_sizes(vehicle)))
         self._velocity = [in_state.v_x.start, in_state.v_y.start]
@@ -118,12 +120,15 @@ class Plant:
         return after
 
     def _command_inputs(self, command: VehicleCommand) -> tuple[float, ...]:
-        inputs = (command.steer, command.acceleration, *command.trailer_steer, command.gear)
-        if len(inputs) != len(self._idle):
+        shares = command.brake_share or self._sound_brakes
+        inputs = (command.steer, command.acceleration, *command.trailer_steer, command.gear, *shares)
+        if len(command.trailer_steer) != self._n_trailer:
             raise ValueError(
                 f"trailer_steer has {len(command.trailer_steer)} angles, "
                 f"{self._vehicle.name} steers {self._n_trailer} trailer axles"
             )
+        if len(shares) != len(self._sound_brakes):
+            raise ValueError(f"brake_share has {len(shares)} numbers, not {len(self._sound_brakes)}")
         if not math.isfinite(sum(inputs)):
             raise ValueError(f"{command} must be of finite numbers [rad, m/s2]")
         if command.gear not in (1.0, -1.0):

@@ -23,6 +23,7 @@ class CommandInputs(NamedTuple, Generic[V]):
     gear: V  # +1 forward, -1 backward
     drive_torque: V  # (n_axles,) of a further drive on each axle, + forward [N m]; () without ``has_torque_inputs``
     brake_torque: V  # (n_axles,) of a further brake on each axle, not below 0 [N m]; () as above
+    brake_share: V  # (n_wheels,) of each brake's torque that acts [-]; () without ``has_failing_brakes``
 
 
 class GroundInputs(NamedTuple, Generic[V]):
@@ -38,7 +39,7 @@ class GroundInputs(NamedTuple, Generic[V]):
 def command_sizes(vehicle: Vehicle) -> CommandInputs[int]:
     """Length of every part of the vector."""
     n_trailer, of_chain = sum(len(unit.steered_axles) for unit in vehicle.units[1:]), input_sizes(vehicle)
-    return CommandInputs(1, 1, n_trailer, 1, of_chain.drive_torque, of_chain.brake_torque)
+    return CommandInputs(1, 1, n_trailer, 1, of_chain.drive_torque, of_chain.brake_torque, of_chain.brake_share)
 
 
 def ground_input_sizes(vehicle: Vehicle) -> GroundInputs[int]:
@@ -79,6 +80,7 @@ def chain_input(vehicle: Vehicle, command: CommandInputs[ca.SX], ground: GroundI
         wind=ground.wind,
         drive_torque=command.drive_torque,
         brake_torque=command.brake_torque,
+        brake_share=command.brake_share,
     )
 
 

@@ -1,0 +1,264 @@
+"""Faults of the loop beyond its sensors: messages, steering actuators, brakes."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import offtrack
+from estimators.estimates import Health, OffTracking
+from scenarios.assembly.rover import assemble_rover
+from scenarios.assembly.trailer import Assembly, assemble
+from scenarios.catalogue import FAULT, resolve
+from scenarios.fmi_proxy.system import fmu_system
+from scenarios.loop.channel import InLine
+from scenarios.loop.combination import SteeredTrailer
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.loop_faults.applied import trailer_faults
+from scenarios.loop_faults.catalogue import LOOP_FAULTS, is_loop_kind
+from scenarios.loop_faults.fault import ActuatorFault, LoopFault, LoopFaultContext, MessageFault
+from scenarios.loop_faults.message_kinds import DemandLoss
+from scenarios.options.faults import FaultOptions
+from scenarios.options.rover import RoverScenario
+from scenarios.options.scenario import load_any_scenario, load_scenario
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.frames import FloatArray, Pose2
+from vehicle.surface import Surface
+
+STEP = 10  # [ticks]
+ESTIMATE = OffTracking(
+    tick=0,
+    value=0.1,
+    std=0.01,
+    health=Health.OK,
+    path=np.zeros((1, 2)),
+    hitch_direction=0.0,
+    hitch_direction_rate=0.0,
+    path_tangent=0.0,
+    v_x=5.0,
+    v_y=0.0,
+    yaw_rate=0.0,
+)
+VEHICLE = "uk_longer_semitrailer"  # two steered axles, each with an actuator
+
+
+def fault(text: str) -> LoopFault:
+    """The fault as ``--set faults=`` takes it."""
+    scenario = load_scenario("roundabout", (f"faults={text}",))
+    built = scenario.faults[0].fault()
+    assert isinstance(built, LoopFault)
+    return built
+
+
+def built_actuator(text: str, vehicle: Vehicle | None = None) -> tuple[LoopFault, ActuatorFault]:
+    one, vehicle = fault(text), vehicle or load_vehicle(VEHICLE)
+    kind = one.built(LoopFaultContext(vehicle=vehicle, unit=1, rng=np.random.default_rng(0)))
+    assert isinstance(kind, ActuatorFault)
+    return one, kind
+
+
+def driven(text: str, demands: list[float], vehicle: Vehicle | None = None) -> FloatArray:
+    """Angles (n, 2) [rad] of axles that follow their demand at once, one demand a step; the fault has its times."""
+    one, kind = built_actuator(text, vehicle)
+    angles, course = np.zeros(2), []
+    for k, demand in enumerate(demands):
+        angles = kind.demanded(k * STEP, np.full(2, demand), angles, one.active(k * STEP))
+        course.append(angles)
+    return np.array(course)
+
+
+def carried(text: str, count: int) -> list[list[int]]:
+    """Messages that arrive at each step of 10 ms; one is sent at each, and is its number."""
+    one = fault(text)
+    kind = one.built(LoopFaultContext(vehicle=load_vehicle(VEHICLE), unit=1, rng=np.random.default_rng(0)))
+    assert isinstance(kind, MessageFault)
+    return [kind.carried(k * STEP, [k], one.active(k * STEP)) for k in range(count)]
+
+
+def test_stuck_axles_stay_until_the_fault_ends() -> None:
+    demands = [0.0, 0.1, 0.2, 0.3, 0.4]
+    course = driven("actuator_stuck@0.02+0.02", demands)
+    assert course[:, 0].tolist() == [0.0, 0.1, 0.1, 0.1, 0.4]
+
+
+def test_one_axle_is_faulty_alone() -> None:
+    course = driven("actuator_stuck:2@0.01", [0.1, 0.2, 0.3])
+    assert course[-1].tolist() == [0.3, 0.1]
+
+
+def test_axles_of_one_actuator_share_its_fault() -> None:
+    """A linkage turns both."""
+    course = driven("actuator_stuck:2@0.01", [0.1, 0.2, 0.3], load_vehicle("uk_longer_semitrailer_grouped"))
+    assert course[-1].tolist() == [0.1, 0.1]
+
+
+def test_slow_axles_turn_at_their_share_of_the_rate() -> None:
+    steering = load_vehicle(VEHICLE).units[1].steering
+    assert steering is not None
+    course = driven("actuator_slow:0.1@0.01", [0.0, *[0.02] * 60])
+    rates = np.diff(course[1:, 0]) / 0.01
+    assert rates[0] == pytest.approx(0.1 * steering.rate_limit)
+    assert course[-1, 0] == 0.02  # and get there
+
+
+def test_an_offset_stands_beside_the_demand() -> None:
+    assert driven("actuator_offset:-3", [0.1])[0] == pytest.approx(0.1 - math.radians(3.0))
+
+
+def test_dead_axles_return_to_straight_and_stay() -> None:
+    """From 0.1 rad at 10 deg/s: within 0.58 s."""
+    course = driven("actuator_dead:10@0.01", [0.1] * 70)[:, 0]
+    assert np.diff(course[1:30]) == pytest.approx(-math.radians(10.0) * 0.01)
+    assert course[-1] == 0.0
+
+
+def test_late_messages_arrive_in_their_order() -> None:
+    """Those under way at the end of the fault are lost."""
+    assert carried("estimate_delay:0.02@0.01+0.04", 7) == [[0], [], [], [1], [2], [5], [6]]
+
+
+def test_messages_are_lost_in_their_share() -> None:
+    """Of 1 000 with a share of 0.3: the standard deviation of the count is 14."""
+    arrived = carried("demand_loss:0.3@0+10", 1100)
+    assert sum(map(len, arrived[:1000])) == pytest.approx(700, abs=60)
+    assert all(len(one) == 1 for one in arrived[1000:])
+
+
+def test_every_kind_is_in_the_catalogue_and_has_a_family() -> None:
+    assert all(is_loop_kind(resolve("kind", name, FAULT)) for name in LOOP_FAULTS)
+    assert len(FAULT) == len(set(FAULT))
+
+
+class Swapped(ActuatorFault):
+    """Axles that turn to the other side."""
+
+    options: ClassVar = ()
+
+    def demanded(self, tick: int, demand: FloatArray, angles: FloatArray, active: bool) -> FloatArray:
+        """The demand, mirrored."""
+        return -demand if active else demand
+
+
+def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
+    options = FaultOptions(kind="tests.scenarios.test_loop_faults:Swapped")
+    own = options.fault()
+    assert isinstance(own, LoopFault)
+    faults = trailer_faults([(0, own)], load_vehicle(VEHICLE), 1, lambda _: np.random.default_rng(0))
+    assert faults.demanded(0, np.array([0.1, -0.2]), np.zeros(2)).tolist() == [-0.1, 0.2]
+
+
+def test_faults_act_between_law_and_axles_of_a_run() -> None:
+    """The log has the law's demands, and the angles of the faulty axles. A snapshot goes on bitwise."""
+    faults = "actuator_offset:4,1; actuator_stuck:1@0.5; demand_loss:0.5; estimate_loss:0.5"
+    settings = {"course.length": 30, "off_tracking": "truth", "faults": faults}
+    with offtrack.Session("cambered-road", settings=settings) as session:
+        session.step(0.7)
+        snapshot = copy.deepcopy(session)
+        session.step(0.2)
+        snapshot.step(0.2)
+        log = session.result().log
+        assert log == snapshot.result().log
+    assert abs(log["steer_trailer_1_command"]).max() < math.radians(0.5)  # on a straight
+    assert log["steer_trailer_1"][49] == pytest.approx(math.radians(4.0), rel=0.1)  # after two lags
+    assert np.ptp(log["steer_trailer_1"][50:]) < 1e-9
+    assert abs(log["steer_trailer_2"]).max() < math.radians(0.5)
+
+
+def test_estimates_are_kept_from_the_law_alone() -> None:
+    """The log has what the estimator sent."""
+    known = {}
+    for faults in ("none", "estimate_loss:1", "estimate_delay:0.1"):
+        trailer = SteeredTrailer(assembled("roundabout", f"faults={faults}").trailers[-1], InLine(), Stopwatch())
+        trailer.channel.delivered.append(ESTIMATE)
+        for tick in (0, 90, 100):
+            trailer.receive(tick)
+            known[faults, tick] = trailer.off_tracking is not None
+        assert len(trailer.estimates) == 1
+    assert [known["none", tick] for tick in (0, 90, 100)] == [True, True, True]
+    assert [known["estimate_loss:1", tick] for tick in (0, 90, 100)] == [False, False, False]
+    assert [known["estimate_delay:0.1", tick] for tick in (0, 90, 100)] == [False, False, True]
+
+
+def test_a_brake_fault_pulls_the_vehicle_to_the_sound_side() -> None:
+    """Without the brakes of the tractor's left side the combination turns to the right; the deceleration is less."""
+    vehicle = load_vehicle("eu_tractor_semitrailer").with_failing_brakes()
+    plant = Plant(vehicle, Surface(friction=0.8), "interpreted")
+    start = plant.initial_state(Pose2(0.0, 0.0, 0.0), 15.0)
+    left = tuple(0.0 if k < 4 and k % 2 == 0 else 1.0 for k in range(vehicle.n_wheels))
+    speeds = {}
+    for name, shares in (("sound", ()), ("ones", (1.0,) * vehicle.n_wheels), ("left", left)):
+        state = plant.step(start, VehicleCommand(0.0, -3.0, (), 1.0, shares), 1000)
+        truth = plant.observe(state, 1000)
+        speeds[name] = float(truth.velocities[0, 0])
+        yaw = float(truth.velocities[0, 2])
+        assert (yaw < -0.005) if name == "left" else (abs(yaw) < 1e-9)
+    assert speeds["sound"] == speeds["ones"] < speeds["left"] - 0.1
+
+
+def test_brakes_of_one_side_of_an_axle_fail() -> None:
+    parts = assembled("roundabout", "faults=brake_fault:0.25,2,1,-1@1")
+    wheels_ahead = 2 * len(parts.vehicle.units[0].axles)
+    shares = parts.brake_faults.shares(1000)
+    assert [k for k, share in enumerate(shares) if share == 0.25] == [wheels_ahead + 1]
+    assert set(parts.brake_faults.shares(0)) == {1.0}
+
+
+def assembled(name: str, *settings: str) -> Assembly:
+    return assemble(load_scenario(name, ("off_tracking=truth", *settings)), 1)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "settings", "complaint"),
+    [
+        ("roundabout", "actuator_stuck:4", r"actuator_stuck: axle = 4: semitrailer has 2 steered axles"),
+        ("roundabout", "brake_fault:0.5,3", r"brake_fault: unit = 3: \S+ has 2 units"),
+        ("roundabout", "brake_fault:0.5,2,9", r"brake_fault: axle = 9: semitrailer has 3 axles"),
+        ("constant-slip", "actuator_stuck", r"actuator_stuck needs a steered trailer; plant.kind = constant_slip"),
+        ("constant-slip", "brake_fault", r"brake_fault needs plant.kind = multibody; constant_slip has brakes"),
+        (
+            "lane-change",
+            "actuator_dead",
+            r"actuator_dead needs a steered trailer; eu_tractor\S+ has no steered",
+        ),
+    ],
+)
+def test_faults_that_do_not_apply_are_refused_in_one_line(scenario: str, settings: str, complaint: str) -> None:
+    vehicle = ("vehicle=eu_tractor_semitrailer", "trailer_steering=none") if scenario == "lane-change" else ()
+    with pytest.raises(ValueError, match=f"^faults: {complaint}[^\n]*$"):
+        assembled(scenario, f"faults={settings}", *vehicle)
+
+
+def test_a_vehicle_without_brakes_has_no_fault_of_them(tmp_path: Path) -> None:
+    bare = load_vehicle(VEHICLE).model_copy(update={"brakes": None})
+    with pytest.raises(ValueError, match=r"^the file of vehicle uk_longer_semitrailer has no table \[brakes\]$"):
+        bare.with_failing_brakes()
+
+
+def test_a_rover_has_none_of_these_faults() -> None:
+    scenario = load_any_scenario("rover-slope", ("faults=demand_delay:0.2", "slip_estimator=truth"))
+    assert isinstance(scenario, RoverScenario)
+    with pytest.raises(ValueError, match=r"^faults: demand_delay acts on .* of a run's trailer; a rover has none$"):
+        assemble_rover(scenario, 1)
+
+
+def test_too_many_numbers_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"actuator_offset: amount = \[1.0, 2.0, 3.0\] must be offset \[deg\], axle"):
+        fault("actuator_offset:1,2,3")
+
+
+def test_a_system_of_fmus_has_none_of_these_faults() -> None:
+    with pytest.raises(ValueError, match=r"^faults: actuator_dead acts on .*; a system of FMUs has none$"):
+        fmu_system(load_scenario("roundabout", ("off_tracking=truth", "faults=actuator_dead")), 1)
+
+
+def test_loss_draws_the_same_numbers_whether_active_or_not() -> None:
+    """A fault's time changes no message outside of it."""
+    late, always = ([len(one) for one in carried(f"demand_loss:0.5@{start}", 60)] for start in ("0.3", "0"))
+    assert late[30:] == always[30:]
+    assert DemandLoss.carries == "demands"
