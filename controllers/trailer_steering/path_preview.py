@@ -22,23 +22,20 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
+from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.limits import check_steered, reachable
-from controllers.trailer_steering.prediction import Predictor, SteerHistory, angles_at, recorded
+from controllers.trailer_steering.prediction import MEASURABLE, Predictor, SteerHistory, recorded, slip_between
+from controllers.trailer_steering.target import Target, target_on
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import crossing, tangent
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
-from vehicle.polyline import arc_length
 
 _HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
-_MEASURABLE = 0.5  # below this speed the odometry's noise of some mm per frame hides the slip [m/s]
 _HISTORY = 3000  # of the steer encoders: age of an estimate and a gap, with margin for slow cameras [ticks]
 _OLDEST = 2000  # age at which an estimate is useless and the axles keep their angles [ticks]
-_REACH = 0.75  # half window of the fit to the path at the follow point [m]
 _CROSSOVER = 3.5  # upper limit: age of the estimate, steering and tyres leave no phase above [rad/s]
 _SLIP_TIME = 0.2  # two estimates; slip measured from a single one is too noisy at speed [s]
 # Least time of the slip's low-pass over the speed: four times the lag with which tyres turn a trailer, 1/(4.6 g).
@@ -53,14 +50,6 @@ _UNDAMPED = 2.0  # the slip is filtered over that many times the distance where 
 # The loop with its delay of 0.3 s is well damped at 30 km/h and oscillates at 40 km/h: full authority up to about the
 # first speed, none from about the second on [m/s].
 _FULL_UP_TO, _NONE_FROM = 7.0, 11.0
-
-
-class Target(NamedTuple):
-    """The path at the follow point, in the trailer's frame."""
-
-    offset: float  # + when it lies left [m]
-    direction: float  # + left [rad]
-    curvature: float  # + left [1/m]
 
 
 class PathPreviewMemory(NamedTuple):
@@ -143,23 +132,17 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
             return memory
         inertial, other = self._inertial_slip(estimate, self._target(estimate.path)), memory.other_slip
         if before is not None:
-            other += self._share(before, estimate) * (self._measured_slip(memory, before, estimate) - inertial - other)
+            measured = slip_between(before, estimate, self._axles, memory.history)
+            other += self._share(before, estimate) * (measured - inertial - other)
         return memory._replace(estimate=estimate, slip=inertial + other, other_slip=other)
 
     def _share(self, before: OffTracking, estimate: OffTracking) -> float:
         """Weight of a new slip measurement against the old ones, by the distance since the last estimate."""
         interval = (estimate.tick - before.tick) * TICK
-        if estimate.v_x < _MEASURABLE or interval > _OLDEST * TICK:
+        if estimate.v_x < MEASURABLE or interval > _OLDEST * TICK:
             return 0.0
         time = max(self._slip_distance / estimate.v_x, _SLIP_TIME, _SLIP_YAW * estimate.v_x)
         return 1.0 - math.exp(-interval / time)
-
-    def _measured_slip(self, memory: PathPreviewMemory, before: OffTracking, estimate: OffTracking) -> float:
-        """Mean slip of the axles [-] between two estimates."""
-        # The velocities are means over the last frame interval; the angles at its middle belong to them.
-        angles = angles_at(memory.history, np.array([0.5 * (before.tick + estimate.tick)]))[0]
-        v_x = max(estimate.v_x, _MEASURABLE)
-        return self._axles.mean_slip(v_x, estimate.v_y, estimate.yaw_rate, angles)
 
     def _wanted(self, memory: PathPreviewMemory, tick: int, elapsed: float) -> tuple[PathPreviewMemory, FloatArray]:
         """The angles wanted now [rad], not yet limited in rate."""
@@ -180,13 +163,7 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         return memory._replace(bias=bias), share * angles
 
     def _target(self, path: FloatArray) -> Target | None:
-        """The point of a path (n, 2) at the follow point; None if it does not reach back that far."""
-        s = arc_length(path)
-        passed = crossing(path, s, -self._trailer.follow_distance)
-        if passed is None:
-            return None
-        tangent_there = tangent(path, s, passed.s, _REACH)
-        return Target(passed.y, limited_direction(tangent_there.direction), tangent_there.curvature)
+        return target_on(path, self._trailer.follow_distance)
 
     def _inertial_slip(self, estimate: OffTracking, target: Target | None) -> float:
         """Mean slip [-] due to lateral acceleration, with the follow point at the target; 0 without one.

@@ -1,9 +1,9 @@
-"""Prediction of the trailer from an old estimate to the time when its steering has answered."""
+"""Prediction of the trailer from an old estimate to the time when its steering has answered; slip of its axles."""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, wrap
+
+MEASURABLE: Final = 0.5  # below this speed the odometry's noise of some mm per frame hides the slip [m/s]
 
 _STEP = 0.02  # of the integration [s]; a turn of 1 deg per step, accurate to 1e-5 with the midpoint rule
 
@@ -41,6 +43,13 @@ def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:
     read_at = np.array([reading.tick for reading in history], dtype=np.float64)
     read = np.array([reading.angles for reading in history])
     return np.stack([np.interp(ticks, read_at, axle) for axle in read.T], axis=1)
+
+
+def slip_between(before: OffTracking, estimate: OffTracking, axles: AxleGroup, history: SteerHistory) -> float:
+    """Mean slip of the axles [-] between two estimates."""
+    # The velocities are means over the last frame interval; the angles at its middle belong to them.
+    angles = angles_at(history, np.array([0.5 * (before.tick + estimate.tick)]))[0]
+    return axles.mean_slip(max(estimate.v_x, MEASURABLE), estimate.v_y, estimate.yaw_rate, angles)
 
 
 class Ahead(NamedTuple):

@@ -1,24 +1,28 @@
 """A virtual driver at the trailer's rear: PID with preview on the off-tracking error.
 
 Cheng, Roebuck, Odhams and Cebon's scheme as de Saxe & Cebon 2018 describe it: a virtual driver at the follow point
-steers it onto the path of the hitch by proportional, integral and derivative action on the off-tracking at some
-distance ahead. With the no-slip estimate (off_tracking = kinematic) it is Cheng's controller; with a measured
-off-tracking it is Miao's reformulation, which tolerates slip. Gains are not published. Derived here:
+steers it onto the path of the hitch by preview and by proportional, integral and derivative action on the off-tracking.
+With the no-slip estimate (off_tracking = kinematic) it is Cheng's controller; with a measured off-tracking it is Miao's
+reformulation, which tolerates slip. Gains are not published. Derived here:
 
-- the driver sets one angle delta, of a single axle in place of the group, at x_c = sum(x_i^2)/sum(x_i), where equal
-  angles of all axles have their moment; the group then turns about a common centre with the same moment;
-- on a circle of radius R, perfect path following needs delta = -(x_c - L_f/2)/R, while the path at the distance p ahead
-  of the follow point has the lateral offset -p (L_f - p)/(2 R) from the axis. So the proportional gain
-  2 (x_c - L_f/2)/(p (L_f - p)) needs no error in a steady turn: ``gain`` is a multiple of it;
-- on rolling axles the trailer's yaw integrates the angle, at v/x_c, and turns the previewed point by L_f - p. So the
-  loop crosses over at gain (L_f - p) v/x_c, which grows with speed, while the age of the estimate, the lag of the
-  actuators and that of the tyres do not shrink. From the speed on at which the crossover times the sum of these lags
-  reaches ``_PHASE``, the gain falls so that it stays there: the margin is the same for every trailer and speed.
+- Preview. The driver sees the path as it will be when his axles have answered: the estimate is predicted over its own
+  age and the lag of the actuators. His direction of travel is that of the path there, so a steady turn needs no error.
+- Proportional. Per metre travelled the error changes by the angle between path and direction of travel. A driver who
+  aims at the point of the path ``preview`` ahead turns by error/preview: the error decays over that distance.
+- Derivative. The part of the error's change that the steering explains is in the prediction. The rest is the drift of
+  axles that slip; it is measured, low-passed over twice the lag of the tyres, and steered against.
+- Integral. With the gain K of the proportional part and I of the integral the error obeys e'' + K e' + I e = 0 over the
+  distance: damped critically at I = K^2/4. Half of that is left for the lags; where K falls, I falls as its square.
+- Crossover. It is K v, and what the prediction does not know must not take more than ``_PHASE`` of its phase: the lags
+  of the tyres, and a quarter of those that are predicted. So K falls with speed, to the same margin on every trailer.
+- Feed-forward. Following the direction of the path takes away the alignment of a towed trailer, whose crossover is
+  v/x_c with x_c = sum(x_i^2)/sum(x_i): a positive feedback. Where all lags together take more than half of ``_PHASE``
+  at v/x_c, on short trailers and at speed, only that share of the angles is steered.
 
 The kinematic estimate does not include the slip of a sliding tractor. With the driven axle at its friction limit (0.2,
-uphill on a cross-fall of 5 %) the hitch slides downhill, the estimate is wrong by 1.3 m before the trailer is steered
-at all, and the rear is steered 2 m off its path. Path preview does the same with that estimate; neither does with a
-measured one. A shorter preview makes the gain larger: at 0.7 m the combination leaves the road there.
+uphill on a cross-fall of 5 %) the hitch slides downhill, that estimate is wrong by more than a metre before the trailer
+is steered at all, and the rear is steered off its path. Path preview does the same with it; neither does with a
+measured one.
 """
 
 from __future__ import annotations
@@ -29,21 +33,25 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
-from controllers.trailer_steering.kinematics import AxleGroup, limited_direction
+from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.limits import check_steered, reachable
+from controllers.trailer_steering.prediction import MEASURABLE, Predictor, SteerHistory, recorded, slip_between
+from controllers.trailer_steering.target import Target, target_on
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.hitch_path import crossing
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 from vehicle.option import Option, check_options
-from vehicle.polyline import arc_length
 
+_HALF_PERIOD = 10  # a demand acts for 20 ms; it is computed for the middle of them [ticks]
 _CREEP = 0.2  # below this speed, and in reverse, the axles keep their angles [m/s]
-_SMOOTHING = 0.5  # low-pass on the derivative of the error [m]
-_LEAST_LEVER = 0.5  # of x_c - L_f/2 in the proportional gain, for groups near the middle [m]
+_HISTORY = 3000  # of the steer encoders: age of an estimate and a gap, with margin for slow cameras [ticks]
+_OLDEST = 2000  # age at which an estimate is useless and the axles keep their angles [ticks]
+_FARTHEST = 0.5  # of the follow distance: the prediction never travels beyond the measured path [-]
 _MOST_BIAS = 0.15  # of the integral: slip on ice, with margin [rad]
 _PHASE = 0.7  # crossover times lags, at most: 40 deg of the integrator's 90 deg are spent [rad]
+_UNPREDICTED = 0.25  # assumed: share of the predicted lags that the prediction misses [-]
+_DRIFT_TIMES = 2.0  # of the tyres' lag, in the low-pass of the drift: their answer to steering is not taken for drift
 # Lags of tyres of the usual kind: they roll half a metre until the force is there, and the force needs to turn the
 # trailer's mass, with a cornering stiffness of 4.6 times the load.
 _RELAXATION = 0.5  # [m]
@@ -55,9 +63,9 @@ class VirtualDriverMemory(NamedTuple):
 
     tick: int | None  # of the last step; None before the first
     estimate: OffTracking | None  # newest usable one
-    error: float  # previewed error then [m]
-    slope: float  # its derivative over the distance, low-passed [-]
+    history: SteerHistory
     delay: float  # mean age of the estimate between its arrival and that of the next one [s]
+    drift: float  # mean slip of the axles, low-passed [-]
     bias: float  # integral part [rad]
     demand: tuple[float, ...]  # last command [rad]
 
@@ -66,10 +74,10 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
     """PID with preview on the off-tracking, as by a driver at the rear."""
 
     options: ClassVar[tuple[Option, ...]] = (
-        Option("preview", 1.5, "distance ahead of the follow point at which the driver looks", "m", 0.2, 6.0),
-        Option("gain", 1.0, "proportional part; 1: a steady turn needs no error", "-", 0.0, 5.0),
-        Option("integral", 0.02, "angle per error and metre travelled", "rad/m2", 0.0, 0.5),
-        Option("derivative", 0.1, "angle per change of the error over the distance travelled", "rad", 0.0, 3.0),
+        Option("preview", 1.5, "distance at which the driver aims for the path", "m", 0.2, 6.0, tune=(0.8, 4.0)),
+        Option("gain", 1.0, "proportional part; 1: straight at that point", "-", 0.0, 5.0),
+        Option("integral", 0.06, "turn per error and metre travelled", "rad/m2", 0.0, 0.5, tune=(0.0, 0.15)),
+        Option("derivative", 1.0, "share of the axles' drift that is steered against", "-", 0.0, 1.0),
     )
 
     def __init__(
@@ -78,8 +86,8 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         *,
         preview: float = 1.5,
         gain: float = 1.0,
-        integral: float = 0.02,
-        derivative: float = 0.1,
+        integral: float = 0.06,
+        derivative: float = 1.0,
     ) -> None:
         """A controller for the trailer; ``options`` describes the parameters.
 
@@ -90,66 +98,84 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         given = {"preview": preview, "gain": gain, "integral": integral, "derivative": derivative}
         check_options(self.options, given)
         self._trailer, self._axles = trailer, AxleGroup.of(trailer)
-        self._preview, self._integral, self._derivative = preview, integral, derivative
+        self._gain, self._integral, self._derivative = gain / preview, integral, derivative
         self._x_c = self._axles.second_moment / self._axles.first_moment
-        lever = max(self._x_c - 0.5 * trailer.follow_distance, _LEAST_LEVER)
-        self._gain = gain * 2.0 * lever / (preview * (trailer.follow_distance - preview))
+        self._predictor = Predictor(trailer, self._axles)
 
     def init(self) -> VirtualDriverMemory:
         """Memory without any estimate, wheels straight."""
         straight = (0.0,) * len(self._trailer.steered_distances)
-        return VirtualDriverMemory(None, None, 0.0, 0.0, 0.0, 0.0, straight)
+        return VirtualDriverMemory(None, None, (), 0.0, 0.0, 0.0, straight)
 
     def step(
         self, memory: VirtualDriverMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[VirtualDriverMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        memory, last = memory._replace(tick=tick), np.array(memory.demand)
-        if off_tracking is not None and off_tracking.health is not Health.LOST:
+        memory = memory._replace(tick=tick, history=recorded(memory.history, signals, _HISTORY))
+        if off_tracking is not None and self._usable(off_tracking):
             memory = self._with_estimate(memory, tick, off_tracking)
-        wanted, estimate = last, memory.estimate
-        if estimate is not None and estimate.v_x >= _CREEP:
-            error = self._error(estimate.path, self._preview + estimate.v_x * estimate.age(tick))
-            share = self._share(estimate.v_x, memory.delay)
-            wanted = self._angles(estimate.hitch_direction, memory, memory.error if error is None else error, share)
-        demand = reachable(self._trailer, last, wanted, elapsed)
+        memory, wanted = self._wanted(memory, tick, elapsed)
+        demand = reachable(self._trailer, np.array(memory.demand), wanted, elapsed)
         return memory._replace(demand=tuple(demand.tolist())), SteerCommand(angles=demand)
 
+    def _usable(self, estimate: OffTracking) -> bool:
+        """True if the estimate is good, or lost only because its path is still short: it shows the drift."""
+        return estimate.health is not Health.LOST or self._target(estimate.path) is None
+
     def _with_estimate(self, memory: VirtualDriverMemory, tick: int, estimate: OffTracking) -> VirtualDriverMemory:
-        """Memory with a new estimate: error, derivative and integral."""
-        before, error = memory.estimate, self._error(estimate.path, self._preview)
-        if error is None or (before is not None and estimate.tick <= before.tick):
-            return memory
+        """Memory with a usable estimate; a new one shows the drift since the one before."""
+        before, drift = memory.estimate, memory.drift
         if before is None:
-            return memory._replace(estimate=estimate, error=error)
+            return memory._replace(estimate=estimate)
         interval = (estimate.tick - before.tick) * TICK
-        distance = max(0.0, estimate.v_x) * interval
-        slope, bias, delay = memory.slope, memory.bias, estimate.age(tick) + 0.5 * interval
-        if distance > 0.0:
-            share = 1.0 - math.exp(-distance / _SMOOTHING)
-            slope += share * ((error - memory.error) / distance - slope)
-        if min(map(abs, memory.demand)) < self._trailer.max_steer - 1e-6:  # else it waits at the limit of all axles
-            integral = self._share(estimate.v_x, delay) ** 2 * self._integral  # it stays as far below the crossover
-            bias = max(-_MOST_BIAS, min(_MOST_BIAS, bias + integral * estimate.value * distance))
-        return memory._replace(estimate=estimate, error=error, slope=slope, delay=delay, bias=bias)
+        if interval <= 0.0:
+            return memory
+        if estimate.v_x >= MEASURABLE and interval <= _OLDEST * TICK:
+            share = 1.0 - math.exp(-interval / (_DRIFT_TIMES * _tyre_lag(estimate.v_x)))
+            drift += share * (slip_between(before, estimate, self._axles, memory.history) - drift)
+        return memory._replace(estimate=estimate, delay=estimate.age(tick) + 0.5 * interval, drift=drift)
+
+    def _wanted(self, memory: VirtualDriverMemory, tick: int, elapsed: float) -> tuple[VirtualDriverMemory, FloatArray]:
+        """The angles wanted now [rad], not yet limited in rate."""
+        last, estimate = np.array(memory.demand), memory.estimate
+        if estimate is None or tick - estimate.tick > _OLDEST or estimate.v_x < _CREEP:
+            return memory, last
+        until = min(
+            tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD,
+            estimate.tick + round(_FARTHEST * self._trailer.follow_distance / estimate.v_x / TICK),
+        )
+        ahead = self._predictor.ahead(estimate, memory.drift, memory.history, last, until)
+        target = self._target(ahead.frame.inverse().apply(estimate.path))
+        share, drift = self._share(estimate.v_x, memory.delay), self._derivative * memory.drift
+        if target is None:
+            return memory, share * self._axles.slip_angles(drift)
+        gain = self._scheduled(estimate.v_x, memory.delay)
+        memory = self._integrated(memory, gain, target.offset * estimate.v_x * elapsed)
+        follow_direction = target.direction + math.atan((gain * target.offset + memory.bias) / share)
+        return memory, share * self._axles.steer_angles(ahead.hitch_direction, follow_direction, drift)
+
+    def _scheduled(self, speed: float, delay: float) -> float:
+        """Proportional gain [rad/m] at a speed [m/s] with estimates of this mean age [s]."""
+        lags = _tyre_lag(speed) + _UNPREDICTED * (delay + self._trailer.actuator_lag)
+        return min(self._gain, _PHASE / (lags * speed))
 
     def _share(self, speed: float, delay: float) -> float:
-        """Share of the gain [-] at a speed [m/s] with estimates of this mean age [s]."""
-        speed = max(speed, _CREEP)
-        lag = delay + self._trailer.actuator_lag + _RELAXATION / speed + _YAW_LAG * speed
-        crossover = self._gain * (self._trailer.follow_distance - self._preview) / self._x_c * speed
-        return min(1.0, _PHASE / (crossover * lag)) if crossover > 0.0 else 1.0
+        """Share of the angles [-] that leaves a trailer enough of its alignment."""
+        lags = _tyre_lag(speed) + delay + self._trailer.actuator_lag
+        return min(1.0, 0.5 * _PHASE * self._x_c / (speed * lags))
 
-    def _error(self, path: FloatArray, ahead: float) -> float | None:
-        """Lateral offset [m] of a path (n, 2) from the axis, ``ahead`` [m] of the follow point; None if too short."""
-        x = min(0.0, ahead - self._trailer.follow_distance)
-        passed = crossing(path, arc_length(path), x)
-        return None if passed is None else passed.y
+    def _integrated(self, memory: VirtualDriverMemory, gain: float, area: float) -> VirtualDriverMemory:
+        """Memory after ``area`` [m2] more of error times distance; the integral waits at full steer."""
+        if self._gain == 0.0 or min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
+            return memory
+        bias = memory.bias + self._integral * (gain / self._gain) ** 2 * area
+        return memory._replace(bias=max(-_MOST_BIAS, min(_MOST_BIAS, bias)))
 
-    def _angles(self, hitch_direction: float, memory: VirtualDriverMemory, error: float, share: float) -> FloatArray:
-        """Angles (n_steered,) [rad] with the moment of the virtual driver's single angle."""
-        angle = share * self._gain * error + memory.bias + self._derivative * memory.slope
-        lead, reach = limited_direction(hitch_direction), self._x_c / self._trailer.follow_distance
-        follow = (math.tan(limited_direction(angle)) - math.tan(lead) * (1.0 - reach)) / reach
-        return self._axles.steer_angles(lead, math.atan(follow), 0.0)
+    def _target(self, path: FloatArray) -> Target | None:
+        return target_on(path, self._trailer.follow_distance)
+
+
+def _tyre_lag(speed: float) -> float:
+    """Lag [s] of the trailer behind its steer angles at a speed [m/s]."""
+    return _RELAXATION / speed + _YAW_LAG * speed
