@@ -18,8 +18,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from controllers.trailer import Combination, SteerCommand, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.command_steer import CommandSteerMemory
-from controllers.trailer_steering.fallback import Fallback, FallbackName
+from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
 from controllers.trailer_steering.limits import reachable
 from controllers.trailer_steering.plausibility import Limits, Travel, jumps, motion_agrees, moved_on, usable
@@ -56,7 +55,7 @@ class Degradation:
     max_std: float = 0.8  # of a degraded estimate; the fallback errs by 0.7 m RMS on a roundabout [m]
     max_jump: float = 0.25  # deviation from the expected value [m]
     recovery: float = 0.5  # for which estimates must be good before they are used again [s]
-    fallback: FallbackName = "command_steer"
+    fallback: FallbackName = "dead_reckoning"
 
     def __post_init__(self) -> None:
         for name, (low, high, unit) in LIMITS.items():
@@ -72,7 +71,7 @@ class GuardMemory(NamedTuple):
     """State of the guard between two steps."""
 
     law: Any  # memory of the law
-    fallback: CommandSteerMemory
+    fallback: FallbackMemory
     tick: int | None  # of the last step; None before the first
     demand: tuple[float, ...]  # last command [rad]
     travel: Travel
@@ -128,8 +127,10 @@ class Guarded:
             memory = self._checked(memory, tick, off_tracking, motion)
         memory = self._with_handover(memory, tick, motion, elapsed)
         law, command = self.law.step(memory.law, tick, _for_law(memory, off_tracking), signals)
-        fallback, substitute = self._fallback.step(memory.fallback, tick, None, signals)
-        target = command.angles if memory.steers else substitute.angles
+        fallback = self._fallback.observed(memory.fallback, tick, memory.good if memory.trusted else None, signals)
+        target = command.angles
+        if not memory.steers:
+            fallback, target = self._fallback.steered(fallback, tick, signals, np.array(memory.demand))
         memory = self._steered(memory, tick, target, elapsed)
         return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from controllers.trailer_steering.hitch_motion import HitchMotion
 from estimators.estimates import OffTracking
+from vehicle.clock import TICK
 from vehicle.frames import FloatArray, Pose2, wrap
 
 _SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]
@@ -77,6 +78,18 @@ def corrected(path: ReckonedPath, estimate: OffTracking) -> ReckonedPath:
     count = len(older)
     ticks = np.concatenate([path.ticks[newer], np.full(count, float(estimate.tick))])
     return path._replace(ticks=ticks, points=np.concatenate([path.points[newer], older]))
+
+
+def motion_between(path: ReckonedPath, since: int, until: int) -> HitchMotion | None:
+    """Mean motion between two past ticks, along the axes of S halfway; None outside the range of poses."""
+    before, after = _pose_at(path.recent, since), _pose_at(path.recent, until)
+    if before is None or after is None or until <= since:
+        return None
+    elapsed = (until - since) * TICK
+    turn = wrap(after.psi - before.psi)
+    c, s = math.cos(before.psi + 0.5 * turn), math.sin(before.psi + 0.5 * turn)
+    dx, dy = (after.x - before.x) / elapsed, (after.y - before.y) / elapsed
+    return HitchMotion(c * dx + s * dy, c * dy - s * dx, turn / elapsed)
 
 
 def _pose_at(recent: tuple[Moment, ...], tick: int) -> Pose2 | None:

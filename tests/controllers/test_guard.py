@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from controllers.trailer import SteerCommand
 from controllers.trailer_steering.command_steer import CommandSteer
+from controllers.trailer_steering.fallback import FallbackName
 from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
@@ -24,6 +25,7 @@ from vehicle.frames import FloatArray
 SPEED = 2.8  # [m/s]
 PERIOD, CAMERA = 20, 100  # of steps and estimates [ticks]
 WANTED = 0.2  # what the law under guard steers by any estimate that it is given [rad]
+COMMAND_STEER = Degradation(fallback="command_steer")  # the signals here are those of no real motion
 PATH = np.column_stack([-np.linspace(0.0, 16.0, 60), np.zeros(60)])
 
 
@@ -73,7 +75,7 @@ def drive(
     law: type[Believes] = Believes,
 ) -> tuple[FloatArray, FloatArray, GuardMemory]:
     """Ticks, commands (steps, axles) and the last memory, with an estimate of 0.1 s ago every 0.1 s."""
-    guarded = Guarded(law(), TRAILER, COMBINATION, degradation or Degradation())
+    guarded = Guarded(law(), TRAILER, COMBINATION, degradation or COMMAND_STEER)
     memory, newest, commands = guarded.init(), None, []
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
@@ -233,18 +235,22 @@ def test_what_the_law_does_after_a_change_of_hands_it_does_in_full() -> None:
     np.testing.assert_allclose(np.diff(moves), np.diff(0.05 * np.sin(2e-3 * ticks)), atol=1e-9)
 
 
-@pytest.mark.parametrize("change", [{"fallback": "straight"}, {"hold": 0.2}, {"fade_rate": 0.5}])
+@pytest.mark.parametrize(
+    "change", [{"fallback": "straight"}, {"fallback": "dead_reckoning"}, {"hold": 0.2}, {"fade_rate": 0.5}]
+)
 def test_what_the_user_sets_is_what_happens(change: dict[str, Any]) -> None:
     """Each of them changes the end of a long fault in a turn."""
     fault = within(3000, 99999, FAULTS["lost"])
     _, plain, _ = drive(fault, 7000, articulation=0.3)
-    _, changed, _ = drive(fault, 7000, Degradation(**change), articulation=0.3)
+    _, changed, _ = drive(fault, 7000, replace(COMMAND_STEER, **change), articulation=0.3)
     assert np.abs(plain - changed).max() > 0.01
 
 
-def test_sensors_that_fail_too_leave_straight_wheels() -> None:
+@pytest.mark.parametrize("fallback", ["command_steer", "dead_reckoning"])
+def test_sensors_that_fail_too_leave_straight_wheels(fallback: FallbackName) -> None:
     """Neither estimate nor articulation: there is nothing to steer by."""
-    _, commands, _ = drive(within(3000, 99999, FAULTS["lost"]), 12000, articulation=math.nan)
+    lost = within(3000, 99999, FAULTS["lost"])
+    _, commands, _ = drive(lost, 12000, Degradation(fallback=fallback), articulation=math.nan)
     assert np.isfinite(commands).all()
     assert not commands[-1].any()
 
