@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.matched_frame import MatchedFrame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
@@ -25,7 +26,7 @@ _LEAST_AHEAD = 0.2  # least depth in the displaced camera, as a share of that in
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DisplacedFrame(StereoFrame):
+class DisplacedFrame(MatchedFrame):
     """A stereo pair with parallel cameras whose right one is not at its calibrated position."""
 
     right_shift: FloatArray  # (3,) of the right camera from there, along the axes of the left one [m]

@@ -83,7 +83,9 @@ def _jacobian(calibration: StereoCalibration, R: FloatArray, points_C: FloatArra
     x, y, depth = points_C[..., 0, :], points_C[..., 1, :], points_C[..., 2, :]
     f, scale = calibration.focal_length, calibration.focal_length / depth
     # change of the images with depth
-    per_depth = np.stack([x, y, x - calibration.baseline], axis=-2) * (scale / depth)[..., None, :]
+    per_depth = points_C.copy()
+    per_depth[..., 2, :] = x - calibration.baseline
+    per_depth *= (scale / depth)[..., None, :]
     J = np.zeros((*points_C.shape[:-2], 2, 3, 3, points_C.shape[-1]))  # rotation, translation; axis of C; image; point
     turned, shifted = J[..., 0, :, :, :], J[..., 1, :, :, :]
     shifted[..., 0, ::2, :] = shifted[..., 1, 1:2, :] = -scale[..., None, :]

@@ -19,6 +19,8 @@ from vehicle.frames import FloatArray
 # coarse value is better than a late fine one, but errors of lenses matter less from afar [m].
 _FIRST_LOOK, _FIRST_LOOK_IN_DOUBT = 4.0, 0.9
 _DOUBT = np.radians(0.01)  # of yaw, 1 sigma: more counts as uncertain and costs 6 mm of off-tracking [rad]
+_APART = 10.0  # distance beyond which a new reference view is taken: views share too few points [m]
+_REST = 5.0  # distance from a reference view that a turn took out of sight to the next, while yaw is known [m]
 _TURNED = np.radians(15.0)  # rotation between two views at which yaw is measured: beyond it they share few points
 _SHIFTED = 0.015  # displacement of the right camera that is beyond errors of lenses [m]
 _SHIFTED_SHARE = 0.05  # the same, as a share of the displacement that is compensated
@@ -47,6 +49,7 @@ class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
     view: View | None = None
     X_VC: FloatArray = np.eye(4)  # of the newest frame in the view
     look: float = 0.0  # distance from the view at which yaw is measured next [m]
+    rest: float = 0.0  # distance from the last view before which none is needed, unless yaw is in doubt [m]
 
 
 def pair_geometry(memory: SelfCalibrationMemory[Memory], baseline: float) -> PairGeometry:
@@ -72,12 +75,39 @@ def significant_shift(fit: EpipolarFit) -> float:
 
 def first_look(state: MountState) -> float:
     """Distance from a new reference view at which yaw is measured first [m]."""
-    return _FIRST_LOOK_IN_DOUBT if state.covariance[YAW, YAW] > _DOUBT**2 else _FIRST_LOOK
+    return _FIRST_LOOK_IN_DOUBT if _in_doubt(state) else _FIRST_LOOK
 
 
 def look_due(memory: SelfCalibrationMemory[Memory]) -> bool:
     """True if the newest frame is far enough from the reference view, or nearly too far rotated."""
     if memory.view is None:
         return False
-    shift, turn = np.linalg.norm(memory.X_VC[:3, 3]), np.linalg.norm(rotation_vector(memory.X_VC[:3, :3]))
-    return bool(shift > memory.look or (turn > _TURNED and shift > _FIRST_LOOK_IN_DOUBT))
+    return _shift(memory) > memory.look or _is_turned(memory)
+
+
+def looked(memory: SelfCalibrationMemory[Memory]) -> SelfCalibrationMemory[Memory]:
+    """Memory after a look at yaw; a view is looked at once after a turn, since later frames share too few points."""
+    if _is_turned(memory):
+        return memory._replace(view=None, rest=_REST)
+    return memory._replace(look=2.0 * _shift(memory))
+
+
+def view_due(memory: SelfCalibrationMemory[Memory]) -> bool:
+    """True if the newest frame becomes the reference view."""
+    if memory.view is None:
+        return _in_doubt(memory.state) or _shift(memory) >= memory.rest
+    return memory.look > _APART
+
+
+def _shift(memory: SelfCalibrationMemory[Memory]) -> float:
+    """Distance of the newest frame from the view [m]."""
+    return float(np.linalg.norm(memory.X_VC[:3, 3]))
+
+
+def _is_turned(memory: SelfCalibrationMemory[Memory]) -> bool:
+    turn = np.linalg.norm(rotation_vector(memory.X_VC[:3, :3]))
+    return bool(turn > _TURNED and _shift(memory) > _FIRST_LOOK_IN_DOUBT)
+
+
+def _in_doubt(state: MountState) -> bool:
+    return bool(state.covariance[YAW, YAW] > _DOUBT**2)

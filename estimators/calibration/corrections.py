@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
 from estimators.calibration.right_rotation import RightRotation, straightened
 from estimators.displaced_right import DisplacedFrame
+from estimators.matched_frame import MatchedFrame
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 
@@ -58,12 +58,15 @@ def is_another(new: Corrections, old: Corrections) -> bool:
 def corrected(
     calibration: StereoCalibration, frame: StereoFrame, rotation: RightRotation, geometry: PairGeometry
 ) -> StereoFrame:
-    """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither."""
+    """Frame with the right image in the calibrated attitude, and with its displacement; itself if there is neither.
+
+    The exposures of the frame are matched already.
+    """
     if not any(rotation) and geometry.shift is None:
         return frame
     right = straightened(calibration, frame.right, geometry.attitude(rotation))
     if geometry.shift is None:
-        return replace(frame, right=right)
+        return MatchedFrame(tick=frame.tick, left=frame.left, right=right, colour=frame.colour)
     return DisplacedFrame(
         tick=frame.tick, left=frame.left, right=right, colour=frame.colour, right_shift=geometry.shift
     )

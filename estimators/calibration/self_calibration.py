@@ -28,8 +28,10 @@ from estimators.calibration.calibration_memory import (
     first_look,
     left_over,
     look_due,
+    looked,
     pair_geometry,
     significant_shift,
+    view_due,
 )
 from estimators.calibration.corrections import corrected, is_another, of_delay, of_rotation
 from estimators.calibration.epipolar import EpipolarFit, epipolar_fit
@@ -62,7 +64,6 @@ from sensors.messages import StereoFrame
 from vehicle.clock import TICK
 from vehicle.frames import so3_exp
 
-_APART = 10.0  # distance beyond which a new reference view is taken: views share too few points [m]
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
 _SETTLED = 1.0  # change of the angles after which no more round is needed [standard deviations]
 _ASSUMED = 0.15  # relative error of a velocity with the displacement along the optical axis alone compensated, 1 sigma
@@ -110,10 +111,13 @@ class SelfCalibratedOdometry(Generic[Memory]):
             after = self._with_yaw(after, frame)
             again = self._restarted(start._replace(state=after.state), False)
             if is_another(again.applied, start.applied):  # the motion once more, with the better correction
-                after, motion = self._moved(again._replace(X_VC=after.X_VC, look=after.look), frame)
+                seen = after
+                after, motion = self._moved(again, frame)
+                if motion is not None and motion.health is not Health.LOST:
+                    after = after._replace(view=seen.view, X_VC=seen.X_VC, look=seen.look, rest=seen.rest)
         if motion is None or after.assumed:
             motion = lost_motion(frame.tick, memory.previous[-1].frame.tick)
-        if after.view is None or after.look > _APART:
+        if view_due(after):
             after = self._with_view(after, frame)
         message = self._message(motion, after)
         return after._replace(assumed=0.0), message
@@ -233,8 +237,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
             new, X_VC = with_information(state, fit.information, fit.gradient, twist, delay), fit.X_PC
             if (np.abs(new.mean[:3] - last) < _SETTLED * new.std[:3]).all():
                 break
-        look = 2.0 * float(np.linalg.norm(X_VC[:3, 3]))
-        return memory._replace(state=new, X_VC=X_VC, look=look)
+        return looked(memory._replace(state=new, X_VC=X_VC))
 
     def _with_view(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with the frame as its reference view."""
@@ -249,7 +252,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
             rng,
         )
         seen = view if len(view.left) >= FEWEST else None
-        return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state))
+        return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state), rest=0.0)
 
     def _message(self, motion: Motion, memory: SelfCalibrationMemory[Memory]) -> SelfCalibratedMotion:
         """Motion message with what is known of the calibration."""

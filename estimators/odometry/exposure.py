@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.matched_frame import MatchedFrame
 from estimators.odometry.corners import Points
 from estimators.odometry.point_tracking import disparity_guess
 from sensors.camera.rig import StereoCalibration
@@ -50,13 +51,17 @@ class Exposure(NamedTuple):
 def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
     """Frame with the right image exposed like the left one; the same object if they agree.
 
-    The last answer is kept: self-calibration and the odometry inside it ask about the same frame.
+    Self-calibration and the odometry inside it ask about the same frame: the last answer is kept, and a frame that was
+    matched before is returned as it is.
     """
+    if isinstance(frame, MatchedFrame):
+        return frame
     left, right = cell_means(frame.left), _beside(calibration, cell_means(frame.right))
     change = _change(frame.right, right, frame.left, left)
     if change is None:
         return frame
-    return replace(frame, left=_limited(frame.left, change), right=_exposed(frame.right, change))
+    left_image, right_image = _limited(frame.left, change), _exposed(frame.right, change)
+    return MatchedFrame(tick=frame.tick, left=left_image, right=right_image, colour=frame.colour)
 
 
 def both_alike(frame: StereoFrame, other: StereoFrame) -> tuple[StereoFrame, StereoFrame]:

@@ -109,13 +109,14 @@ def templates(patches: Float32Array) -> Templates:
 
 def match_patches(patches: Templates, image: Float32Array, guess: Points) -> PatchMatches:
     """Locate each patch in the image near its guess (n, 2)."""
-    position, active = guess.T.astype(np.float32), np.arange(len(guess))
-    for _ in range(_ITERATIONS):
+    position, active, left = guess.T.astype(np.float32), np.arange(len(guess)), patches
+    for k in range(_ITERATIONS):
+        if k:
+            left = _of(patches, active)
         u, v = position.take(active, axis=1)
         grey = sampled(image, u[:, None] + _U, v[:, None] + _V)
-        gain = patches.contrast.take(active) / _contrast(grey)
-        residual = gain * np.vecdot(patches.gradients.take(active, axis=1), grey) - patches.offset.take(active, axis=1)
-        step = (patches.inverse.take(active, axis=2) * residual).sum(axis=1)
+        residual = left.contrast / _contrast(grey) * np.vecdot(left.gradients, grey) - left.offset
+        step = (left.inverse * residual).sum(axis=1)
         position[:, active] -= step.clip(-_LONGEST_STEP, _LONGEST_STEP)
         active = active[np.abs(step).max(axis=0) > _DONE]
     u, v = position
@@ -125,6 +126,17 @@ def match_patches(patches: Templates, image: Float32Array, guess: Points) -> Pat
     noise = np.maximum(patches.contrast * np.sqrt(np.maximum(1.0 - correlation, 0.0)), _QUIETEST)
     variance = np.float32(_NOISE_SHARE) * np.square(noise) * patches.inverse[[0, 1], [0, 1]]
     return PatchMatches(np.ascontiguousarray(position.T), correlation, np.ascontiguousarray(variance.T))
+
+
+def _of(patches: Templates, active: NDArray[np.intp]) -> Templates:
+    """Templates of the patches with these indices, without the patterns, which only the last step needs."""
+    return Templates(
+        gradients=patches.gradients.take(active, axis=1),
+        inverse=patches.inverse.take(active, axis=2),
+        offset=patches.offset.take(active, axis=1),
+        pattern=patches.pattern,
+        contrast=patches.contrast.take(active),
+    )
 
 
 def _minus(one: Float32Array, other: Float32Array) -> Float32Array:
