@@ -33,6 +33,7 @@ _BROKEN: Final = "a worker process was killed, perhaps for lack of memory; what 
 _TRIES: Final = 2  # of a task whose process dies
 _LOOK: Final = 0.5  # between two looks at the clock [s]
 _PERIOD: Final = 0.5  # of looking for the parent [s]
+_IDLE: Final = 60.0  # after which a spare worker ends [s]
 _PR_SET_PDEATHSIG: Final = 1  # linux/prctl.h
 
 
@@ -136,15 +137,80 @@ def each_in_a_worker(
             pool.shutdown()
 
 
-def _lone_worker(jobs: int) -> ProcessPoolExecutor:
+class SpareWorkers:
+    """Processes that wait for the tasks of this process's threads; each has one task at a time.
+
+    They end when nothing has been asked of them for some time, and with this process.
+    """
+
+    def __init__(self) -> None:
+        self._free: list[ProcessPoolExecutor] = []
+        self._busy: list[ProcessPoolExecutor] = []
+        self._lock, self._ended = threading.Lock(), False
+
+    def call(self, work: Callable[..., OutputT], *arguments: object, timeout: float | None = None) -> OutputT:
+        """Output of a task; a process that dies costs it one more try.
+
+        Raises:
+            WorkerDiedError: if it kills two processes, or takes longer than ``timeout`` [s].
+        """
+        deaths = 0
+        while True:
+            pool = self._taken()
+            try:
+                future = pool.submit(work, *arguments)
+            except BrokenExecutor:  # its process died while it had nothing to do
+                self._left(pool, usable=False)
+                continue
+            finished = bool(wait([future], timeout=timeout).done)
+            error = future.exception() if finished else None
+            usable = finished and not isinstance(error, BrokenExecutor)
+            self._left(pool, usable=usable)
+            if usable:
+                output: OutputT = future.result()
+                return output
+            if not finished:
+                raise WorkerDiedError(f"took longer than {timeout:g} s")
+            deaths += 1
+            if deaths == _TRIES or self._ended:
+                raise WorkerDiedError(f"its process died twice, at last by {_death(error)}")
+
+    def stop(self) -> None:
+        """End all processes, also in the middle of a task."""
+        with self._lock:
+            self._ended, pools = True, [*self._free, *self._busy]
+            self._free.clear()
+        for pool in pools:
+            pool.shutdown(kill_workers=True)
+
+    def _taken(self) -> ProcessPoolExecutor:
+        with self._lock:
+            if self._ended:
+                raise WorkerDiedError("its process was stopped")
+            pool = self._free.pop() if self._free else _lone_worker(2, idle=_IDLE)
+            self._busy.append(pool)
+        return pool
+
+    def _left(self, pool: ProcessPoolExecutor, *, usable: bool) -> None:
+        with self._lock:
+            self._busy.remove(pool)
+            usable = usable and not self._ended
+            if usable:
+                self._free.append(pool)
+        if not usable:
+            pool.shutdown(kill_workers=True)
+
+
+def _lone_worker(jobs: int, *, idle: float | None = None) -> ProcessPoolExecutor:
+    """A pool of one process, which ends after an ``idle`` time [s] until the next task; None: it stays."""
     from loky import ProcessPoolExecutor
 
     warn_if_interpreted()
     environment = {"LP_NUM_THREADS": "1"} if jobs > 1 else {}
-    return ProcessPoolExecutor(1, initializer=_begin, initargs=(os.getpid(),), env=environment)
+    return ProcessPoolExecutor(1, timeout=idle, initializer=_begin, initargs=(os.getpid(),), env=environment)
 
 
-def _death(error: BaseException) -> str:
+def _death(error: BaseException | None) -> str:
     """How a process died: the signal, or its exit code."""
     found = re.findall(r"(SIG[A-Z]+|EXIT)\((-?\d+)\)", str(error))
     if not found:

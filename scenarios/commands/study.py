@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 from rich.table import Table
@@ -24,6 +26,7 @@ from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
     from scenarios.studies.case import Settings
+    from scenarios.studies.pool import Executor
     from scenarios.studies.study import Study
     from scenarios.studies.table import Row
 
@@ -47,11 +50,72 @@ Timeout = Annotated[
     float | None,
     typer.Option(help="Longest time of a run [s]; one that takes longer fails.", show_default="any time"),
 ]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Make the runs on the Dask cluster with this scheduler, such as tcp://host:8786, or a scheduler file.",
+        show_default=False,
+    ),
+]
+JobQueue = Annotated[
+    Path | None,
+    typer.Option(
+        "--dask-jobqueue",
+        metavar="FILE.yaml",
+        help="Make the runs in --jobs jobs of a queue (SLURM, PBS, …), as a configuration file of dask-jobqueue says.",
+        show_default=False,
+    ),
+]
+Patience = Annotated[
+    float, typer.Option(help="Time without any worker of Dask after which the rest of the runs is given up [s].")
+]
 Out = Annotated[
     Path | None,
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only the rows, as JSON.")]
+
+
+class Cluster(NamedTuple):
+    """Options of a Dask cluster; none of them: the runs are made here."""
+
+    scheduler: str | None
+    job_queue: Path | None
+    patience: float  # [s]
+
+    def check(self, jobs: int | None, *, join: bool) -> None:
+        """Refuse options that do not go together.
+
+        Raises:
+            ValueError: one line.
+        """
+        check_number("--patience", self.patience, 1.0, 1e6)
+        if self.scheduler is not None and self.job_queue is not None:
+            raise ValueError("--scheduler and --dask-jobqueue: choose one")
+        if join and (self.scheduler or self.job_queue):
+            raise ValueError("--join and a Dask cluster: choose one")
+        if self.scheduler is not None and jobs is not None:
+            raise ValueError("--jobs: leave it out with --scheduler: workers make as many runs as they have threads")
+        if self.job_queue is not None and jobs is None:
+            raise ValueError("--dask-jobqueue: needs --jobs, the number of jobs")
+
+    @contextmanager
+    def executor(self, jobs: int, timeout: float | None) -> Iterator[Executor | None]:
+        """Executor of the cluster; None without one."""
+        from scenarios.cluster.connection import connected, queued
+        from scenarios.cluster.executor import DaskExecutor
+
+        if self.scheduler is not None:
+            open_client = partial(connected, self.scheduler)
+        elif self.job_queue is not None:
+            open_client = partial(queued, self.job_queue, jobs)
+        else:
+            yield None
+            return
+        waits = self.job_queue is not None
+        with DaskExecutor(open_client, waits=waits, timeout=timeout, patience=self.patience, remark=remark) as executor:
+            yield executor
 
 
 def compare(
@@ -88,6 +152,9 @@ def compare(
     seeds: Annotated[str, typer.Option(help="Seeds, as 1-5 or 1,2,7; every combination is run with each.")] = "1",
     jobs: Jobs = None,
     timeout: Timeout = None,
+    scheduler: Scheduler = None,
+    job_queue: JobQueue = None,
+    patience: Patience = 60.0,
     out: Out = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -118,7 +185,9 @@ def compare(
         axes = {subject.compared: chosen, subject.estimator: sources}
         axes |= {key: listed(values, f"--vary {key}") for key, values in settings_of(vary or [], "--vary")}
         study = Study(scenario=scenario, fixed=settings_of(settings or [], "--set"), axes=axes, seeds=seeds_of(seeds))
-    _run_study(f"compare-{_short(scenario)}", study, jobs=jobs, timeout=timeout, out=out, quiet=quiet, as_json=as_json)
+    cluster = Cluster(scheduler, job_queue, patience)
+    title = f"compare-{_short(scenario)}"
+    _run_study(title, study, jobs=jobs, timeout=timeout, cluster=cluster, out=out, quiet=quiet, as_json=as_json)
 
 
 def sweep(
@@ -132,6 +201,9 @@ def sweep(
     ],
     jobs: Jobs = None,
     timeout: Timeout = None,
+    scheduler: Scheduler = None,
+    job_queue: JobQueue = None,
+    patience: Patience = 60.0,
     join: Annotated[
         bool,
         typer.Option(
@@ -175,6 +247,7 @@ def sweep(
         study,
         jobs=jobs,
         timeout=timeout,
+        cluster=Cluster(scheduler, job_queue, patience),
         join=lease if join else None,
         again=again,
         out=out,
@@ -252,6 +325,7 @@ def _run_study(
     out: Path | None,
     quiet: bool,
     as_json: bool,
+    cluster: Cluster,
     join: float | None = None,
     again: Settings = (),
 ) -> None:
@@ -263,7 +337,11 @@ def _run_study(
     with one_line_errors():
         check_number("--jobs", jobs, 1, MOST_JOBS)
         check_number("--timeout", timeout, 1.0, 1e6)
-        with progress_display(shown=not (quiet or as_json)) as bar:
+        cluster.check(jobs, join=join is not None)
+        with (
+            progress_display(shown=not (quiet or as_json)) as bar,
+            cluster.executor(jobs or default_jobs(), timeout) as executor,
+        ):
             progress = progress_bar(bar, title)
             outcomes, rows = run_study(
                 title,
@@ -272,6 +350,7 @@ def _run_study(
                 jobs=jobs or default_jobs(),
                 timeout=timeout,
                 join=join,
+                executor=executor,
                 again=again,
                 progress=progress,
                 remark=remark,

@@ -34,7 +34,7 @@ def content(scenario: Mapping[str, Any], *, portable: bool = False) -> str:
 
     A ``portable`` one leaves the machine out: processor and compiler.
     """
-    on = _installed() if portable else software()
+    on = installed() if portable else software()
     return hashlib.sha256(json.dumps([_content(scenario), on], sort_keys=True).encode()).hexdigest()
 
 
@@ -68,11 +68,12 @@ def _files_of(text: str) -> dict[str, Path]:
 
 def software() -> tuple[str, ...]:
     """Everything that computes: offtrack's files, versions of libraries, the engine with the machine's features."""
-    return (*_installed(), str(compiler()))
+    return (*installed(), str(compiler()))
 
 
 @cache
-def _installed() -> tuple[str, str]:
+def installed() -> tuple[str, str]:
+    """Hash of offtrack's files, and versions of Python and the libraries as JSON."""
     sha = hashlib.sha256()
     for folder in package_folders():
         for file in sorted(folder.rglob("*")):

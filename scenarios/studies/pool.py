@@ -1,4 +1,4 @@
-"""Runs of a study in worker processes; every finished run is saved at once and not repeated.
+"""Runs of a study in worker processes, or elsewhere; every finished run is saved at once and not repeated.
 
 A run is saved as ``<identity>.json`` (summary, and digests of the files that it opened without being named) and
 ``<identity>.parquet`` (signals).
@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from scenarios.processes import WorkerDiedError, each_in_a_worker
 from scenarios.progress import Progress, no_progress
@@ -24,6 +25,32 @@ from scenarios.studies.provenance import Made, made
 _SIGNALS, _FILES = "signals_sha256", "files_sha256"  # keys of digests, added to a summary
 _MADE = "made"  # key of the provenance
 
+Results = Generator[tuple[str, str | BaseException], None, None]
+
+
+class Executor(Protocol):
+    """Makes runs somewhere."""
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs, save those that succeed in a folder, and yield each name with its problem, empty if there is none.
+
+        The problem is an outcome, or the exception that ended the run. Closing the generator stops what is running.
+        """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pool:
+    """Worker processes on this machine."""
+
+    jobs: int
+    timeout: float | None = None  # of a run [s]
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs; one whose process dies is tried once more."""
+        tasks = {name: (case, cells, name, name) for name, case in cases.items()}
+        jobs = max(1, min(self.jobs, len(tasks)))
+        return each_in_a_worker(run_case, tasks, jobs=jobs, timeout=self.timeout)
+
 
 def run_cases(
     cases: Sequence[Case],
@@ -32,6 +59,7 @@ def run_cases(
     jobs: int,
     known: Sequence[str] | None = None,
     timeout: float | None = None,
+    executor: Executor | None = None,
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
 ) -> list[Outcome]:
@@ -39,7 +67,8 @@ def run_cases(
 
     ``known`` are the identities of the cases; None: they are computed. An interrupt keeps the finished runs. A run
     whose process dies is tried once more; one that takes longer than ``timeout`` [s], or dies twice, fails.
-    ``remark`` receives a line on every damaged file, whose run is repeated.
+    ``executor`` makes the runs; None: ``jobs`` processes do. ``remark`` receives a line on every damaged
+    file, whose run is repeated.
 
     Raises:
         ValueError: one line, for the first invalid scenario, before any run.
@@ -52,9 +81,7 @@ def run_cases(
     }
     done, failed = len(cases) - len(missing), dict[str, str]()
     progress(done, len(cases), "from an earlier run" if done else "")
-    tasks = {identity: (case, cells, identity, identity) for identity, case in missing.items()}
-    processes = max(1, min(jobs, len(tasks)))
-    with closing(each_in_a_worker(run_case, tasks, jobs=processes, timeout=timeout)) as results:
+    with closing((executor or Pool(jobs=jobs, timeout=timeout)).made(missing, cells)) as results:
         for identity, result in results:
             if problem := problem_of(result):
                 failed[identity] = problem

@@ -9,7 +9,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Outcome, Settings, identities
 from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
 from scenarios.studies.join import PLAN, forget, forget_failures, join_cases, planned
-from scenarios.studies.pool import run_cases
+from scenarios.studies.pool import Executor, run_cases
 from scenarios.studies.stopping import made_in_batches
 from scenarios.studies.study import FILE, Study
 from scenarios.studies.table import Row, rows_of
@@ -23,6 +23,7 @@ def run_study(
     jobs: int,
     timeout: float | None = None,
     join: float | None = None,
+    executor: Executor | None = None,
     again: Settings = (),
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
@@ -30,8 +31,8 @@ def run_study(
     """Run what the directory does not hold yet of a study, and write its tables and report.
 
     A run that takes longer than ``timeout`` [s] fails; None: any time. With ``join``, other commands may work in the
-    directory at the same time; it is the time without a sign of life after which their runs are taken over [s]. Runs
-    whose axes have the values ``again`` are made again.
+    directory at the same time; it is the time without a sign of life after which their runs are taken over [s]. An
+    ``executor`` makes the runs elsewhere. Runs whose axes have the values ``again`` are made again.
 
     Raises:
         ValueError: one line, for an invalid scenario or directory, before anything is written.
@@ -59,6 +60,7 @@ def run_study(
                     jobs=jobs,
                     known=[known[k] for k in chosen],
                     timeout=timeout,
+                    executor=executor,
                     progress=progress,
                     remark=remark,
                 )

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import ctypes
 import os
+from collections.abc import Callable
 from copy import copy
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import ColourImage, NearnessImage
@@ -21,7 +22,9 @@ from vehicle.frames import FloatArray
 if TYPE_CHECKING:
     from sensors.render.pair import PairRenderer
 
-__all__ = ["RendererUnavailableError", "StereoRenderer"]
+__all__ = ["RendererUnavailableError", "StereoRenderer", "check_renderer"]
+
+OutputT = TypeVar("OutputT")
 
 
 class RendererUnavailableError(RuntimeError):
@@ -139,21 +142,46 @@ def _pinhole(c: StereoCalibration) -> tuple[float, ...]:
     return c.width, c.height, c.focal_length, c.cx, c.cy
 
 
+def check_renderer() -> None:
+    """Open an OpenGL context and close it again.
+
+    Raises:
+        RendererUnavailableError: if that fails.
+    """
+
+    def open_and_close() -> None:
+        from sensors.render.context import open_context
+
+        open_context().close()
+
+    _in_opengl(open_and_close)
+
+
 def _opened(world: World, calibration: StereoCalibration) -> PairRenderer:
     """Renderer on a new context.
 
     Raises:
         RendererUnavailableError: if anything fails in OpenGL.
     """
+
+    def open_pair() -> PairRenderer:
+        from sensors.render.pair import PairRenderer
+
+        return PairRenderer.open(world, calibration)
+
+    return _in_opengl(open_pair)
+
+
+def _in_opengl(work: Callable[[], OutputT]) -> OutputT:
     os.environ["PYOPENGL_PLATFORM"] = "egl"  # both are read when OpenGL and pyrender are imported
     os.environ["PYGLET_HEADLESS"] = "true"
     try:
         from OpenGL.error import Error as OpenGlError
 
-        from sensors.render.pair import PairRenderer
+        import sensors.render.pair  # noqa: F401
     except (ImportError, OSError, AttributeError) as error:  # PyOpenGL looks into libraries it could not load
         raise RendererUnavailableError(error) from error
     try:
-        return PairRenderer.open(world, calibration)
+        return work()
     except (OSError, OpenGlError, RuntimeError) as error:  # no device, a refused call, a shader that does not compile
         raise RendererUnavailableError(error) from error

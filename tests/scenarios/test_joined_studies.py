@@ -113,7 +113,7 @@ def test_another_study_or_version_is_refused(study: Path, tmp_path: Path, monkey
     assert planned(cases, tmp_path) == names
     with pytest.raises(ValueError, match="another study, other files or another version of offtrack"):
         planned(cases[:1], tmp_path)
-    monkeypatch.setattr("scenarios.studies.identity._installed", lambda: ("another", "{}"))
+    monkeypatch.setattr("scenarios.studies.identity.installed", lambda: ("another", "{}"))
     assert software()[0] == "another"
     with pytest.raises(ValueError, match="was begun on"):
         planned(cases, tmp_path)

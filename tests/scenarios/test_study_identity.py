@@ -131,13 +131,13 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     found = []
     for file, content in ((source, "a"), (readme, "text"), (source, "b")):
         file.write_text(content)
-        identities._installed.cache_clear()
+        identities.installed.cache_clear()
         found.append(identities.software())
     assert found[0] == found[1] != found[2]
     monkeypatch.setattr(identities, "compiler", lambda: None)
     assert identities.software() != found[2]
     assert identities.identity("", 1) != identities.identity("", 2)
-    identities._installed.cache_clear()
+    identities.installed.cache_clear()
 
 
 @pytest.mark.parametrize("place", ["here", "elsewhere"])

@@ -1,0 +1,1 @@
+"""Studies on a Dask cluster (extra ``cluster``)."""

@@ -1,0 +1,217 @@
+"""Runs of a study on a Dask cluster.
+
+Workers that share the study's folder save their runs there; others return the files, which are saved here. A run whose
+worker is lost is made by another one.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from scenarios.processes import WorkerDiedError
+from scenarios.results.files import replacing
+from scenarios.studies.case import Case
+from scenarios.studies.pool import Results, summary_file
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+    from scenarios.cluster.shipment import Order, Shipment
+    from scenarios.cluster.workshop import Delivery
+
+_LOOK: Final = 1.0  # between two looks at the cluster [s]
+_TRIES: Final = 2  # of a run that Dask gives up, after it was lost with several workers
+_APPEARS: Final = 60.0  # until a file of another machine is seen in a shared folder [s]
+
+
+class DaskExecutor:
+    """Makes runs on a Dask cluster, which it reaches when there is something to do."""
+
+    def __init__(
+        self,
+        connect: Callable[[], AbstractContextManager[Client]],
+        *,
+        timeout: float | None,
+        patience: float,
+        waits: bool,
+        remark: Callable[[str], None],
+    ) -> None:
+        """An executor, which is a context: its end leaves the cluster.
+
+        Args:
+            connect: context with the client of the cluster.
+            timeout: longest time of a run [s]; None: any.
+            patience: time without any worker after which the rest is given up [s].
+            waits: wait for the first worker as long as it takes, as for a job in a queue.
+            remark: receives a line when no worker is left.
+        """
+        self._connect, self._waits, self._timeout = connect, waits, timeout
+        self._patience, self._remark = patience, remark
+        self._stack = ExitStack()
+        self._client: Client | None = None
+
+    def __enter__(self) -> DaskExecutor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def made(self, cases: Mapping[str, Case], cells: Path) -> Results:
+        """Make runs; a run that is lost with its worker is made again elsewhere.
+
+        Raises:
+            ValueError: one line, if the cluster does not answer, has no worker, or its workers do not fit.
+        """
+        if not cases:
+            return
+        from scenarios.cluster.checks import check_rendering, renders
+        from scenarios.cluster.shipment import packed
+
+        client = self._connected()
+        shipment, orders = packed(cases)
+        with _shared(cells) as mark, self._workshops(client, shipment, cells, mark) as plugin:
+            if renders(cases.values()):
+                check_rendering(client, plugin)
+            yield from self._results(client, orders, plugin, cells)
+
+    def _connected(self) -> Client:
+        from scenarios.cluster.checks import check_software
+
+        if self._client is None:
+            self._client = self._stack.enter_context(self._connect())
+            try:
+                self._client.wait_for_workers(1, None if self._waits else self._patience)
+            except TimeoutError:
+                raise ValueError(f"the Dask cluster has no worker, after {self._patience:g} s") from None
+            check_software(self._client)
+        return self._client
+
+    @contextmanager
+    def _workshops(self, client: Client, shipment: Shipment, cells: Path, mark: str) -> Iterator[str]:
+        """Name of the plugin that makes this study's runs on all workers, also on those that come later."""
+        from scenarios.cluster.workshop import Workshop
+
+        workshop = Workshop(shipment, cells.absolute(), mark, self._timeout)
+        client.register_plugin(workshop, name=workshop.name)
+        try:
+            yield workshop.name
+        finally:
+            with suppress(Exception):  # the cluster may be gone
+                client.unregister_worker_plugin(workshop.name)
+
+    def _results(self, client: Client, orders: list[Order], plugin: str, cells: Path) -> Results:
+        from distributed import KilledWorker
+
+        from scenarios.cluster.workshop import fulfilled
+
+        ended = queue.SimpleQueue[Any]()
+        waiting: dict[Future, Order] = {}
+        tries = Counter[str]()
+
+        def submit(order: Order) -> None:
+            tries[order.name] += 1
+            future = client.submit(fulfilled, order, plugin, key=f"{plugin}-{order.name}-{tries[order.name]}")
+            waiting[future] = order
+            future.add_done_callback(ended.put)
+
+        try:
+            for order in orders:
+                submit(order)
+            without = _Without(client, self._patience, self._remark)
+            while waiting:
+                try:
+                    future = ended.get(timeout=_LOOK)
+                except queue.Empty:
+                    if reason := without.reason():
+                        yield from ((order.name, WorkerDiedError(reason)) for order in waiting.values())
+                        return
+                    continue
+                order = waiting.pop(future)
+                result = _result(future)
+                future.release()
+                if isinstance(result, KilledWorker) and tries[order.name] < _TRIES:
+                    submit(order)
+                elif isinstance(result, KilledWorker):
+                    yield order.name, WorkerDiedError("it was lost with its workers again and again")
+                elif isinstance(result, BaseException):
+                    yield order.name, result
+                else:
+                    yield order.name, _saved(order.name, result, cells)
+        finally:
+            if waiting:
+                with suppress(Exception):  # the cluster may be gone
+                    client.cancel(list(waiting), force=True)
+
+
+class _Without:
+    """Watch over a cluster that has no workers."""
+
+    def __init__(self, client: Client, patience: float, remark: Callable[[str], None]) -> None:
+        self._client, self._patience, self._remark = client, patience, remark
+        self._since: float | None = None
+
+    def reason(self) -> str:
+        """Why there is nothing to wait for any longer; empty as long as there is."""
+        if self._client.status != "running":
+            return "the Dask scheduler has ended"
+        try:
+            count = len(self._client.nthreads())
+        except (OSError, TimeoutError):
+            return "the Dask scheduler has ended"
+        if count:
+            self._since = None
+        elif self._since is None:
+            self._since = time.monotonic()
+            self._remark(f"no worker is left in the Dask cluster: waiting {self._patience:g} s for another")
+        elif time.monotonic() - self._since > self._patience:
+            return f"no worker was left in the Dask cluster for {self._patience:g} s"
+        return ""
+
+
+def _result(future: Future) -> Delivery | BaseException:
+    if future.status == "error":
+        error = future.exception()
+        return error if isinstance(error, BaseException) else RuntimeError(str(error))
+    if future.status != "finished":
+        return WorkerDiedError("the Dask scheduler has ended")
+    try:
+        result: Delivery = future.result()
+    except Exception as error:  # lost at the last moment
+        return error
+    return result
+
+
+def _saved(name: str, delivery: Delivery, cells: Path) -> str | BaseException:
+    """Save the files of a run, the summary last, or see to it that its worker has; returns the run's problem."""
+    if delivery.problem:
+        return delivery.problem
+    last = summary_file(cells, name)
+    for file in sorted(delivery.files, key=lambda file: file == last.name):
+        with replacing(cells / file) as unfinished:
+            unfinished.write_bytes(delivery.files[file])
+    until = time.monotonic() + _APPEARS
+    while not last.exists():
+        os.listdir(cells)  # makes a network file system look again
+        if time.monotonic() > until:
+            return FileNotFoundError(f"{last} was saved by a worker, but is not seen here")
+        time.sleep(_LOOK)
+    return ""
+
+
+@contextmanager
+def _shared(cells: Path) -> Iterator[str]:
+    """Name of a file in a folder: who sees it shares the folder."""
+    mark = f".{uuid.uuid4().hex[:12]}.{os.getpid()}.unfinished"
+    (cells / mark).touch()
+    try:
+        yield mark
+    finally:
+        (cells / mark).unlink(missing_ok=True)
