@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import logging
+import re
+import shlex
+import shutil
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -40,6 +43,10 @@ def connected(scheduler: str) -> Iterator[Client]:
     check_installed("distributed")
     from distributed import Client
 
+    if not (scheduler.endswith(".json") or re.fullmatch(r"\w+://.+:\d+", scheduler)):
+        raise ValueError(
+            f"--scheduler {shown(scheduler)}: expected an address such as tcp://host:8786, or a file (.json)"
+        )
     with _quiet():
         place = {"scheduler_file": scheduler} if scheduler.endswith(".json") else {"address": scheduler}
         try:
@@ -71,14 +78,30 @@ def queued(file: Path, jobs: int) -> Iterator[Client]:
             cluster = getattr(importlib.import_module(module), name)(**keywords)
         except (TypeError, ValueError) as error:
             raise ValueError(f"{file}: {kind}: {shown(str(error).splitlines()[0])}") from None
-        with cluster:
-            try:
-                cluster.scale(jobs=jobs)
-                client = Client(cluster, timeout=_ANSWER, set_as_default=False)
-            except (OSError, RuntimeError, TimeoutError) as error:
-                raise ValueError(f"{file}: no job can be submitted: {shown(str(error).splitlines()[0])}") from None
-            with client:
-                yield client
+        with ExitStack() as stack:
+            stack.callback(_close, cluster)
+            _submit(cluster, jobs, f"{file}: {kind}")
+            yield stack.enter_context(Client(cluster, timeout=_ANSWER, set_as_default=False))
+
+
+def _submit(cluster: Any, jobs: int, where: str) -> None:
+    """Submit jobs.
+
+    Raises:
+        ValueError: one line, if none can be submitted.
+    """
+    command = [*shlex.split(cluster.job_cls.submit_command or ""), ""][0]
+    if command and shutil.which(command) is None:
+        raise ValueError(f"{where}: no job can be submitted here: there is no command {command}")
+    cluster.scale(jobs=jobs)
+    cluster.sync(cluster._correct_state)  # until all have been submitted; their errors are only logged
+    if not any(job.status.name == "running" for job in cluster.workers.values()):
+        raise ValueError(f"{where}: the queue refuses the jobs: try {command or 'one'} by hand")
+
+
+def _close(cluster: Any) -> None:
+    with suppress(AssertionError):  # of jobs that could not be submitted
+        cluster.close()
 
 
 def job_queue(file: Path) -> tuple[str, dict[str, Any]]:
@@ -117,7 +140,9 @@ def check_installed(*modules: str) -> None:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep Dask's log, which tells of every lost worker, from the terminal."""
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "asyncio")]
+    names = [
+        name for name in logging.root.manager.loggerDict if name.split(".")[0] in ("distributed", "asyncio", "tornado")
+    ]
     before = {name: logging.getLogger(name).level for name in names}
     try:
         for name in names:
