@@ -159,12 +159,12 @@ class SpareWorkers:
             pool = self._taken()
             try:
                 future = pool.submit(work, *arguments)
-            except BrokenExecutor:  # its process died while it had nothing to do
+            except (BrokenExecutor, RuntimeError):  # its process died while it had nothing to do, or was stopped
                 self._left(pool, usable=False)
                 continue
             finished = bool(wait([future], timeout=timeout).done)
             error = future.exception() if finished else None
-            usable = finished and not isinstance(error, BrokenExecutor)
+            usable = finished and not self._ended and not isinstance(error, BrokenExecutor)
             self._left(pool, usable=usable)
             if usable:
                 output: OutputT = future.result()
@@ -172,7 +172,7 @@ class SpareWorkers:
             if not finished:
                 raise WorkerDiedError(f"took longer than {timeout:g} s")
             deaths += 1
-            if deaths == _TRIES or self._ended:
+            if deaths == _TRIES:
                 raise WorkerDiedError(f"its process died twice, at last by {_death(error)}")
 
     def stop(self) -> None:
