@@ -22,6 +22,7 @@ from scenarios.commands.console import (
     progress_display,
     remark,
 )
+from scenarios.commands.sensitivity import print_sensitivity, sensitivity_of
 from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def sweep(
         typer.Argument(
             metavar="STUDY.toml",
             help="TOML file: scenario, seeds, table [set] of settings, table [vary] of value lists, by dotted keys; "
-            "for values drawn at random [sample], [draw], [limits] and [stop].",
+            "for values drawn at random [sample], [draw], [limits] and [stop]; [sensitivity] in place of [sample].",
         ),
     ],
     jobs: Jobs = None,
@@ -355,10 +356,14 @@ def _run_study(
                 progress=progress,
                 remark=remark,
             )
+    design = study.draws.sensitivity
     if as_json:
-        typer.echo(json.dumps([_plain(row) for row in rows], indent=2))
+        analyses = sensitivity_of(design, outcomes) if design else {}
+        typer.echo(json.dumps([_plain(row) | analyses.get(row.axes, {}) for row in rows], indent=2))
     elif not quiet:
         _print(rows, directory)
+        if design:
+            print_sensitivity(design, outcomes)
     if any(str(outcome.numbers["outcome"]).startswith("failed") for outcome in outcomes):
         raise typer.Exit(CHECK_FAILED)
 

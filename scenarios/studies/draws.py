@@ -13,12 +13,14 @@ from scipy.stats import norm, qmc
 
 from scenarios.options.base import Options
 from scenarios.studies.case import MOST_CASES, Settings
+from scenarios.studies.sensitivity import Sensitivity
 from vehicle.frames import FloatArray
 from vehicle.user_file import shown
 
 Method = Literal["latin", "sobol", "random"]
 _MOST_KEYS: Final = 50
 _LARGEST: Final = 1e12  # number of a distribution
+_CENTRAL: Final = 0.95  # share of an unbounded distribution that Morris' levels span
 
 
 class Sample(Options):
@@ -60,39 +62,57 @@ class Draws:
 
     distributions: Mapping[str, Distribution] = field(default_factory=dict)
     sample: Sample | None = None
+    sensitivity: Sensitivity | None = None  # in place of a sample
 
     def __bool__(self) -> bool:
-        return self.sample is not None
+        return bool(self.distributions)
 
     def settings(self) -> Iterator[Settings]:
         """Values of each draw; one empty draw if nothing is drawn."""
-        if self.sample is None:
+        if not self:
             yield ()
             return
-        for shares in _shares(self.sample, len(self.distributions)):
+        for shares in self._shares():
             yield tuple(
                 (key, distribution.text_at(share))
                 for (key, distribution), share in zip(self.distributions.items(), shares.tolist(), strict=True)
             )
 
+    def _shares(self) -> FloatArray:
+        """Shares (draws, keys) between 0 and 1."""
+        if self.sensitivity is None:
+            return _shares(self.sample, len(self.distributions)) if self.sample else np.empty((0, 0))
+        shares = self.sensitivity.shares(len(self.distributions))
+        if self.sensitivity.method == "morris":  # its lowest and highest levels are 0 and 1
+            unbounded = [one.kind in ("normal", "lognormal") for one in self.distributions.values()]
+            shares[:, unbounded] = 0.5 + _CENTRAL * (shares[:, unbounded] - 0.5)
+        return shares
+
     def tables(self) -> dict[str, Any]:
-        """The tables ``sample`` and ``draw`` of a study file."""
-        if self.sample is None:
+        """The tables ``draw``, and ``sample`` or ``sensitivity``, of a study file."""
+        if not self:
             return {}
         drawn = {key: {one.kind: list(one.values)} for key, one in self.distributions.items()}
-        return {"sample": self.sample.model_dump(), "draw": drawn}
+        design = {"sample": self.sample, "sensitivity": self.sensitivity}
+        return {name: one.model_dump(exclude_none=True) for name, one in design.items() if one} | {"draw": drawn}
 
 
-def read_draws(path: str, sample: Sample | None, table: Sequence[tuple[str, Any]]) -> Draws:
-    """Draws of a study file from its table ``sample`` and the dotted keys of its table ``draw``.
+def read_draws(
+    path: str, sample: Sample | None, table: Sequence[tuple[str, Any]], sensitivity: Sensitivity | None = None
+) -> Draws:
+    """Draws of a study file from its table ``sample`` or ``sensitivity`` and the dotted keys of its table ``draw``.
 
     Raises:
         ValueError: one line, naming the key.
     """
-    if sample is None and not table:
+    if sample is None and sensitivity is None and not table:
         return Draws()
-    if sample is None or not table:
-        missing = "[sample] with count" if sample is None else "[draw] with a distribution for each key"
+    if sample is not None and sensitivity is not None:
+        raise ValueError(f"study {path}: [sample] and [sensitivity]: choose one")
+    if sensitivity is not None and (problem := sensitivity.problem()):
+        raise ValueError(f"study {path}: sensitivity: {problem}")
+    if (sample is None and sensitivity is None) or not table:
+        missing = "[draw] with a distribution for each key" if not table else "[sample] with count, or [sensitivity],"
         raise ValueError(f"study {path}: a table {missing} is missing")
     distributions: dict[str, Distribution] = {}
     for dotted, values in table:
@@ -107,7 +127,7 @@ def read_draws(path: str, sample: Sample | None, table: Sequence[tuple[str, Any]
         distributions[key] = Distribution(kind, _checked(place, kind, values))
     if len(distributions) > _MOST_KEYS:
         raise ValueError(f"study {path}: draw has {len(distributions)} keys: must be at most {_MOST_KEYS}")
-    return Draws(distributions=distributions, sample=sample)
+    return Draws(distributions=distributions, sample=sample, sensitivity=sensitivity)
 
 
 def _checked(place: str, kind: str, values: Any) -> tuple[Any, ...]:

@@ -16,6 +16,7 @@ from scenarios.results.files import replaced, replacing, unfinished_files, user_
 from scenarios.studies.case import Outcome
 from scenarios.studies.run_pages import write_run_pages
 from scenarios.studies.runs_table import runs_table
+from scenarios.studies.sensitivity_page import sensitivity_csv
 from scenarios.studies.study import FILE, Study, load_study
 from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
@@ -75,6 +76,8 @@ def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Seq
     for name, write in (("runs.csv", pa_csv.write_csv), ("runs.parquet", pq.write_table)):
         with replacing(directory / name) as unfinished:
             write(runs, unfinished)
+    if study.draws.sensitivity:
+        replaced(directory / "sensitivity.csv", sensitivity_csv(study.draws.sensitivity, outcomes))
     links = write_run_pages(outcomes, directory)
     replaced(directory / "report.html", study_page(title, study, outcomes, rows, links))
 

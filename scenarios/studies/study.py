@@ -17,6 +17,7 @@ from scenarios.options.base import Options
 from scenarios.studies.case import Case, Settings, cases_of, identities
 from scenarios.studies.draws import Draws, Sample, read_draws
 from scenarios.studies.part_parameters import parameters_beside
+from scenarios.studies.sensitivity import Sensitivity
 from scenarios.studies.stopping import Stop
 from scenarios.studies.table import QUANTITIES
 from vehicle.parameter_file import nearest, parsed_toml, read_toml
@@ -74,14 +75,15 @@ class _File(Options):
     draw: dict[str, Any] = Field(default_factory=dict)
     limits: dict[str, Any] = Field(default_factory=dict)
     stop: Stop | None = None
+    sensitivity: Sensitivity | None = None
 
 
 def load_study(path: Path) -> Study:
     """Load a study from TOML.
 
-    It has scenario, seeds, and the tables ``set``, ``vary``, ``sample``, ``draw``, ``limits`` and ``stop``. Keys are
-    dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a table
-    ``[set.surface]`` mean the same.
+    It has scenario, seeds, and the tables ``set``, ``vary``, ``sample``, ``draw``, ``limits``, ``stop`` and
+    ``sensitivity``. Keys are dotted, in quotes or not: ``"surface.friction" = 0.3``, ``surface.friction = 0.3`` and a
+    table ``[set.surface]`` mean the same.
 
     Raises:
         ValueError: one line, naming file and key.
@@ -99,11 +101,15 @@ def load_study(path: Path) -> Study:
         if not texts or len(set(texts)) != len(texts) or key in axes:
             raise ValueError(f"study {path}: vary.{shown(key)} must be one list of different values")
         axes[key] = texts
-    draws = read_draws(str(path), table.sample, list(_dotted(table.draw)))
+    draws = read_draws(str(path), table.sample, list(_dotted(table.draw)), table.sensitivity)
     if twice := sorted(set(draws.distributions) & set(axes)):
         raise ValueError(f"study {path}: {twice[0]} is varied and drawn: choose one")
     if not axes and not draws:
         raise ValueError(f"study {path}: has neither a table [vary] nor [sample] and [draw]")
+    if table.sensitivity and (table.limits or table.stop or len(table.seeds) > 1):
+        raise ValueError(
+            f"study {path}: [sensitivity] goes with one seed, and without [limits] and [stop]: its draws are a design"
+        )
     if table.stop and not (draws and table.limits):
         raise ValueError(
             f"study {path}: [stop] is for drawn values with limits: a table [sample] or [limits] is missing"

@@ -15,6 +15,7 @@ from scenarios.studies import study_figures as figures
 from scenarios.studies.case import Case, Outcome
 from scenarios.studies.provenance import machines
 from scenarios.studies.run_pages import explorer, played_together
+from scenarios.studies.sensitivity_page import sensitivity_sections
 from scenarios.studies.spread import CONFIDENCE, exceeding, spreads
 from scenarios.studies.study import Study
 from scenarios.studies.table import Quantity, Row, shown_quantities, text_of
@@ -48,6 +49,9 @@ def study_page(
 def _drawn(study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row]) -> Iterator[Section]:
     """Spread over the drawn values, with confidence intervals."""
     if not study.draws:
+        return
+    if study.draws.sensitivity:
+        yield from sensitivity_sections(study.draws.sensitivity, outcomes)
         return
     keys = [f"{key}: {one.kind} {', '.join(map(str, one.values))}" for key, one in study.draws.distributions.items()]
     sample = study.draws.sample
