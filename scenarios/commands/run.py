@@ -24,7 +24,6 @@ from scenarios.commands.console import (
     remark,
 )
 from scenarios.interrupts import postponed_interrupts
-from scenarios.options.scenario import load_any_scenario
 
 EXAMPLES = (
     "Examples: offtrack run roundabout --set trailer_steering=none   "
@@ -101,6 +100,7 @@ def run(
     from scenarios.hil.opened import opened_links
     from scenarios.loop.pacer import Pacer
     from scenarios.loop.run import run_any
+    from scenarios.options.scenario import load_any_scenario
     from scenarios.report.writer import write_run
     from scenarios.results.run_directory import check_apart, check_run_directory, results_directory
     from scenarios.results.run_inputs import changed_modules

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import norm, qmc
+from scipy.special import ndtri
 
 from scenarios.options.base import Options
 from scenarios.studies.case import MOST_CASES, Settings
@@ -44,7 +44,7 @@ class Distribution(NamedTuple):
         first, second = (float(value) for value in self.values)
         if self.kind == "uniform":
             return repr(first + share * (second - first))
-        deviation = float(norm.ppf(min(max(share, 1e-9), 1.0 - 1e-9)))
+        deviation = float(ndtri(min(max(share, 1e-9), 1.0 - 1e-9)))
         return repr(first + second * deviation if self.kind == "normal" else first * math.exp(second * deviation))
 
 
@@ -155,6 +155,8 @@ def _shares(sample: Sample, keys: int) -> FloatArray:
     rng = np.random.default_rng(sample.seed)
     if sample.method == "random":
         return rng.random((sample.count, keys))
+    from scipy.stats import qmc  # half a second, which workers need not spend
+
     if sample.method == "latin":
         return np.asarray(qmc.LatinHypercube(keys, rng=rng).random(sample.count), dtype=np.float64)
     points = qmc.Sobol(keys, rng=rng).random_base2(math.ceil(math.log2(sample.count)))

@@ -14,11 +14,8 @@ from pyarrow import csv as pa_csv
 
 from scenarios.results.files import replaced, replacing, unfinished_files, user_of
 from scenarios.studies.case import Outcome
-from scenarios.studies.run_pages import write_run_pages
 from scenarios.studies.runs_table import runs_table
-from scenarios.studies.sensitivity_page import sensitivity_csv
 from scenarios.studies.study import FILE, Study, load_study
-from scenarios.studies.study_page import study_page
 from scenarios.studies.table import Row, shown_quantities, table_csv
 
 CELLS: Final = "cells"  # folder of the runs
@@ -70,6 +67,10 @@ def opened_study(directory: Path, file: str, content: str, *, shared: bool = Fal
 
 def write_study(title: str, study: Study, outcomes: Sequence[Outcome], rows: Sequence[Row], directory: Path) -> None:
     """Write the table of points and that of runs (CSV, Parquet), pages of runs, and the report of a finished study."""
+    from scenarios.studies.run_pages import write_run_pages  # matplotlib, which workers need not import
+    from scenarios.studies.sensitivity_page import sensitivity_csv
+    from scenarios.studies.study_page import study_page
+
     replaced(directory / "table.csv", table_csv(rows))
     _write_parquet(rows, directory / "table.parquet")
     runs = runs_table(outcomes)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.stats import beta, t
+from scipy.special import betaincinv, stdtrit
 
 from scenarios.studies.case import Outcome, Settings
 from scenarios.studies.table import Quantity
@@ -42,8 +42,8 @@ class Exceeding(NamedTuple):
     def interval(self) -> tuple[float, float]:
         """Clopper-Pearson interval of the probability."""
         tail, k, n = 0.5 * (1.0 - CONFIDENCE), self.beyond, self.runs
-        low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
-        high = 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
+        low = 0.0 if k == 0 else float(betaincinv(k, n - k + 1, tail))
+        high = 1.0 if k == n else float(betaincinv(k + 1, n - k, 1.0 - tail))
         return low, high
 
 
@@ -74,5 +74,5 @@ def running_mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     squares = np.cumsum(values**2) - count * mean**2
     with np.errstate(invalid="ignore", divide="ignore"):
         deviation = np.sqrt(np.maximum(squares, 0.0) / (count - 1))
-        half = t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * deviation / np.sqrt(count)
+        half = stdtrit(count - 1, 0.5 + 0.5 * CONFIDENCE) * deviation / np.sqrt(count)
     return mean, np.where(count > 1, half, np.inf)

@@ -33,7 +33,7 @@ def test_random_scenarios_studies_environments_and_hostile_files_end_well(tmp_pa
     files = [read for read in FILES if read.specimen not in _SLOW]
     make(tmp_path / "specimens", {read.specimen for read in files})
     cases = [case for read in files for case in drawn(hostile_files(read, tmp_path / "specimens"), 1, _SEED)]
-    cases += drawn(scenario_runs(), 5, _SEED) + drawn(studies(), 2, _SEED) + drawn(environment_uses(), 3, _SEED)
+    cases += drawn(scenario_runs(), 3, _SEED) + drawn(studies(), 1, _SEED) + drawn(environment_uses(), 2, _SEED)
     quick = [replace(case, genuine=False) for case in cases if "cameras" not in case.kind]
     results = tried(quick, tmp_path)
     assert len(results) == len(quick) > 25
@@ -71,7 +71,7 @@ def test_errors_deaths_hangs_and_traces_of_refusals_are_finds(tmp_path: Path, mo
         "open('x', 'w').close()\nraise ValueError('no')": "a refusal wrote x",
         "import os\nos._exit(3)": "the process died",
         "import os\nos.abort()": "the process died",
-        "while True: pass": "hangs: was stopped after 4 s",
+        "import time\ntime.sleep(600)": "hangs: was stopped after 4 s",
         "import os\nos.mkfifo('f')\nopen('f')": "hangs: was stopped after 4 s",
         "raise ValueError('no')": None,
         "from gymnasium.error import ClosedEnvironmentError\nraise ClosedEnvironmentError('no')": None,
