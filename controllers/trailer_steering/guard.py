@@ -52,7 +52,7 @@ class Degradation:
     hold: float = 1.0  # use of the last good estimate, for a quarter of the follow distance at most [s]
     fade_rate: float = 0.05  # initial rate of a handover; assumed: 3 deg/s end a turn within seconds [rad/s]
     max_age: float = 0.6  # of an estimate on arrival: 2 m of travel at 10 km/h [s]
-    max_std: float = 0.8  # of a degraded estimate; the fallback errs by 0.7 m RMS on a roundabout [m]
+    max_std: float = 0.8  # of a degraded estimate; command steer errs by 0.7 m RMS on a roundabout [m]
     max_jump: float = 0.25  # deviation from the expected value [m]
     recovery: float = 0.5  # for which estimates must be good before they are used again [s]
     fallback: FallbackName = "dead_reckoning"
@@ -184,7 +184,12 @@ class Guarded:
 
 
 def _for_law(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:
-    """Estimate for the law: the newest good one, or the newest one marked as lost."""
+    """Estimate for the law: the newest good one, or the newest one marked as lost.
+
+    While the fallback steers, the law sees sound estimates before it takes over, so that what it measures is not old.
+    """
     if memory.steers and memory.good is not None:
         return memory.good
+    if not memory.steers and memory.sound_since is not None:
+        return memory.sound
     return newest if newest is None else replace(newest, health=Health.LOST)

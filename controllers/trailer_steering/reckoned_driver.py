@@ -30,7 +30,7 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 _SLIP_DISTANCE = 2.0  # over which the remaining slip is learnt: some estimates [m]
-_OFFSET_DISTANCE = 30.0  # over which its constant part is learnt: straight and bend [m]
+_OFFSET_DISTANCE = 50.0  # over which its constant part is learnt: straight and bend [m]
 _FORGOTTEN = 12.0  # distance after which a slip that was learnt no longer holds: a bend ends [m]
 _SENSOR_TIME = 5.0  # over which the sensors' errors are learnt [s]
 _LONGEST = 500  # between two estimates that are compared [ticks]
@@ -117,11 +117,11 @@ class ReckonedDriver:
         distance = interval * estimate.v_x
         quick, steady = (1.0 - math.exp(-distance / over) for over in (_SLIP_DISTANCE, _OFFSET_DISTANCE))
         slow = 1.0 - math.exp(-interval / _SENSOR_TIME)
-        residual = math.atan2(estimate.v_y, estimate.v_x) - motion.direction
+        slip = learnt.slip + quick * (math.atan2(estimate.v_y, estimate.v_x) - motion.direction)
         speeds = math.hypot(estimate.v_x, estimate.v_y) / math.hypot(motion.v_x, motion.v_y)
         return Learnt(
-            slip=max(-_MOST_SLIP, min(_MOST_SLIP, learnt.slip + quick * residual)),
-            offset=max(-_MOST_SLIP, min(_MOST_SLIP, learnt.offset + steady * residual)),
+            slip=max(-_MOST_SLIP, min(_MOST_SLIP, (1.0 - steady) * slip)),
+            offset=max(-_MOST_SLIP, min(_MOST_SLIP, learnt.offset + steady * slip)),
             yaw_rate=learnt.yaw_rate + slow * (motion.yaw_rate - estimate.yaw_rate),
             scale=learnt.scale * (1.0 + slow * (speeds - 1.0)),
         )

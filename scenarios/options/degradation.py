@@ -28,7 +28,7 @@ class DegradationOptions(Options):
     max_jump: float = _limited("max_jump", "Largest accepted difference of an estimate from the prediction.")
     recovery: float = _limited("recovery", "Duration of good estimates after which they are used again.")
     fallback: FallbackName = option(
-        "Law without usable estimates; command_steer fades out between 30 and 50 km/h.", _DEFAULT.fallback
+        "Law without usable estimates; all but straight fade out between 30 and 50 km/h.", _DEFAULT.fallback
     )
 
     def degradation(self) -> Degradation:

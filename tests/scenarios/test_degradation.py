@@ -53,15 +53,15 @@ def assert_safe(result: RunResult) -> None:
         ("dropout:1@14+0.5", 0.12),  # neither does half a second
         ("duplicate:0.2@6", 0.15),  # a standstill and a leap, again and again
         ("delay:2@6", 0.12),  # 0.3 s of age are made up for
-        ("dropout:1@14", 1.5),  # for good: command steer, whose rear swings out and in again
-        ("dropout:1@14+3", 0.6),  # command steer in between
-        ("freeze@14+2", 0.6),
-        ("delay:10@6", 2.0),  # 1 s and older is of no use from before the turn: command steer's tail swing at the entry
-        ("delay:10@0", 2.0),  # nor is there ever any
+        ("dropout:1@14", 0.15),  # for good: the path goes on by dead reckoning
+        ("dropout:1@14+3", 0.15),
+        ("freeze@14+2", 0.15),
+        ("delay:10@6", 0.25),  # 1 s and older is of no use, from before the turn
+        ("delay:10@0", 0.25),  # nor is there ever any
     ],
 )
 def test_faults_of_the_messages_do_no_harm(fault: str, worst: float) -> None:
-    """On snow; what is lost is accuracy, and no more of it than command steer costs."""
+    """On snow; what is lost is accuracy. Command steer would cost 1 to 2 m."""
     result = driven("roundabout", *ROUND, f"faults={fault}")
     assert_safe(result)
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < worst
@@ -69,7 +69,8 @@ def test_faults_of_the_messages_do_no_harm(fault: str, worst: float) -> None:
 
 @pytest.mark.parametrize(
     ("law", "worst"),
-    [("mpc", 1.0), ("virtual_driver", 1.2), ("lqr", 0.6), ("combined", 0.6)],  # command steer 1.0 m; at speed, 0.5 m
+    # the path of the first two has a chord of 5 m in a bend afterwards; the others change lane with straight wheels
+    [("mpc", 0.6), ("virtual_driver", 0.25), ("lqr", 0.6), ("combined", 0.6)],
 )
 @pytest.mark.parametrize("fault", ["dropout:1@{}+2", "duplicate:0.2@{}"])
 def test_no_law_is_upset_by_what_befalls_its_messages(law: str, worst: float, fault: str) -> None:
