@@ -3,7 +3,8 @@
 An estimate that is lost, too uncertain, too old, or in conflict with the wheels is ignored: for some time and distance
 the law continues with the last good one. After that the fallback steers, without any estimate; also if no good one has
 come when the path is long enough. After an implausible jump, estimates are ignored until later ones agree with each
-other for some time. Then the law takes over again.
+other for some time. Then the law takes over again. Signals of the combination that are at fault are corrected first
+(``estimators.off_tracking.signal_monitor``): for these checks, the law and the fallback.
 
 At every handover between law and fallback the axles keep their angles: the difference between the two demands is added
 to the new one and reduced at a rate that starts low and grows. The angles have no step, and the demands of the new law
@@ -21,8 +22,17 @@ from controllers.trailer import Combination, SteerCommand, TrailerGeometry, Trai
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
 from controllers.trailer_steering.limits import reachable
-from controllers.trailer_steering.plausibility import Limits, Travel, jumps, motion_agrees, moved_on, usable
+from controllers.trailer_steering.plausibility import (
+    Limits,
+    Travel,
+    jumps,
+    motion_agrees,
+    motion_reference,
+    moved_on,
+    usable,
+)
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -84,6 +94,7 @@ class GuardMemory(NamedTuple):
     steers: bool  # True: the law steers; False: the fallback
     changed_at: int  # last handover [ticks]
     difference: tuple[float, ...]  # remaining difference between the two demands at that handover [rad]
+    monitor: MonitorMemory  # of the signals
 
 
 class Guarded:
@@ -95,6 +106,7 @@ class Guarded:
         """Guard a ``law`` for a trailer with steered axles."""
         self.law = law
         self._trailer, self._combination, self._degradation = trailer, combination, degradation
+        self._monitor = SignalMonitor(combination.vehicle, combination.unit, trailer.axle_distances)
         self._fallback = Fallback(trailer, combination=combination, name=degradation.fallback)
 
     def init(self) -> GuardMemory:
@@ -114,6 +126,7 @@ class Guarded:
             steers=True,
             changed_at=-1,
             difference=(0.0,) * len(self._trailer.steered_distances),
+            monitor=self._monitor.init(),
         )
 
     def step(
@@ -121,9 +134,12 @@ class Guarded:
     ) -> tuple[GuardMemory, SteerCommand]:
         """New memory and command at ``tick``."""
         elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
-        motion = hitch_motion(self._combination, signals)
         newest = memory.travel.newest
-        if off_tracking is not None and (newest is None or off_tracking.tick > newest.tick):
+        is_new = off_tracking is not None and (newest is None or off_tracking.tick > newest.tick)
+        memory = self._monitored(memory, off_tracking if is_new else None, signals)
+        signals = self._monitor.corrected(memory.monitor, signals)
+        motion = hitch_motion(self._combination, signals)
+        if off_tracking is not None and is_new:
             memory = self._checked(memory, tick, off_tracking, motion)
         memory = self._with_handover(memory, tick, motion, elapsed)
         law, command = self.law.step(memory.law, tick, _for_law(memory, off_tracking), signals)
@@ -133,6 +149,18 @@ class Guarded:
             fallback, target = self._fallback.steered(fallback, tick, signals, np.array(memory.demand))
         memory = self._steered(memory, tick, target, elapsed)
         return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
+
+    def _monitored(self, memory: GuardMemory, estimate: OffTracking | None, signals: CombinationSignals) -> GuardMemory:
+        """Memory with the signals compared with each other, and with a new estimate that they have no part in."""
+        before = memory.monitor
+        monitor = self._monitor.received(before, signals)
+        reference = None if estimate is None else motion_reference(estimate, memory.travel.newest)
+        if reference is not None:
+            monitor = self._monitor.compared(monitor, reference)
+        travel = memory.travel
+        if monitor.distrusted != before.distrusted:
+            travel = travel._replace(missing=0.0)  # it was counted by signals that are believed no more
+        return memory._replace(monitor=monitor, travel=travel)
 
     def _checked(self, memory: GuardMemory, tick: int, estimate: OffTracking, motion: HitchMotion) -> GuardMemory:
         """Memory with a new estimate, which is good if it and those before it are plausible."""

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 from controllers.trailer_steering.hitch_motion import HitchMotion
 from estimators.estimates import Health, OffTracking
+from estimators.off_tracking.parity import MotionReference
 from vehicle.clock import TICK
 
 # assumed: several times the errors of wheel speeds, gyros and odometry, and the change of motion of a braking or
@@ -20,6 +21,8 @@ _SPEED: Final = 0.3  # [m/s]
 _SPEED_SHARE: Final = 0.15  # [-]
 _YAW_RATE: Final = 0.1  # [rad/s]
 _MISSING: Final = 0.1  # of the follow distance: a path error of about 0.1 rad times that in a tight turn [-]
+_INTERVAL: Final = 100  # between estimates, if it is not known [ticks]
+_LONGEST_INTERVAL: Final = 300  # over which the motion in an estimate is a mean [ticks]
 _SIGMAS: Final = 3.0  # of an estimate's own standard deviation: no jump
 
 
@@ -47,6 +50,18 @@ def moved_on(travel: Travel, estimate: OffTracking, motion: HitchMotion, follow_
     kept = travel.missing * math.exp(-rolled / follow_distance)
     # A lost motion is bridged at the velocity before it.
     return Travel(estimate, kept + (motion.v_x - estimate.v_x) * interval)
+
+
+def motion_reference(estimate: OffTracking, before: OffTracking | None) -> MotionReference | None:
+    """The motion in an estimate, to compare signals with; None if it is lost, or taken from the signals themselves.
+
+    Its velocities are means since the estimate ``before``.
+    """
+    values = (estimate.v_x, estimate.v_y, estimate.yaw_rate)
+    if estimate.health is Health.LOST or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
+        return None
+    previous = estimate.tick - _INTERVAL if before is None else max(before.tick, estimate.tick - _LONGEST_INTERVAL)
+    return MotionReference(estimate.tick, previous, *values)
 
 
 def usable(estimate: OffTracking, tick: int, limits: Limits) -> bool:

@@ -76,11 +76,13 @@ def drive(
 ) -> tuple[FloatArray, FloatArray, GuardMemory]:
     """Ticks, commands (steps, axles) and the last memory, with an estimate of 0.1 s ago every 0.1 s."""
     guarded = Guarded(law(), TRAILER, COMBINATION, degradation or COMMAND_STEER)
+    angle = articulation if math.isfinite(articulation) else 0.0
+    motion = {"v_x": speed * math.cos(angle), "v_y": speed * math.sin(angle)}  # of the hitch behind a tractor on a line
     memory, newest, commands = guarded.init(), None, []
     ticks = np.arange(0, until, PERIOD)
     for tick in ticks.tolist():
         if tick % CAMERA == 0 and tick:
-            newest = faulty(estimate(tick - CAMERA, v_x=speed)) or newest
+            newest = faulty(estimate(tick - CAMERA, **motion)) or newest
         memory, command = guarded.step(
             memory, tick, newest, signals(tick, articulation=np.array([articulation]), speed=speed)
         )

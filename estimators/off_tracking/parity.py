@@ -1,0 +1,175 @@
+"""Parity relations between the signals of a combination and an independent measurement of its trailer's motion.
+
+Each relation is zero, within a tolerance, while all that it relates are sound:
+
+- A (one for each hitch): the articulation changes by the difference of the yaw rates on both sides of the hitch;
+- K: the tractor turns as its speed and its steer angle say;
+- S, Y, D: speed, yaw rate and direction of travel at the trailer's hitch are as the reference says;
+- T: the reference's own direction of travel lets the trailer's axles roll along their planes.
+
+A fault adds its signature to the relations: a vector in the space of their values, in proportion to the fault's size.
+The generalised likelihood ratio test asks which signature explains the values that are not zero (J. Gertler, "Fault
+Detection and Diagnosis in Engineering Systems", 1998). Values are over their tolerances.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimators.off_tracking.signal_quality import ARTICULATION_NOISE, GYRO_BIAS
+from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle
+from vehicle.frames import FloatArray
+
+# Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
+_A_SIGMAS: Final = 5.0  # of the noise of angle sensors and the bias of gyros
+_K: Final = (math.radians(3.0), 0.3)  # [rad/s], and share of the yaw rate: understeer
+_S: Final = (0.3, 0.1)  # [m/s], and share of the speed
+_Y: Final = math.radians(2.0)  # [rad/s]
+_D: Final = (0.05, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
+_T: Final = (0.07, 0.05)  # the same: slip of the trailer's axles
+_NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
+_SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
+
+SPEED, FIRST = 1, 4  # columns of the speed and of the first articulation
+
+
+class MotionReference(NamedTuple):
+    """Motion of the trailer at its hitch, along its own axes, that no signal of the combination has a part in.
+
+    Means from ``previous_tick`` to ``tick``.
+    """
+
+    tick: int
+    previous_tick: int
+    v_x: float  # [m/s]
+    v_y: float  # + left [m/s]
+    yaw_rate: float  # [rad/s]
+
+
+class Parity(NamedTuple):
+    """Values of relations over their tolerances (m,), and the signature of a fault of each signal."""
+
+    values: FloatArray
+    signatures: tuple[FloatArray, ...]  # (m, q) of each signal, in its unit; q: degrees of freedom of its fault
+    reference: FloatArray  # (m, 3) of a wrong reference: speed, yaw rate, direction of travel
+
+
+class ParityRelations:
+    """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates.
+
+    Rows of a history are tick, speed, steer angle, mean tangent of the steer angles of the trailer's axles,
+    articulations, yaw rates.
+    """
+
+    def __init__(self, vehicle: Vehicle, unit: int, axle_distance: float) -> None:
+        """For the ``unit`` of a vehicle whose axles are ``axle_distance`` [m] behind its hitch on average."""
+        tractor = vehicle.units[0]
+        fixed = [axle.x for axle in tractor.axles if not axle.steered] or [axle.x for axle in tractor.axles]
+        self._wheelbase = tractor.steered_axles[0].x - sum(fixed) / len(fixed) if tractor.steered_axles else math.inf
+        self._levers = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]  # of the hitches [m]
+        self._unit, self._axle_distance = unit, axle_distance
+
+    def parity(
+        self, history: FloatArray, window: int, level: float, reference: MotionReference | None, until: int
+    ) -> Parity:
+        """Relations at the tick ``until``, those of articulations over a ``window`` [ticks] before it.
+
+        ``level`` is the noise of the signals over the assumed one. Without a reference the relations to it are left
+        out, as are directions of travel at walking pace.
+        """
+        first, end = np.searchsorted(history[:, 0], [until - window, until + 1])
+        recent = history[first:end]
+        since = until - 100 if reference is None else reference.previous_tick
+        mean = recent[recent[:, 0] >= since].mean(axis=0) if np.any(recent[:, 0] >= since) else recent[-1]
+        relations = [*self._articulations(recent, level), self._tractor(mean, level)]
+        if reference is not None:
+            relations.extend(self._to_reference(mean, reference, max(1.0, level / _NOISY)))
+        n_signals = 2 * self._unit + 2
+        values = np.array([value for value, _, _ in relations])
+        signatures = tuple(
+            np.array([[row.get((signal, part), 0.0) for part in range(2)] for _, row, _ in relations])
+            for signal in range(n_signals)
+        )
+        return Parity(
+            values,
+            tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
+            np.array([own for _, _, own in relations]),
+        )
+
+    def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:
+        """A, of each hitch."""
+        time = recent[:, 0] * TICK
+        span = float(time[-1] - time[0])
+        limit = level * _A_SIGMAS * math.sqrt(2.0) * math.hypot(ARTICULATION_NOISE, GYRO_BIAS * span)
+        for k in range(self._unit):
+            gamma, ahead, behind = recent[:, FIRST + k], recent[:, self._gyro(k)], recent[:, self._gyro(k + 1)]
+            rate = ahead - behind
+            turned = float(np.sum(0.5 * np.diff(time) * (rate[1:] + rate[:-1])))
+            change = math.remainder(float(gamma[-1] - gamma[0]) - turned, math.tau)
+            # A shifted angle shows here only while the shift changes: the second part of its fault.
+            row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 0): -span / limit, (self._rate(k + 1), 0): span / limit}
+            yield change / limit, row, (0.0, 0.0, 0.0)
+
+    def _tractor(self, mean: FloatArray, level: float) -> _Relation:
+        """K."""
+        per_speed = math.tan(mean[2]) / self._wheelbase
+        turning, measured = per_speed * mean[SPEED], mean[self._gyro(0)]
+        limit = max(1.0, level / _NOISY) * _K[0] + _K[1] * max(abs(turning), abs(measured))
+        row = {(0, 0): per_speed / limit, (self._rate(0), 0): -1.0 / limit}
+        return (turning - measured) / limit, row, (0.0, 0.0, 0.0)
+
+    def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:
+        """S, Y, D and T."""
+        v_x, v_y, turned = self._at_hitch(mean)
+        limit = scale * (_S[0] + _S[1] * max(abs(v_x), abs(reference.v_x)))
+        yield (v_x - reference.v_x) / limit, {(0, 0): math.cos(turned) / limit}, (-1.0 / limit, 0.0, 0.0)
+        limit, rate = scale * _Y, self._rate(self._unit)
+        own = float(mean[self._gyro(self._unit)])
+        yield (own - reference.yaw_rate) / limit, {(rate, 0): 1.0 / limit}, (0.0, -1.0 / limit, 0.0)
+        if reference.v_x < _SLOW:
+            return
+        sideways = reference.v_x * abs(reference.yaw_rate)
+        direction = math.atan2(reference.v_y, reference.v_x)
+        if v_x > _SLOW:
+            limit = scale * (_D[0] + _D[1] * sideways)
+            row = {(1 + k, 0): 1.0 / limit for k in range(self._unit)}
+            row |= {(self._rate(k), 0): lever / (v_x * limit) for k, lever in enumerate(self._levers)}
+            yield (math.atan2(v_y, v_x) - direction) / limit, row, (0.0, 0.0, -1.0 / limit)
+        limit = scale * (_T[0] + _T[1] * sideways)
+        rolling = math.atan(float(mean[3]) + self._axle_distance * reference.yaw_rate / reference.v_x)
+        yield (direction - rolling) / limit, {}, (0.0, 0.0, 1.0 / limit)
+
+    def _at_hitch(self, mean: FloatArray) -> tuple[float, float, float]:
+        """Velocity at the trailer's hitch along its own axes [m/s], and the sum of the articulations [rad]."""
+        v_x, v_y, turned = float(mean[SPEED]), 0.0, 0.0
+        for k, lever in enumerate(self._levers):
+            v_y += float(mean[self._gyro(k)]) * lever
+            angle = float(mean[FIRST + k])
+            c, s = math.cos(angle), math.sin(angle)
+            v_x, v_y, turned = c * v_x - s * v_y, s * v_x + c * v_y, turned + angle
+        return v_x, v_y, turned
+
+    def _gyro(self, unit: int) -> int:
+        """Column of a yaw rate."""
+        return FIRST + self._unit + unit
+
+    def _rate(self, unit: int) -> int:
+        """Number of a yaw rate among the signals."""
+        return 1 + self._unit + unit
+
+
+_Relation = tuple[float, dict[tuple[int, int], float], tuple[float, float, float]]  # value, signatures, reference's
+
+
+def misfit(values: FloatArray, signatures: Sequence[FloatArray]) -> tuple[float, FloatArray]:
+    """Largest value (m,) that faults of these signatures (m, q) leave, and their sizes by least squares."""
+    if not signatures:
+        return float(np.max(np.abs(values))), np.empty(0)
+    columns = np.hstack(signatures)
+    sizes = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
+    return float(np.max(np.abs(values - columns @ sizes))), sizes

@@ -1,0 +1,212 @@
+"""Fault detection and isolation of a combination's own signals, and correction of the signal at fault.
+
+Parity relations (``estimators.off_tracking.parity``) between the signals and an independent measurement of the
+trailer's motion tell which one contradicts the others. A reading that cannot be true, because it jumps or repeats
+itself exactly while others are noisy, is further evidence. A signal that is found at fault is corrected by the size of
+its fault, which goes on being measured, and is trusted again when that is small. Without evidence against a single
+signal none is distrusted: the reference then is the one to doubt.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from estimators.off_tracking.parity import FIRST, SPEED, MotionReference, Parity, ParityRelations, misfit
+from estimators.off_tracking.signal_quality import ARTICULATION_NOISE, GYRO_NOISE, SPEED_NOISE, noise_level
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle
+from vehicle.frames import FloatArray
+
+_KEPT: Final = 2500  # history [ticks]
+_WINDOW: Final = 700  # over which articulations are compared with yaw rates [ticks]
+_ALONE: Final = 500  # time without a reference after which the signals are compared with each other alone [ticks]
+_DETECTED: Final = 1.0  # value of a relation that is a contradiction [its tolerance]
+_BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share of it at most
+_PERSISTENT: Final = 3  # comparisons in a row, without evidence beside the relations
+_SMALL: Final = 0.4  # effect of a fault that is over [tolerances]
+_OVER: Final = 10  # comparisons in a row
+_SMOOTHING: Final = 0.5  # weight of a new measurement of a fault's size
+_REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
+_RECENT: Final = 2500  # time for which a jump is evidence [ticks]
+_JUMP_SIGMAS: Final = 8.0  # of a sample's noise
+# Highest rates of change: full braking on dry road twice, a jackknife, and a kerb. assumed.
+_RATES: Final = (20.0, math.radians(60.0), math.radians(100.0))  # [m/s2], [rad/s], [rad/s2]
+
+
+class Finding(NamedTuple):
+    """A signal that was found at fault, or sound again."""
+
+    tick: int
+    signal: str
+    at_fault: bool
+
+
+class MonitorMemory(NamedTuple):
+    """Signals of the last seconds and what was found of them; signals in the order of `ParityRelations`."""
+
+    history: FloatArray  # (n, columns), oldest first
+    jumped: tuple[int, ...]  # tick of the last jump of each signal; far in the past: none
+    errors: tuple[float, ...]  # error of each signal that is at fault; NaN: it is sound
+    suspect: tuple[int, int]  # signal that explains the last contradictions, and their number in a row
+    small: tuple[int, ...]  # comparisons in a row at which the fault of each signal was small
+    compared_at: int  # tick of the last comparison with a reference
+    findings: tuple[Finding, ...]
+
+    @property
+    def distrusted(self) -> tuple[int, ...]:
+        """Numbers of the signals at fault."""
+        return tuple(k for k, error in enumerate(self.errors) if not math.isnan(error))
+
+
+class SignalMonitor:
+    """Monitor of the signals for the steering of one trailer."""
+
+    def __init__(self, vehicle: Vehicle, unit: int, axle_distances: tuple[float, ...]) -> None:
+        """For the ``unit`` of a vehicle, with the distances of its axles behind its hitch [m]."""
+        names = [one.name for one in vehicle.units[: unit + 1]]
+        self.names = (
+            "wheel speed",
+            *(f"hitch angle of {name}" for name in names[1:]),
+            *(f"gyro of {name}" for name in names),
+        )
+        self._unit, self._n_axles = unit, len(axle_distances)
+        self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
+        noise = (SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1))
+        self._noise = np.array(noise)
+        self._rates = np.array((_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1)))
+        self._columns = [SPEED, *range(FIRST, FIRST + 2 * unit + 1)]
+
+    def init(self) -> MonitorMemory:
+        """Memory before the first message: all signals are sound."""
+        n = len(self.names)
+        return MonitorMemory(
+            history=np.empty((0, FIRST + n - 1)),
+            jumped=(-_RECENT,) * n,
+            errors=(math.nan,) * n,
+            suspect=(-1, 0),
+            small=(0,) * n,
+            compared_at=0,
+            findings=(),
+        )
+
+    def received(self, memory: MonitorMemory, signals: CombinationSignals) -> MonitorMemory:
+        """Memory with a message; those without a number, or out of order, are passed over."""
+        row, history = self._row(signals), memory.history
+        if not np.isfinite(row).all() or (len(history) and row[0] <= history[-1, 0]):
+            return memory
+        if len(history):
+            memory = memory._replace(jumped=self._jumped(memory, row))
+        kept = history[np.searchsorted(history[:, 0], row[0] - _KEPT) :]
+        memory = memory._replace(history=np.vstack([kept, row]))
+        if signals.tick - memory.compared_at > _ALONE and signals.tick % 100 == 0:
+            return self._compared(memory, None, signals.tick)
+        return memory
+
+    def compared(self, memory: MonitorMemory, reference: MotionReference) -> MonitorMemory:
+        """Memory after the comparison with an independent measurement, which is older than the newest signals."""
+        ticks = memory.history[:, 0]
+        if not len(ticks) or ticks[0] > reference.previous_tick or ticks[-1] < reference.tick:
+            return memory
+        return self._compared(memory._replace(compared_at=int(ticks[-1])), reference, reference.tick)
+
+    def corrected(self, memory: MonitorMemory, signals: CombinationSignals) -> CombinationSignals:
+        """The message with corrected values of signals at fault; the same object if there are none."""
+        if not memory.distrusted:
+            return signals
+        errors, n = np.nan_to_num(np.array(memory.errors)), self._unit
+        articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
+        articulation[:n] -= errors[1 : 1 + n]
+        yaw_rates[: n + 1] -= errors[1 + n :]
+        return replace(signals, speed=signals.speed - float(errors[0]), articulation=articulation, yaw_rates=yaw_rates)
+
+    def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
+        level = noise_level(memory.history, self._unit)
+        parity = self._relations.parity(memory.history, _WINDOW, level, reference, tick)
+        known = [parity.signatures[k] for k in memory.distrusted]
+        left, _ = misfit(parity.values, known)
+        if left > _DETECTED:
+            memory = self._suspected(memory, parity, left, is_alone=reference is None)
+        else:
+            memory = memory._replace(suspect=(-1, 0))
+        return memory if reference is None else self._measured(memory, parity)
+
+    def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
+        """Memory after a contradiction that the known faults do not explain."""
+        known = [parity.signatures[k] for k in memory.distrusted]
+        others = [k for k in range(len(self.names)) if k not in memory.distrusted]
+        limit = min(_DETECTED, _BETTER * left)
+        fitting = [k for k in others if misfit(parity.values, [*known, parity.signatures[k]])[0] <= limit]
+        is_evident = self._evident(memory)
+        evident = [k for k in fitting if is_evident[k]]
+        doubtful = not is_alone and misfit(parity.values, [*known, parity.reference])[0] <= limit
+        if len(evident) == 1:
+            return self._distrusted(memory, evident[0])
+        if len(fitting) != 1 or doubtful or is_alone:
+            return memory._replace(suspect=(-1, 0))
+        (signal,) = fitting
+        count = 1 + (memory.suspect[1] if memory.suspect[0] == signal else 0)
+        memory = memory._replace(suspect=(signal, count))
+        return self._distrusted(memory, signal) if count >= _PERSISTENT else memory
+
+    def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
+        errors = (*memory.errors[:signal], 0.0, *memory.errors[signal + 1 :])
+        small = (*memory.small[:signal], 0, *memory.small[signal + 1 :])
+        finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
+        return memory._replace(errors=errors, small=small, suspect=(-1, 0), findings=(*memory.findings, finding))
+
+    def _measured(self, memory: MonitorMemory, parity: Parity) -> MonitorMemory:
+        """Memory with the sizes of the known faults measured anew, and without those that are over."""
+        distrusted = memory.distrusted
+        if not distrusted:
+            return memory
+        known = [parity.signatures[k] for k in distrusted]
+        left, sizes = misfit(parity.values, known)
+        if left > _DETECTED:
+            return memory  # something else is wrong, too
+        first = np.cumsum([0, *(signature.shape[1] for signature in known)])
+        errors, small, findings = list(memory.errors), list(memory.small), memory.findings
+        evident = self._evident(memory)
+        for number, k in enumerate(distrusted):
+            signature, size = known[number][:, 0], float(sizes[first[number]])
+            if not signature.any():
+                continue  # not measurable now
+            errors[k] += (1.0 if errors[k] == 0.0 else _SMOOTHING) * (size - errors[k])
+            is_small = float(np.max(np.abs(signature * size))) < _SMALL and not evident[k]
+            small[k] = small[k] + 1 if is_small else 0
+            if small[k] >= _OVER:
+                errors[k] = math.nan
+                findings = (*findings, Finding(int(memory.history[-1, 0]), self.names[k], False))
+        return memory._replace(errors=tuple(errors), small=tuple(small), findings=findings)
+
+    def _evident(self, memory: MonitorMemory) -> list[bool]:
+        """Signals that cannot be, by themselves: they jumped, or repeat themselves while others are noisy."""
+        readings = memory.history[-_REPEATED:, self._columns]
+        now = memory.history[-1, 0]
+        repeats = np.ptp(readings, axis=0) == 0.0 if len(readings) == _REPEATED else np.zeros(len(self.names), bool)
+        are_noisy = 2 * int(np.sum(repeats)) <= len(repeats)
+        return [
+            bool(now - jumped < _RECENT or (stuck and are_noisy))
+            for jumped, stuck in zip(memory.jumped, repeats, strict=True)
+        ]
+
+    def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
+        last = memory.history[-1]
+        step = np.abs(row - last)[self._columns]
+        possible, noise = self._rates * (row[0] - last[0]) * TICK, _JUMP_SIGMAS * self._noise
+        if np.all(step <= possible + noise):
+            return memory.jumped
+        limits = possible + noise_level(memory.history, self._unit) * noise
+        return tuple(
+            int(row[0]) if jumps else before for jumps, before in zip(step > limits, memory.jumped, strict=True)
+        )
+
+    def _row(self, signals: CombinationSignals) -> FloatArray:
+        n = self._unit
+        tangent = float(np.sum(np.tan(signals.angles))) / self._n_axles
+        readings = (*signals.articulation[:n], *signals.yaw_rates[: n + 1])
+        return np.array([signals.tick, signals.speed, signals.steer, tangent, *readings])
