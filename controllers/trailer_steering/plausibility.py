@@ -55,10 +55,12 @@ def moved_on(travel: Travel, estimate: OffTracking, motion: HitchMotion, follow_
 def motion_reference(estimate: OffTracking, before: OffTracking | None) -> MotionReference | None:
     """The motion in an estimate, to compare signals with; None if it is lost, or taken from the signals themselves.
 
-    Its velocities are means since the estimate ``before``.
+    Its velocities are means since the estimate ``before``. While the path is still short the estimate is lost, but its
+    motion is not: the path grows.
     """
     values = (estimate.v_x, estimate.v_y, estimate.yaw_rate)
-    if estimate.health is Health.LOST or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
+    grows = before is not None and len(estimate.path) > len(before.path)
+    if (estimate.health is Health.LOST and not grows) or estimate.bridged > 0.0 or not all(map(math.isfinite, values)):
         return None
     previous = estimate.tick - _INTERVAL if before is None else max(before.tick, estimate.tick - _LONGEST_INTERVAL)
     return MotionReference(estimate.tick, previous, *values)

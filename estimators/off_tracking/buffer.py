@@ -207,7 +207,7 @@ def _estimate(samples: tuple[Sample, ...], hitch_path: _HitchPath, motion: BodyM
             value = passed.y
             doubtful = any(samples[link.end].doubtful for link in links)
             health = Health.DEGRADED if doubtful else Health.OK
-    v_x, v_y, yaw_rate = _velocity(motion)
+    v_x, v_y, yaw_rate = velocity(motion)
     at_hitch = _hitch_tangent(path, hitch_path.s, [samples[index].joined for index in hitch_path.indices], v_x, v_y)
     return OffTracking(
         tick=motion.tick,
@@ -308,7 +308,7 @@ def _bridge(last: BodyMotion, lost: BodyMotion) -> BodyMotion:
     )
 
 
-def _velocity(motion: BodyMotion) -> tuple[float, float, float]:
+def velocity(motion: BodyMotion) -> tuple[float, float, float]:
     """v_x, v_y [m/s] along the axes of S and yaw rate [rad/s], constant over the motion."""
     span = (motion.tick - motion.previous_tick) * TICK
     turn = rotation_vector(motion.X_PC[:3, :3])

@@ -26,12 +26,12 @@ from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 # Tolerances. assumed: several times the errors of the sensors, and what slipping tyres cause on a slippery road.
-_A_SIGMAS: Final = 5.0  # of the noise of angle sensors and the bias of gyros
+_A_SIGMAS: Final = 4.0  # of the noise of angle sensors and the bias of gyros
 _K: Final = (math.radians(3.0), 0.3)  # [rad/s], and share of the yaw rate: understeer
 _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
-_Y: Final = math.radians(2.0)  # [rad/s]
-_D: Final = (0.05, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
-_T: Final = (0.07, 0.05)  # the same: slip of the trailer's axles
+_Y: Final = math.radians(1.0)  # [rad/s]
+_D: Final = (0.04, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
+_T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
@@ -111,8 +111,8 @@ class ParityRelations:
             rate = ahead - behind
             turned = float(np.sum(0.5 * np.diff(time) * (rate[1:] + rate[:-1])))
             change = math.remainder(float(gamma[-1] - gamma[0]) - turned, math.tau)
-            # A shifted angle shows here only while the shift changes: the second part of its fault.
-            row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 0): -span / limit, (self._rate(k + 1), 0): span / limit}
+            # What a fault adds here depends on its past; what it is now, the other relations show.
+            row = {(1 + k, 1): 1.0 / limit, (self._rate(k), 1): -1.0 / limit, (self._rate(k + 1), 1): 1.0 / limit}
             yield change / limit, row, (0.0, 0.0, 0.0)
 
     def _tractor(self, mean: FloatArray, level: float) -> _Relation:

@@ -12,7 +12,8 @@ parameters (slip, gyro biases, scale of the wheel speed). A camera motion is bel
   ever: parameters that change are forgotten over the distance.
 - The first motion after an outage that starts at the reference replaces the bridge. If the odometry went on from a
   frame of the outage, its keyframe may still be older than the outage and serves the same purpose.
-- Signals that contradict each other are not used; the camera is then alone.
+- Signals that contradict each other are not used; the camera is then alone. So it is while a single signal is found at
+  fault (``estimators.off_tracking.signal_monitor``), but outages are bridged with its corrected value.
 - A camera may be wrong for long. ``misfit`` is the running mean of the test; while it is large, or while the camera
   asks for parameters that are out of the question, no motion is believed.
 """
@@ -26,11 +27,13 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer
+from estimators.off_tracking.buffer import BodyMotion, BufferMemory, OffTrackingBuffer, velocity
 from estimators.off_tracking.correction_blend import Correction, blended, corrected
 from estimators.off_tracking.dead_reckoning import DeadReckoning, Parameters, Reckoned
 from estimators.off_tracking.judged_motion import PLANAR, doubted, from_reference, lost_motion, spatial, weighted
+from estimators.off_tracking.parity import MotionReference
 from estimators.off_tracking.signal_history import REMEMBERED, extended_history
+from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
 from estimators.rigid_motion import rotation_vector
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -44,6 +47,7 @@ _MEMORY = 0.25  # weight of a motion in the running mean of the test: the last f
 # The running mean, per component, is 1 at most if all errors are as stated. Above the first limit a motion is degraded,
 # above the second none is believed, until the mean is below the third: four to eight motions in a row agree.
 _DOUBTED, _DISTRUSTED, _TRUSTED_AGAIN = 2.0, 4.0, 1.5
+_CORRECTED = 9.0  # covariance of dead reckoning with a corrected signal over that with sound ones; assumed
 _IMPOSSIBLE = 5.0  # the camera may ask for parameters up to this distance from their prior [its standard deviations]
 # Rocking of the body on its tyres and springs between two frames, 1 sigma: on rough roads, at a stop and when the
 # driver steers fast. It returns, so it does not add up; dead reckoning knows nothing of it.
@@ -65,6 +69,7 @@ class FusionMemory(NamedTuple):
     misfit: float = 1.0
     distrusted: bool = False  # True: the camera has disagreed for long
     correction: Correction | None = None  # of the off-tracking after the last bridge
+    monitor: MonitorMemory | None = None  # of the signals; None: no message arrived yet
 
 
 class _Test(NamedTuple):
@@ -88,6 +93,7 @@ class SignalFusion:
         """
         self._reckoning = DeadReckoning(vehicle, unit)
         self._follow_distance, self._buffer = follow_distance, buffer
+        self._monitor = SignalMonitor(vehicle, unit, tuple(-axle.x for axle in vehicle.units[unit].axles))
 
     def init(self) -> FusionMemory:
         """Memory before the first message."""
@@ -106,6 +112,7 @@ class SignalFusion:
         The motion may end before ``tick``; dead reckoning adds the rest.
         """
         start = memory.reference or Known(tick if motion is None else motion.previous_tick, self._reckoning.prior())
+        memory, signals = self._monitored(memory, motion, signals)
         rows = [self._reckoning.row(message) for message in signals]
         history = extended_history(memory.history, rows, start.tick, tick)
         memory = memory._replace(history=history, reference=start)
@@ -130,6 +137,22 @@ class SignalFusion:
             return memory, path, None
         return memory, path, blended(estimate, memory.correction, self._follow_distance)
 
+    def _monitored(
+        self, memory: FusionMemory, motion: BodyMotion | None, signals: tuple[CombinationSignals, ...]
+    ) -> tuple[FusionMemory, tuple[CombinationSignals, ...]]:
+        """Memory with the signals compared with the camera, and signals in which one at fault is corrected."""
+        before = monitor = memory.monitor or self._monitor.init()
+        for message in signals:
+            monitor = self._monitor.received(monitor, message)
+        if motion is not None and motion.health is Health.OK:
+            monitor = self._monitor.compared(
+                monitor, MotionReference(motion.tick, motion.previous_tick, *velocity(motion))
+            )
+        memory = memory._replace(monitor=monitor)
+        if monitor.distrusted != before.distrusted:
+            memory = memory._replace(misfit=1.0, distrusted=False)  # the camera was judged by signals at fault
+        return memory, tuple(self._monitor.corrected(monitor, message) for message in signals)
+
     def _bridged(
         self, memory: FusionMemory, path: BufferMemory, tick: int
     ) -> tuple[FusionMemory, BufferMemory, OffTracking] | None:
@@ -139,7 +162,9 @@ class SignalFusion:
         newest = path.samples[0].tick if path.samples else reference.tick
 
         def reckoned(since: int) -> Reckoned | None:
-            return self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
+            known = self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
+            corrected = memory.monitor is not None and memory.monitor.distrusted
+            return known._replace(covariance=_CORRECTED * known.covariance) if known and corrected else known
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
@@ -197,8 +222,10 @@ class SignalFusion:
         return memory._replace(reference=Known(motion.tick, parameters)), motion
 
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> _Test | None:
-        """Comparison of the motion with dead reckoning; None without signals."""
+        """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         assert memory.reference is not None
+        if memory.monitor is not None and memory.monitor.distrusted:
+            return None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)
         if reckoned is None or not self._reckoning.agree(memory.history):

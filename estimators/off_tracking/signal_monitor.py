@@ -23,7 +23,7 @@ from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 
 _KEPT: Final = 2500  # history [ticks]
-_WINDOW: Final = 700  # over which articulations are compared with yaw rates [ticks]
+_WINDOW: Final = 1500  # over which articulations are compared with yaw rates [ticks]
 _ALONE: Final = 500  # time without a reference after which the signals are compared with each other alone [ticks]
 _DETECTED: Final = 1.0  # value of a relation that is a contradiction [its tolerance]
 _BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share of it at most
@@ -32,6 +32,7 @@ _SMALL: Final = 0.4  # effect of a fault that is over [tolerances]
 _OVER: Final = 10  # comparisons in a row
 _SMOOTHING: Final = 0.5  # weight of a new measurement of a fault's size
 _REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
+_LEAST: Final = 15  # messages before which nothing is found
 _RECENT: Final = 2500  # time for which a jump is evidence [ticks]
 _JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 # Highest rates of change: full braking on dry road twice, a jackknife, and a kerb. assumed.
@@ -99,7 +100,7 @@ class SignalMonitor:
         row, history = self._row(signals), memory.history
         if not np.isfinite(row).all() or (len(history) and row[0] <= history[-1, 0]):
             return memory
-        if len(history):
+        if len(history) >= _LEAST:
             memory = memory._replace(jumped=self._jumped(memory, row))
         kept = history[np.searchsorted(history[:, 0], row[0] - _KEPT) :]
         memory = memory._replace(history=np.vstack([kept, row]))
@@ -125,7 +126,9 @@ class SignalMonitor:
         return replace(signals, speed=signals.speed - float(errors[0]), articulation=articulation, yaw_rates=yaw_rates)
 
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
-        level = noise_level(memory.history, self._unit)
+        if len(memory.history) < _LEAST:
+            return memory
+        level = noise_level(memory.history, self._unit, _LEAST)
         parity = self._relations.parity(memory.history, _WINDOW, level, reference, tick)
         known = [parity.signatures[k] for k in memory.distrusted]
         left, _ = misfit(parity.values, known)
@@ -200,7 +203,7 @@ class SignalMonitor:
         possible, noise = self._rates * (row[0] - last[0]) * TICK, _JUMP_SIGMAS * self._noise
         if np.all(step <= possible + noise):
             return memory.jumped
-        limits = possible + noise_level(memory.history, self._unit) * noise
+        limits = possible + noise_level(memory.history, self._unit, _LEAST) * noise
         return tuple(
             int(row[0]) if jumps else before for jumps, before in zip(step > limits, memory.jumped, strict=True)
         )

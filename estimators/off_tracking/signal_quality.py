@@ -28,13 +28,14 @@ _COMPARED = 2000  # time over which signals are compared with each other [ticks]
 _STUCK = 5.0  # difference of signals that contradict each other [standard deviations]
 
 
-def noise_level(history: FloatArray, unit: int) -> float:
+def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float:
     """White noise of articulations and gyros over the assumed one; 1 if it is about that or less.
 
-    From second differences of the newest rows of ``history`` (n, columns): motion hardly has any within 40 ms.
+    From second differences of the newest rows of ``history`` (n, columns): motion hardly has any within 40 ms. It is 1
+    with less than so many rows.
     """
     recent = history[-_LEVEL_OF:, _FIRST:]
-    if len(recent) < _LEVEL_OF:
+    if len(recent) < least:
         return 1.0
     measured = np.sqrt(np.mean(np.square(np.diff(recent, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1 of its variance
     assumed = np.array([ARTICULATION_NOISE] * unit + [GYRO_NOISE] * (unit + 1))
