@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from estimators.off_tracking.parity import FIRST, SPEED, MotionReference, Parity, ParityRelations, misfit
+from estimators.off_tracking.signal_evidence import SignalError, jumps, stuck
 from estimators.off_tracking.signal_quality import ARTICULATION_NOISE, GYRO_NOISE, SPEED_NOISE, noise_level
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
@@ -30,11 +31,8 @@ _BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share
 _PERSISTENT: Final = 3  # comparisons in a row, without evidence beside the relations
 _SMALL: Final = 0.4  # effect of a fault that is over [tolerances]
 _OVER: Final = 10  # comparisons in a row
-_SMOOTHING: Final = 0.5  # weight of a new measurement of a fault's size
-_REPEATED: Final = 15  # equal values in a row of a sensor that is stuck
 _LEAST: Final = 15  # messages before which nothing is found
 _RECENT: Final = 2500  # time for which a jump is evidence [ticks]
-_JUMP_SIGMAS: Final = 8.0  # of a sample's noise
 # Highest rates of change: full braking on dry road twice, a jackknife, and a kerb. assumed.
 _RATES: Final = (20.0, math.radians(60.0), math.radians(100.0))  # [m/s2], [rad/s], [rad/s2]
 
@@ -52,7 +50,7 @@ class MonitorMemory(NamedTuple):
 
     history: FloatArray  # (n, columns), oldest first
     jumped: tuple[int, ...]  # tick of the last jump of each signal; far in the past: none
-    errors: tuple[float, ...]  # error of each signal that is at fault; NaN: it is sound
+    errors: tuple[SignalError | None, ...]  # of each signal that is at fault; None: it is sound
     suspect: tuple[int, int]  # signal that explains the last contradictions, and their number in a row
     small: tuple[int, ...]  # comparisons in a row at which the fault of each signal was small
     compared_at: int  # tick of the last comparison with a reference
@@ -61,7 +59,7 @@ class MonitorMemory(NamedTuple):
     @property
     def distrusted(self) -> tuple[int, ...]:
         """Numbers of the signals at fault."""
-        return tuple(k for k, error in enumerate(self.errors) if not math.isnan(error))
+        return tuple(k for k, error in enumerate(self.errors) if error is not None)
 
 
 class SignalMonitor:
@@ -88,7 +86,7 @@ class SignalMonitor:
         return MonitorMemory(
             history=np.empty((0, FIRST + n - 1)),
             jumped=(-_RECENT,) * n,
-            errors=(math.nan,) * n,
+            errors=(None,) * n,
             suspect=(-1, 0),
             small=(0,) * n,
             compared_at=0,
@@ -119,10 +117,14 @@ class SignalMonitor:
         """The message with corrected values of signals at fault; the same object if there are none."""
         if not memory.distrusted:
             return signals
-        errors, n = np.nan_to_num(np.array(memory.errors)), self._unit
+        n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
+        repeats = self._stuck(memory)
         articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
-        articulation[:n] -= errors[1 : 1 + n]
         yaw_rates[: n + 1] -= errors[1 + n :]
+        articulation[:n] -= errors[1 : 1 + n]
+        for k, error in enumerate(memory.errors[1 : 1 + n]):
+            if error is not None and repeats[1 + k]:  # the gyros know how it goes on
+                articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
         return replace(signals, speed=signals.speed - float(errors[0]), articulation=articulation, yaw_rates=yaw_rates)
 
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
@@ -136,7 +138,7 @@ class SignalMonitor:
             memory = self._suspected(memory, parity, left, is_alone=reference is None)
         else:
             memory = memory._replace(suspect=(-1, 0))
-        return memory if reference is None else self._measured(memory, parity)
+        return memory if reference is None else self._measured(memory, parity, tick)
 
     def _suspected(self, memory: MonitorMemory, parity: Parity, left: float, *, is_alone: bool) -> MonitorMemory:
         """Memory after a contradiction that the known faults do not explain."""
@@ -157,12 +159,12 @@ class SignalMonitor:
         return self._distrusted(memory, signal) if count >= _PERSISTENT else memory
 
     def _distrusted(self, memory: MonitorMemory, signal: int) -> MonitorMemory:
-        errors = (*memory.errors[:signal], 0.0, *memory.errors[signal + 1 :])
+        errors = (*memory.errors[:signal], SignalError(), *memory.errors[signal + 1 :])
         small = (*memory.small[:signal], 0, *memory.small[signal + 1 :])
         finding = Finding(int(memory.history[-1, 0]), self.names[signal], True)
         return memory._replace(errors=errors, small=small, suspect=(-1, 0), findings=(*memory.findings, finding))
 
-    def _measured(self, memory: MonitorMemory, parity: Parity) -> MonitorMemory:
+    def _measured(self, memory: MonitorMemory, parity: Parity, tick: int) -> MonitorMemory:
         """Memory with the sizes of the known faults measured anew, and without those that are over."""
         distrusted = memory.distrusted
         if not distrusted:
@@ -173,40 +175,48 @@ class SignalMonitor:
             return memory  # something else is wrong, too
         first = np.cumsum([0, *(signature.shape[1] for signature in known)])
         errors, small, findings = list(memory.errors), list(memory.small), memory.findings
-        evident = self._evident(memory)
+        evident, repeats = self._evident(memory), self._stuck(memory)
         for number, k in enumerate(distrusted):
             signature, size = known[number][:, 0], float(sizes[first[number]])
-            if not signature.any():
+            error = errors[k]
+            if error is None or not signature.any():
                 continue  # not measurable now
-            errors[k] += (1.0 if errors[k] == 0.0 else _SMOOTHING) * (size - errors[k])
+            errors[k] = error.measured(size, tick, exact=repeats[k])
             is_small = float(np.max(np.abs(signature * size))) < _SMALL and not evident[k]
             small[k] = small[k] + 1 if is_small else 0
             if small[k] >= _OVER:
-                errors[k] = math.nan
+                errors[k] = None
                 findings = (*findings, Finding(int(memory.history[-1, 0]), self.names[k], False))
         return memory._replace(errors=tuple(errors), small=tuple(small), findings=findings)
 
     def _evident(self, memory: MonitorMemory) -> list[bool]:
-        """Signals that cannot be, by themselves: they jumped, or repeat themselves while others are noisy."""
-        readings = memory.history[-_REPEATED:, self._columns]
+        """Signals that cannot be true by themselves: they jumped, or are stuck."""
         now = memory.history[-1, 0]
-        repeats = np.ptp(readings, axis=0) == 0.0 if len(readings) == _REPEATED else np.zeros(len(self.names), bool)
-        are_noisy = 2 * int(np.sum(repeats)) <= len(repeats)
         return [
-            bool(now - jumped < _RECENT or (stuck and are_noisy))
-            for jumped, stuck in zip(memory.jumped, repeats, strict=True)
+            bool(now - jumped < _RECENT or repeats)
+            for jumped, repeats in zip(memory.jumped, self._stuck(memory), strict=True)
         ]
+
+    def _stuck(self, memory: MonitorMemory) -> list[bool]:
+        return stuck(memory.history[:, self._columns])
+
+    def _turned(self, memory: MonitorMemory, hitch: int, since: int) -> float:
+        """Change of an articulation [rad] since a tick, by the gyros."""
+        recent = memory.history[np.searchsorted(memory.history[:, 0], since) :]
+        errors = [0.0 if error is None else error.value for error in memory.errors]
+        ahead = 1 + self._unit + hitch  # number of the gyro ahead of the hitch
+        rates = (
+            recent[:, self._columns[ahead]] - recent[:, self._columns[ahead + 1]] - errors[ahead] + errors[ahead + 1]
+        )
+        return float(np.sum(0.5 * np.diff(recent[:, 0]) * TICK * (rates[1:] + rates[:-1])))
 
     def _jumped(self, memory: MonitorMemory, row: FloatArray) -> tuple[int, ...]:
         last = memory.history[-1]
-        step = np.abs(row - last)[self._columns]
-        possible, noise = self._rates * (row[0] - last[0]) * TICK, _JUMP_SIGMAS * self._noise
-        if np.all(step <= possible + noise):
+        step, elapsed = (row - last)[self._columns], float(row[0] - last[0]) * TICK
+        if not any(jumps(step, elapsed, self._rates, self._noise)):
             return memory.jumped
-        limits = possible + noise_level(memory.history, self._unit, _LEAST) * noise
-        return tuple(
-            int(row[0]) if jumps else before for jumps, before in zip(step > limits, memory.jumped, strict=True)
-        )
+        found = jumps(step, elapsed, self._rates, noise_level(memory.history, self._unit, _LEAST) * self._noise)
+        return tuple(int(row[0]) if jumped else before for jumped, before in zip(found, memory.jumped, strict=True))
 
     def _row(self, signals: CombinationSignals) -> FloatArray:
         n = self._unit

@@ -61,8 +61,13 @@ def towed_drive(
     slip: Callable[[float], float] = lambda t: 0.0,
     errors: Errors = Errors(),
     seed: int = 0,
+    *,
+    wheelbase: float = math.inf,
 ) -> TowedDrive:
-    """Drive for some seconds with these speeds [m/s], yaw rates [rad/s] and slip angles [rad] of the rear axle."""
+    """Drive for some seconds with these speeds [m/s], yaw rates [rad/s] and slip angles [rad] of the rear axle.
+
+    The tractor's steer angle is that of a ``wheelbase`` [m] without slip; by default it stays 0.
+    """
     rng = np.random.default_rng(seed)
     heading, x, y, gamma = 0.0, 0.0, 0.0, 0.0  # heading of the trailer, position of the hitch, articulation
     signals, bodies = [], {}
@@ -80,7 +85,7 @@ def towed_drive(
                     tick=tick,
                     angles=np.zeros(2),
                     speed=v * (1.0 + errors.scale) + float(e[0]),
-                    steer=0.0,
+                    steer=math.atan(r * wheelbase / v) if v and r and wheelbase < math.inf else 0.0,
                     articulation=np.array([gamma + errors.articulation + e[1]]),
                     yaw_rates=np.array([r + e[2], turn + errors.gyro + e[3]]),
                     lateral_acceleration=0.0,

@@ -1,0 +1,169 @@
+"""Fault detection and isolation of the combination's own signals, on drives by kinematics with exact references."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.off_tracking.buffer import velocity
+from estimators.off_tracking.parity import MotionReference
+from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
+from sensors.messages import CombinationSignals
+from tests.estimators.towed_drive import AXLE, FRAME, VEHICLE, Errors, TowedDrive, towed_drive
+
+TRACTOR = VEHICLE.units[0]
+FIXED = [axle.x for axle in TRACTOR.axles if not axle.steered]
+WHEELBASE = TRACTOR.steered_axles[0].x - sum(FIXED) / len(FIXED)
+MONITOR = SignalMonitor(VEHICLE, 1, (AXLE,))
+AS_OF_A_TRUCK = Errors(scale=0.005, gyro=math.radians(0.1), articulation=math.radians(0.1), noise=1.0)
+SPEED, ANGLE, LEAD, OWN = MONITOR.names
+LATE = 100  # of references [ticks]
+
+Signals = Callable[[CombinationSignals], CombinationSignals]
+Reference = Callable[[MotionReference], MotionReference | None]
+
+
+def winding(t: float) -> float:
+    """Yaw rate of a tractor at 4 m/s: straight for 6 s, then curves of 16 m radius, left and right [rad/s]."""
+    return 0.25 * math.sin(0.4 * (t - 6.0)) if t > 6.0 else 0.0
+
+
+def drive(errors: Errors = AS_OF_A_TRUCK) -> TowedDrive:
+    return towed_drive(20.0, lambda t: 4.0, winding, errors=errors, seed=2, wheelbase=WHEELBASE)
+
+
+DRIVE = drive()
+
+
+def watched(
+    signals: Signals = lambda one: one, reference: Reference = lambda one: one, of: TowedDrive = DRIVE
+) -> tuple[MonitorMemory, list[CombinationSignals]]:
+    """Memory at the end, and the corrected signals."""
+    memory, out = MONITOR.init(), []
+    for message in of.signals:
+        faulty = signals(message)
+        memory = MONITOR.received(memory, faulty)
+        captured = message.tick - LATE
+        if message.tick % FRAME == 0 and captured >= FRAME:
+            seen = reference(seen_at(of, captured))
+            memory = memory if seen is None else MONITOR.compared(memory, seen)
+        out.append(MONITOR.corrected(memory, faulty))
+    return memory, out
+
+
+def seen_at(of: TowedDrive, tick: int) -> MotionReference:
+    motion = of.motion(tick - FRAME, tick)
+    return MotionReference(tick, tick - FRAME, *velocity(motion))
+
+
+def from_(start: float, change: Signals, until: float = math.inf) -> Signals:
+    """The fault within a time [s]."""
+    return lambda one: change(one) if start <= one.tick * 1e-3 < until else one
+
+
+def turned(one: CombinationSignals, degrees: float) -> CombinationSignals:
+    return replace(one, articulation=one.articulation + math.radians(degrees))
+
+
+def biased(one: CombinationSignals, unit: int, degrees: float) -> CombinationSignals:
+    rates = one.yaw_rates.copy()
+    rates[unit] += math.radians(degrees)
+    return replace(one, yaw_rates=rates)
+
+
+def at_fault(memory: MonitorMemory) -> list[str]:
+    return [MONITOR.names[k] for k in memory.distrusted]
+
+
+FAULTS: dict[str, tuple[Signals, str]] = {
+    "no pulses": (lambda one: replace(one, speed=0.0), SPEED),
+    "a third of the speed": (lambda one: replace(one, speed=one.speed / 3.0), SPEED),
+    "shifted angle": (lambda one: turned(one, 5.0), ANGLE),
+    "shifted angle to the other side": (lambda one: turned(one, -8.0), ANGLE),
+    "stuck angle": (lambda one: replace(one, articulation=np.zeros(1)), ANGLE),
+    "biased gyro": (lambda one: biased(one, 1, 3.0), OWN),
+    "stuck gyro": (lambda one: replace(one, yaw_rates=np.array([one.yaw_rates[0], 0.0])), OWN),
+    "biased gyro of the tractor": (lambda one: biased(one, 0, 8.0), LEAD),
+}
+
+
+@pytest.mark.parametrize("start", [0.0, 3.0, 11.0], ids=["from the start", "on a straight", "in a bend"])
+@pytest.mark.parametrize(("fault", "name"), FAULTS.values(), ids=FAULTS.keys())
+def test_the_signal_at_fault_is_found_and_no_other(fault: Signals, name: str, start: float) -> None:
+    """And its corrected value is near the true one in the end, as far as the true one is steady."""
+    memory, corrected = watched(from_(start, fault))
+    assert at_fault(memory) == [name]
+    assert all(finding.signal == name for finding in memory.findings)
+    last, true = corrected[-20:], DRIVE.signals[-20:]
+    if name == SPEED:
+        assert np.mean([one.speed for one in last]) == pytest.approx(4.0, rel=0.05)
+    if name == ANGLE:
+        error = np.mean([a.articulation - b.articulation for a, b in zip(last, true, strict=True)])
+        assert abs(error) < math.radians(2.0)  # what a direction of travel tells
+
+
+def test_sound_signals_are_left_alone() -> None:
+    """The very same messages, whatever their errors within data sheets."""
+    for errors in (Errors(), AS_OF_A_TRUCK, Errors(scale=0.03, gyro=0.01, articulation=0.01, noise=6.0)):
+        of = drive(errors)
+        memory, corrected = watched(of=of)
+        assert not memory.findings
+        assert all(a is b for a, b in zip(corrected, of.signals, strict=True))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        pytest.param(lambda seen: seen._replace(v_x=0.0, v_y=0.0, yaw_rate=0.0), id="frozen"),
+        pytest.param(lambda seen: seen._replace(yaw_rate=seen.yaw_rate + 0.1), id="turning"),
+        pytest.param(lambda seen: seen._replace(v_x=1.5 * seen.v_x, v_y=1.5 * seen.v_y), id="too fast"),
+        pytest.param(lambda seen: seen._replace(v_y=seen.v_y + 0.6), id="aside"),
+    ],
+)
+@pytest.mark.parametrize("start", [3000, 11_000])
+def test_a_wrong_reference_discredits_no_signal(wrong: Reference, start: int) -> None:
+    """On a straight a frozen camera and a speed without pulses look alike; it is the camera that is doubted."""
+    memory, _ = watched(reference=lambda seen: wrong(seen) if seen.tick > start else seen)
+    assert not memory.findings
+
+
+def test_a_signal_is_trusted_again_after_its_fault() -> None:
+    """A second of small differences; a jump back counts as evidence for some time."""
+    memory, corrected = watched(from_(8.0, FAULTS["shifted angle"][0], until=14.0))
+    assert [finding.at_fault for finding in memory.findings] == [True, False]
+    assert 14_000 < memory.findings[-1].tick < 19_000
+    assert corrected[-1] is DRIVE.signals[-1]
+
+
+def test_the_correction_stays_without_a_reference() -> None:
+    """An angle that is shifted by 8 deg stays corrected while the camera sees nothing."""
+    memory, corrected = watched(
+        from_(3.0, lambda one: turned(one, 8.0)), lambda seen: seen if seen.tick < 9000 else None
+    )
+    assert at_fault(memory) == [ANGLE]
+    error = corrected[-1].articulation[0] - DRIVE.signals[-1].articulation[0]
+    assert abs(error) < math.radians(2.0)
+
+
+def test_a_second_fault_is_found_beside_the_first() -> None:
+    memory, _ = watched(lambda one: from_(11.0, FAULTS["no pulses"][0])(from_(4.0, FAULTS["biased gyro"][0])(one)))
+    assert sorted(at_fault(memory)) == sorted([SPEED, OWN])
+
+
+def test_messages_that_are_no_numbers_or_late_are_passed_over() -> None:
+    message = DRIVE.signals[0]
+    memory = MONITOR.received(MONITOR.init(), message)
+    for bad in (message, replace(message, tick=20, speed=math.nan)):
+        assert len(MONITOR.received(memory, bad).history) == 1
+
+
+def test_a_memory_can_be_pickled() -> None:
+    memory, _ = watched(FAULTS["no pulses"][0])
+    again = pickle.loads(pickle.dumps(memory))
+    message = replace(DRIVE.signals[-1], tick=30_000)
+    assert MONITOR.received(again, message).history.tolist() == MONITOR.received(memory, message).history.tolist()
