@@ -35,7 +35,7 @@ _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
-SPEED, FIRST = 1, 4  # columns of the speed and of the first articulation
+SPEED, STEER, FIRST = 1, 2, 4  # columns of the speed, the steer angle and the first articulation
 
 
 class MotionReference(NamedTuple):
@@ -60,7 +60,7 @@ class Parity(NamedTuple):
 
 
 class ParityRelations:
-    """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates.
+    """The relations of one trailer. Signals: speed, ``unit`` articulations, ``unit + 1`` yaw rates, steer angle.
 
     Rows of a history are tick, speed, steer angle, mean tangent of the steer angles of the trailer's axles,
     articulations, yaw rates.
@@ -89,7 +89,7 @@ class ParityRelations:
         relations = [*self._articulations(recent, level), self._tractor(mean, level)]
         if reference is not None:
             relations.extend(self._to_reference(mean, reference, max(1.0, level / _NOISY)))
-        n_signals = 2 * self._unit + 2
+        n_signals = 2 * self._unit + 3
         values = np.array([value for value, _, _ in relations])
         signatures = tuple(
             np.array([[row.get((signal, part), 0.0) for part in range(2)] for _, row, _ in relations])
@@ -117,10 +117,15 @@ class ParityRelations:
 
     def _tractor(self, mean: FloatArray, level: float) -> _Relation:
         """K."""
-        per_speed = math.tan(mean[2]) / self._wheelbase
+        per_speed = math.tan(mean[STEER]) / self._wheelbase
         turning, measured = per_speed * mean[SPEED], mean[self._gyro(0)]
         limit = max(1.0, level / _NOISY) * _K[0] + _K[1] * max(abs(turning), abs(measured))
-        row = {(0, 0): per_speed / limit, (self._rate(0), 0): -1.0 / limit}
+        per_angle = float(mean[SPEED]) / (self._wheelbase * math.cos(mean[STEER]) ** 2)
+        row = {
+            (0, 0): per_speed / limit,
+            (self._rate(0), 0): -1.0 / limit,
+            (self._rate(self._unit + 1), 0): per_angle / limit,
+        }
         return (turning - measured) / limit, row, (0.0, 0.0, 0.0)
 
     def _to_reference(self, mean: FloatArray, reference: MotionReference, scale: float) -> Iterator[_Relation]:

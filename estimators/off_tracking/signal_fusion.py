@@ -163,8 +163,8 @@ class SignalFusion:
 
         def reckoned(since: int) -> Reckoned | None:
             known = self._reckoning.reckoned(history, since, tick, self._since(reference, path, since))
-            corrected = memory.monitor is not None and memory.monitor.distrusted
-            return known._replace(covariance=_CORRECTED * known.covariance) if known and corrected else known
+            misleads = memory.monitor is not None and self._monitor.misleads(memory.monitor)
+            return known._replace(covariance=_CORRECTED * known.covariance) if known and misleads else known
 
         def spread(since: int) -> FloatArray | None:
             whole = reckoned(since) if tick - since <= REMEMBERED else None
@@ -224,7 +224,7 @@ class SignalFusion:
     def _tested(self, memory: FusionMemory, motion: BodyMotion) -> _Test | None:
         """Comparison of the motion with dead reckoning; None without signals that can be believed."""
         assert memory.reference is not None
-        if memory.monitor is not None and memory.monitor.distrusted:
+        if memory.monitor is not None and self._monitor.misleads(memory.monitor):
             return None
         parameters = memory.reference.parameters
         reckoned = self._reckoning.reckoned(memory.history, motion.previous_tick, motion.tick, parameters)

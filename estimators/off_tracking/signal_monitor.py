@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from estimators.off_tracking.parity import FIRST, SPEED, MotionReference, Parity, ParityRelations, misfit
+from estimators.off_tracking.parity import FIRST, SPEED, STEER, MotionReference, Parity, ParityRelations, misfit
 from estimators.off_tracking.signal_evidence import SignalError, jumps, stuck
-from estimators.off_tracking.signal_quality import ARTICULATION_NOISE, GYRO_NOISE, SPEED_NOISE, noise_level
+from estimators.off_tracking.signal_quality import ARTICULATION_NOISE, GYRO_NOISE, SPEED_NOISE, STEER_NOISE, noise_level
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -72,19 +72,20 @@ class SignalMonitor:
             "wheel speed",
             *(f"hitch angle of {name}" for name in names[1:]),
             *(f"gyro of {name}" for name in names),
+            "steer angle",
         )
         self._unit, self._n_axles = unit, len(axle_distances)
         self._relations = ParityRelations(vehicle, unit, sum(axle_distances) / len(axle_distances))
-        noise = (SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1))
+        noise = (SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * (unit + 1), STEER_NOISE)
         self._noise = np.array(noise)
-        self._rates = np.array((_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1)))
-        self._columns = [SPEED, *range(FIRST, FIRST + 2 * unit + 1)]
+        self._rates = np.array((_RATES[0], *[_RATES[1]] * unit, *[_RATES[2]] * (unit + 1), _RATES[1]))
+        self._columns = [SPEED, *range(FIRST, FIRST + 2 * unit + 1), STEER]
 
     def init(self) -> MonitorMemory:
         """Memory before the first message: all signals are sound."""
         n = len(self.names)
         return MonitorMemory(
-            history=np.empty((0, FIRST + n - 1)),
+            history=np.empty((0, FIRST + n - 2)),
             jumped=(-_RECENT,) * n,
             errors=(None,) * n,
             suspect=(-1, 0),
@@ -120,12 +121,22 @@ class SignalMonitor:
         n, errors = self._unit, np.array([0.0 if error is None else error.at(signals.tick) for error in memory.errors])
         repeats = self._stuck(memory)
         articulation, yaw_rates = signals.articulation.copy(), signals.yaw_rates.copy()
-        yaw_rates[: n + 1] -= errors[1 + n :]
+        yaw_rates[: n + 1] -= errors[1 + n : -1]
         articulation[:n] -= errors[1 : 1 + n]
         for k, error in enumerate(memory.errors[1 : 1 + n]):
             if error is not None and repeats[1 + k]:  # the gyros know how it goes on
                 articulation[k] = signals.articulation[k] - error.value + self._turned(memory, k, error.tick)
-        return replace(signals, speed=signals.speed - float(errors[0]), articulation=articulation, yaw_rates=yaw_rates)
+        return replace(
+            signals,
+            speed=signals.speed - float(errors[0]),
+            steer=signals.steer - float(errors[-1]),
+            articulation=articulation,
+            yaw_rates=yaw_rates,
+        )
+
+    def misleads(self, memory: MonitorMemory) -> bool:
+        """True if motion that is reckoned from the signals is not evidence: one at fault is not the steer angle."""
+        return any(k != len(self.names) - 1 for k in memory.distrusted)
 
     def _compared(self, memory: MonitorMemory, reference: MotionReference | None, tick: int) -> MonitorMemory:
         if len(memory.history) < _LEAST:

@@ -16,6 +16,7 @@ from vehicle.frames import FloatArray
 # White noise of every sample and constant error, 1 sigma: assumed, as of the sensors of a truck
 # (``sensors.instruments.combination``).
 SPEED_NOISE = 0.02  # [m/s]
+STEER_NOISE = math.radians(0.1)  # [rad]
 ARTICULATION_NOISE = math.radians(0.15)  # [rad]
 GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]

@@ -234,6 +234,14 @@ def test_without_signals_an_outage_is_bridged_at_the_last_velocity(drive: TowedD
         assert all(estimates[tick].health is Health.OK for tick in range(20_600, 30_000, FRAME))
 
 
+def test_signals_without_noise_are_not_frozen() -> None:
+    """On a straight at constant speed they repeat themselves exactly; an outage is bridged all the same."""
+    straight = towed_drive(12.0, lambda t: 3.0 + 0.5 * math.sin(t) * (t < 6.0), lambda t: 0.0)
+    estimates = run(straight, without(range(8000, 10_001)))
+    assert all(estimates[tick].health is Health.DEGRADED for tick in range(8000, 10_001, FRAME))
+    assert estimates[10_000].value == pytest.approx(0.0, abs=1e-6)
+
+
 def test_signals_that_are_four_times_as_noisy_do_not_discredit_the_camera(exact: dict[int, OffTracking]) -> None:
     """Their noise is measured, and constant errors are expected to be as much larger."""
     errors_of_signals = Errors(scale=0.02, gyro=math.radians(0.4), articulation=math.radians(0.4), noise=4.0)

@@ -21,7 +21,7 @@ FIXED = [axle.x for axle in TRACTOR.axles if not axle.steered]
 WHEELBASE = TRACTOR.steered_axles[0].x - sum(FIXED) / len(FIXED)
 MONITOR = SignalMonitor(VEHICLE, 1, (AXLE,))
 AS_OF_A_TRUCK = Errors(scale=0.005, gyro=math.radians(0.1), articulation=math.radians(0.1), noise=1.0)
-SPEED, ANGLE, LEAD, OWN = MONITOR.names
+SPEED, ANGLE, LEAD, OWN, STEER = MONITOR.names
 LATE = 100  # of references [ticks]
 
 Signals = Callable[[CombinationSignals], CombinationSignals]
@@ -88,6 +88,7 @@ FAULTS: dict[str, tuple[Signals, str]] = {
     "stuck angle": (lambda one: replace(one, articulation=np.zeros(1)), ANGLE),
     "biased gyro": (lambda one: biased(one, 1, 3.0), OWN),
     "stuck gyro": (lambda one: replace(one, yaw_rates=np.array([one.yaw_rates[0], 0.0])), OWN),
+    "stuck steer angle": (lambda one: replace(one, steer=0.0), STEER),
     "biased gyro of the tractor": (lambda one: biased(one, 0, 8.0), LEAD),
 }
 
