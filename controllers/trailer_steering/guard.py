@@ -31,8 +31,9 @@ from controllers.trailer_steering.plausibility import (
     moved_on,
     usable,
 )
+from controllers.trailer_steering.reverse_lock import ReverseLockMemory
 from estimators.estimates import Health, OffTracking
-from estimators.off_tracking.signal_monitor import MonitorMemory, SignalMonitor
+from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -209,6 +210,12 @@ class Guarded:
             difference -= np.clip(difference, -reduction, reduction)
         demand = reachable(self._trailer, last, target + difference, elapsed)
         return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist()))
+
+
+def signal_findings(memory: object) -> tuple[Finding, ...]:
+    """Signals that the guard of a law has found at fault, by the memory of the law as `ReverseLock` or guard has it."""
+    inner = memory.law if isinstance(memory, ReverseLockMemory) else memory
+    return inner.monitor.findings if isinstance(inner, GuardMemory) else ()
 
 
 def _for_law(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:

@@ -148,11 +148,12 @@ class Stateful(Generic[MemoryT, P, R]):
     """A pure step as a function that carries the memory from call to call."""
 
     def __init__(self, memory: MemoryT, step: Callable[Concatenate[MemoryT, P], tuple[MemoryT, R]]) -> None:
-        self._memory, self._step = memory, step
+        self.memory: MemoryT = memory
+        self._step = step
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Output of the next step."""
-        self._memory, output = self._step(self._memory, *args, **kwargs)
+        self.memory, output = self._step(self.memory, *args, **kwargs)
         return output
 
 

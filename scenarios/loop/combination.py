@@ -13,7 +13,9 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
+from controllers.trailer_steering.guard import signal_findings
 from estimators.estimates import CameraOffTracking, OffTracking
+from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
 from scenarios.hil.demands import DRIVER
 from scenarios.hil.link import Link
@@ -83,6 +85,11 @@ class SteeredTrailer:
     def newest(self) -> Estimate | None:
         """The estimate delivered last."""
         return None if self.channel.newest is None else as_estimate(self.channel.newest)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Signals that the law's guard has found at fault so far."""
+        return signal_findings(self._law.memory)
 
     def receive(self, tick: int) -> None:
         """Send the estimates delivered by this tick to the law, where faults let them through."""

@@ -36,6 +36,7 @@ from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_inputs import RunInputs, run_inputs
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult
+from scenarios.results.signal_warnings import signal_warnings
 from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
@@ -270,6 +271,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: boo
             *data_sheet(vehicle).warnings,
             *_steer_warnings(parts, log),
             *_camera_warnings(session),
+            *_signal_warnings(session),
             *lift_warnings(vehicle, [row.truth for row in session.rows]),
         ),
         traceback=session.traceback,
@@ -313,6 +315,13 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
         f"{trailer.trailer.name}: {line}"
         for trailer in session.trailers
         for line in calibration_warnings([e.motion for e in trailer.estimates], "set rig.self_calibration=true")
+    )
+
+
+def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
+    """Warnings about signals of all trailers."""
+    return tuple(
+        f"{trailer.trailer.name}: {line}" for trailer in session.trailers for line in signal_warnings(trailer.findings)
     )
 
 
