@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from controllers.trailer import SteerCommand
 from controllers.trailer_steering.command_steer import CommandSteer
 from controllers.trailer_steering.fallback import FallbackName
-from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
+from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory, signal_findings
 from estimators.estimates import Health, OffTracking
 from sensors.messages import CombinationSignals
 from tests.trailers import COMBINATION, signals
@@ -159,6 +159,20 @@ def test_a_freeze_leaves_a_gap_in_the_path_that_has_to_be_passed() -> None:
     assert taken[0] == pytest.approx(passed, abs=200.0)  # the law sees it half a second before it steers
     assert (commands[(ticks > 7000) & (ticks < passed)] == 0.0).all()
     assert (commands[-10:] == WANTED).all()
+
+
+def test_a_wheel_speed_that_fails_does_not_cost_a_sound_estimate() -> None:
+    """It falls to zero at once, which no vehicle does; estimates and yaw rates go on. It is named."""
+    guarded = Guarded(Believes(), TRAILER, COMBINATION, Degradation())
+    memory, newest = guarded.init(), None
+    for tick in range(0, 8000, PERIOD):
+        if tick % CAMERA == 0 and tick:
+            newest = estimate(tick - CAMERA)
+        memory, command = guarded.step(memory, tick, newest, signals(tick, speed=SPEED if tick < 3000 else 0.0))
+        if tick > 1000:
+            assert (command.angles == WANTED).all()
+    assert memory.law[-1] == 7900 - CAMERA
+    assert [finding.signal for finding in signal_findings(memory)] == ["wheel speed"]
 
 
 def test_an_implausible_jump_is_passed_over() -> None:
