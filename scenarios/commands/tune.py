@@ -83,6 +83,16 @@ def tune(
     judge_seeds: Annotated[str, typer.Option(help="Seeds of the judging runs.")] = "1-3",
     jobs: Annotated[int | None, typer.Option(help="Number of parallel trials.", show_default="one per core")] = None,
     seed: Annotated[int, typer.Option(help="Random seed of the search.")] = 1,
+    storage: Annotated[
+        str | None,
+        typer.Option(
+            envvar="OFFTRACK_STORAGE",
+            metavar="URL",
+            help="Keep the trials in a database that machines share, postgresql://USER@HOST/DATABASE, in place of the "
+            "journal. The same command on each machine, with its own --out, works on the same trials.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="Output directory; an existing study is resumed.", show_default="runs/tune-SCENARIO-LAW"),
@@ -93,14 +103,24 @@ def tune(
     """Tune the parameters of a trailer steering law or rover driver on some runs, and judge them on others.
 
     Finished trials are saved at once: repeat the command to continue an interrupted search. Writes tuned.toml (a
-    scenario to run), journal.log, trials.csv, and report.html with the trade-off between the objectives.
+    scenario to run), journal.log (without --storage), trials.csv, and report.html with the trade-off between the
+    objectives.
     """
     from scenarios.processes import default_jobs
     from scenarios.results.files import replaced
     from scenarios.studies.files import CELLS, check_study_directory, opened_study
     from scenarios.studies.pool import run_cases
     from scenarios.studies.subject import subject_of
-    from scenarios.studies.tuning import JOURNAL, chosen, finished, former, objective_means, optimise, with_parameters
+    from scenarios.studies.trial_storage import JOURNAL, check_storage
+    from scenarios.studies.tuning import (
+        chosen,
+        finished,
+        former,
+        in_database,
+        objective_means,
+        optimise,
+        with_parameters,
+    )
     from scenarios.studies.tuning_page import tuning_page
 
     with one_line_errors():
@@ -119,6 +139,9 @@ def tune(
             check_study_directory(directory, _FILE)
         description = _description(tuning)
         _check_same(directory / _FILE, description)
+        if storage is not None:
+            check_storage(storage)
+            tuning = in_database(tuning, storage)
         unusable = former(tuning, directory)
         with opened_study(directory, _FILE, description):
             if unusable:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from scenarios.interrupts import postponed_interrupts
+from scenarios.processes import is_alive
 from scenarios.results.files import locked
 from vehicle.user_file import shown
 
@@ -195,20 +196,8 @@ def _remove_left(directory: Path) -> None:
     pattern = re.compile(rf"\.{re.escape(directory.name)}\.(\d+){re.escape(_UNFINISHED)}")
     for folder in directory.parent.iterdir():
         match = pattern.fullmatch(folder.name)
-        if match and folder.is_dir() and not folder.is_symlink() and not _is_alive(int(match[1])):
+        if match and folder.is_dir() and not folder.is_symlink() and not is_alive(int(match[1])):
             descriptor = os.open(folder, os.O_RDONLY)
             if locked(descriptor):  # not in use on another machine
                 shutil.rmtree(folder, ignore_errors=True)
             os.close(descriptor)
-
-
-def _is_alive(process: int) -> bool:
-    if process == os.getpid():  # left by an earlier process of this number
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        pass
-    return True

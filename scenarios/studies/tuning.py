@@ -1,39 +1,41 @@
-"""Tune the parameters of a trailer steering law or rover driver with Optuna; a journal file keeps every trial.
+"""Tune the parameters of a trailer steering law or rover driver with Optuna; a journal or database keeps every trial.
 
-Several processes share one journal; finished trials survive a killed process. A trial is a tuning set of runs. The
-result is judged on another set. Trials with other files, another law or another offtrack are kept, but not used.
+Several processes share one journal, and several machines a database; finished trials survive a killed process. A trial
+is a tuning set of runs. The result is judged on another set. Trials with other files, another law or another offtrack
+are kept, but not used.
 """
 
 from __future__ import annotations
 
-import fcntl
+import hashlib
 import json
 import math
 import os
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from scenarios.processes import workers
+from scenarios.processes import WorkerDiedError, each_in_a_worker, is_alive
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import digest
-from scenarios.studies.case import Outcome, Settings
+from scenarios.studies.case import Outcome, Settings, identities
 from scenarios.studies.identity import named_files
 from scenarios.studies.opened_files import opened_files, watch_files
 from scenarios.studies.study import Study
 from scenarios.studies.subject import subject_of
+from scenarios.studies.trial_storage import JOURNAL, database, journal, without_warnings
 from vehicle.user_file import FileKind, read_bytes
 
 if TYPE_CHECKING:
     import optuna
     from optuna.trial import FrozenTrial
 
-JOURNAL: Final = "journal.log"
 _FILES: Final = "files_sha256"  # of a trial: digests of files that it opened without being named
 _FAILED: Final = 100.0  # objective of a run that did not complete: worse than that of any completed run [m, deg, …]
-_POLL: Final = 0.5  # period of progress reports [s]
+_PROCESS: Final = "process"  # of a trial: host and number of its process
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,6 +66,8 @@ class Tuning:
     tuned_on: Study
     judged_on: Study
     identity: str  # of the tuning set
+    storage: str | None = field(default=None, repr=False)  # address of a database; may hold a password
+    shared_name: str = ""  # in the database
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,18 +79,40 @@ class Trial:
     values: tuple[float, ...]
 
 
+def in_database(tuning: Tuning, storage: str) -> Tuning:
+    """The tuning with its trials in a database, under a name that is the same on all machines."""
+    runs = identities(tuning.tuned_on.cases(), portable=True)
+    task = (tuning.law, sorted(tuning.ranges.items(), key=lambda item: item[0]), tuning.objectives, runs)
+    return replace(tuning, storage=storage, shared_name=hashlib.sha256(repr(task).encode()).hexdigest()[:20])
+
+
 def optimise(
     tuning: Tuning, directory: Path, *, trials: int, jobs: int, seed: int, progress: Progress = no_progress
 ) -> list[Trial]:
-    """Run trials until the journal holds at least ``trials`` finished ones, and return all of those."""
+    """Run trials until the journal or database holds at least ``trials`` finished ones, and return all of those.
+
+    A worker process that dies costs its trial, whose parameters are tried again.
+
+    Raises:
+        ChildProcessError: one line, if a second process dies in the place of the first.
+    """
     resume(tuning, directory)
-    with workers(jobs) as pool:
-        futures = [pool.submit(work, tuning, directory, trials, seed + k) for k in range(jobs)]
-        while not all(future.done() for future in futures):
+    ended = list[str]()
+
+    def tasks() -> Iterator[tuple[str, Sequence[object]] | None]:
+        for k in range(jobs):
+            yield str(k), (tuning, directory, trials, seed + k)
+        while len(ended) < jobs:
             progress(len(finished(tuning, directory)), trials)
-            time.sleep(_POLL)
-        for future in futures:
-            future.result()
+            yield None
+
+    with closing(each_in_a_worker(work, tasks(), jobs=jobs + 1)) as results:  # one is never taken: tasks are asked for
+        for key, result in results:
+            ended.append(key)
+            if isinstance(result, WorkerDiedError):
+                raise ChildProcessError(f"a worker process: {result}; what is finished is kept") from result
+            if isinstance(result, BaseException):
+                raise result
     return finished(tuning, directory)
 
 
@@ -96,11 +122,11 @@ def work(tuning: Tuning, directory: Path, trials: int, seed: int) -> None:
     from optuna.trial import TrialState
 
     study = _study(tuning, directory, seed)
+    _fail_dead_trials(study)
     if len(finished(tuning, directory)) < trials:
-        study.optimize(
-            lambda trial: _values(tuning, trial),
-            callbacks=[MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))],
-        )
+        enough = MaxTrialsCallback(trials, states=(TrialState.COMPLETE,))
+        with without_warnings():
+            study.optimize(lambda trial: _values(tuning, trial), callbacks=[enough])
 
 
 def former(tuning: Tuning, directory: Path) -> int:
@@ -112,7 +138,7 @@ def former(tuning: Tuning, directory: Path) -> int:
     from optuna.trial import TrialState
 
     path = directory / JOURNAL
-    if not os.path.lexists(path):
+    if tuning.storage is not None or not os.path.lexists(path):
         return 0
     lines = read_bytes(path, FileKind.RECORD).split(b"\n")
     try:
@@ -180,6 +206,7 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
         name: trial.suggest_float(name, range_.low, range_.high, log=range_.logarithmic)
         for name, range_ in tuning.ranges.items()
     }
+    trial.set_user_attr(_PROCESS, [platform.node(), os.getpid()])
     outcomes, files = [], dict[str, str]()
     for case in with_parameters(tuning.tuned_on, parameters).cases():
         watch_files()
@@ -193,21 +220,63 @@ def _values(tuning: Tuning, trial: optuna.Trial) -> tuple[float, ...]:
 
 
 def _name(tuning: Tuning) -> str:
-    return f"tuning-{tuning.identity}"
+    """Name of a tuning's study in Optuna."""
+    return f"tuning-{tuning.shared_name or tuning.identity}"
 
 
 def _is_outdated(trial: FrozenTrial) -> bool:
     return any(digest(Path(file)) != known for file, known in trial.user_attrs[_FILES].items())
 
 
+def _fail_dead_trials(study: optuna.Study) -> None:
+    """Fail trials whose process on this machine has ended, and try their parameters again."""
+    from optuna.trial import TrialState
+
+    for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        host, process = trial.user_attrs.get(_PROCESS, ("", 0))
+        if host == platform.node() and not is_alive(process):
+            with suppress(ValueError, RuntimeError):  # another process was faster
+                study.tell(trial.number, state=TrialState.FAIL)
+                study.enqueue_trial(trial.params)
+
+
+def _check_files(study: optuna.Study, tuning: Tuning) -> None:
+    """Refuse to go on with trials in a database that opened a file of another content than it has here.
+
+    Raises:
+        ValueError: one line.
+    """
+    for trial in study.get_trials(deepcopy=False):
+        for file, known in trial.user_attrs.get(_FILES, {}).items():
+            if digest(Path(file)) not in ("", known):  # another machine may not have it
+                raise ValueError(
+                    f"--storage: trials of {_name(tuning)} rest on another content of {file}: use the same "
+                    "everywhere, or remove them with 'optuna delete-study'"
+                )
+
+
 def resume(tuning: Tuning, directory: Path) -> None:
-    """Create a tuning's study in the journal, or clear it of trials with other files and of those left running."""
+    """Create a tuning's study, or clear it of trials with other files and of those left running.
+
+    In a database, where other machines may be at work, those count as left that show no sign of life.
+
+    Raises:
+        ValueError: one line, if a database can not be used, or its trials rest on other files.
+    """
     import optuna
     from optuna.trial import TrialState
 
     study = _study(tuning, directory, 0)
+    if tuning.storage is not None:
+        _check_files(study, tuning)
+        _fail_dead_trials(study)
+        with without_warnings():
+            optuna.storages.fail_stale_trials(study)
+        if set(tuning.defaults) == set(tuning.ranges):
+            study.enqueue_trial(dict(tuning.defaults), skip_if_exists=True)
+        return
     if any(_is_outdated(trial) for trial in study.get_trials(states=(TrialState.COMPLETE,))):
-        optuna.delete_study(study_name=_name(tuning), storage=_storage(directory))
+        optuna.delete_study(study_name=_name(tuning), storage=journal(directory))
         study = _study(tuning, directory, 0)
     for trial in study.get_trials(states=(TrialState.RUNNING,)):
         study.tell(trial.number, state=TrialState.FAIL)
@@ -221,7 +290,7 @@ def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
 
     return optuna.create_study(
         study_name=_name(tuning),
-        storage=_storage(directory),
+        storage=journal(directory) if tuning.storage is None else database(tuning.storage),
         sampler=optuna.samplers.TPESampler(seed=seed, multivariate=True, constant_liar=True),
         directions=["minimize"] * len(tuning.objectives),
         load_if_exists=True,
@@ -231,38 +300,8 @@ def _study(tuning: Tuning, directory: Path, seed: int) -> optuna.Study:
 def _studies(directory: Path) -> list[optuna.Study]:
     import optuna
 
-    storage = _storage(directory)
+    storage = journal(directory)
     return [optuna.load_study(study_name=name, storage=storage) for name in optuna.get_all_study_names(storage)]
-
-
-def _storage(directory: Path) -> optuna.storages.JournalStorage:
-    import optuna
-    from optuna.storages.journal import JournalFileBackend
-
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    path = directory / JOURNAL
-    return optuna.storages.JournalStorage(JournalFileBackend(str(path), _JournalLock(path)))
-
-
-class _JournalLock:
-    """Lock of a journal that ends with its process; what a killed process left of a line is removed."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def acquire(self) -> bool:
-        """Wait for the lock."""
-        self._file = self._path.open("rb+")
-        fcntl.flock(self._file, fcntl.LOCK_EX)
-        size = self._file.seek(0, os.SEEK_END)
-        if size and (self._file.seek(-1, os.SEEK_END), self._file.read(1))[1] != b"\n":
-            self._file.seek(0)
-            self._file.truncate(self._file.read().rfind(b"\n") + 1)
-        return True
-
-    def release(self) -> None:
-        """Release the lock."""
-        self._file.close()
 
 
 def _beats(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
