@@ -85,7 +85,7 @@ class ParityRelations:
         first, end = np.searchsorted(history[:, 0], [until - window, until + 1])
         recent = history[first:end]
         since = until - 100 if reference is None else reference.previous_tick
-        mean = recent[recent[:, 0] >= since].mean(axis=0) if np.any(recent[:, 0] >= since) else recent[-1]
+        mean = recent[np.searchsorted(recent[:-1, 0], since) :].mean(axis=0)
         relations = [*self._articulations(recent, level), self._tractor(mean, level)]
         if reference is not None:
             relations.extend(self._to_reference(mean, reference, max(1.0, level / _NOISY)))

@@ -26,6 +26,7 @@ from vehicle.frames import FloatArray
 _KEPT: Final = 2500  # history [ticks]
 _WINDOW: Final = 1500  # over which articulations are compared with yaw rates [ticks]
 _ALONE: Final = 500  # time without a reference after which the signals are compared with each other alone [ticks]
+_LONGEST: Final = 500  # duration of a motion to compare with [ticks]
 _DETECTED: Final = 1.0  # value of a relation that is a contradiction [its tolerance]
 _BETTER: Final = 0.6  # a fault explains a contradiction if it leaves this share of it at most
 _PERSISTENT: Final = 3  # comparisons in a row, without evidence beside the relations
@@ -108,9 +109,12 @@ class SignalMonitor:
         return memory
 
     def compared(self, memory: MonitorMemory, reference: MotionReference) -> MonitorMemory:
-        """Memory after the comparison with an independent measurement, which is older than the newest signals."""
-        ticks = memory.history[:, 0]
-        if not len(ticks) or ticks[0] > reference.previous_tick or ticks[-1] < reference.tick:
+        """Memory after the comparison with an independent measurement, which is older than the newest signals.
+
+        One over a long time, as after an outage, is passed over: its motion is not constant.
+        """
+        ticks, span = memory.history[:, 0], reference.tick - reference.previous_tick
+        if not len(ticks) or ticks[0] > reference.previous_tick or ticks[-1] < reference.tick or span > _LONGEST:
             return memory
         return self._compared(memory._replace(compared_at=int(ticks[-1])), reference, reference.tick)
 
