@@ -125,6 +125,15 @@ class DeadReckoning:
         """
         return float(np.max(np.abs(parameters.mean - self._mean) / self._std)) / noise_level(history, self._unit)
 
+    def noise_margin(self, history: FloatArray, parameters: Parameters, reckoned: Reckoned) -> FloatArray:
+        """Covariance (3, 3) that the constant errors of noisy sensors add to a pose; 0 if they are as assumed."""
+        level = noise_level(history, self._unit)
+        if level == 1.0:
+            return np.zeros((3, 3))
+        by_parameters = reckoned.cross.T @ np.linalg.solve(parameters.covariance, reckoned.cross)
+        margin: FloatArray = (level**2 - 1.0) * 0.5 * (by_parameters + by_parameters.T)
+        return margin
+
     def forgotten(self, parameters: Parameters, distance: float, time: float) -> Parameters:
         """Parameters after ``distance`` [m] and ``time`` [s], drawn back to their prior."""
         kept = np.exp(-distance * self._per_metre - time * self._per_second)

@@ -234,7 +234,8 @@ class SignalFusion:
         innovation: FloatArray = np.array([yaw, *motion.X_PC[:2, 3].tolist()]) - reckoned.pose
         S = reckoned.covariance + motion.covariance[np.ix_(PLANAR, PLANAR)]
         gain = np.asarray(np.linalg.solve(S, reckoned.cross.T).T, dtype=np.float64)
-        score = float(innovation @ np.linalg.solve(S + _ROCKING, innovation))
+        expected = S + self._reckoning.noise_margin(memory.history, parameters, reckoned)
+        score = float(innovation @ np.linalg.solve(expected + _ROCKING, innovation))
         return _Test(reckoned, innovation, gain, S, score)
 
     def _corrected(self, parameters: Parameters, test: _Test, motion: BodyMotion) -> Parameters:

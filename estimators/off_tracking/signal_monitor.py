@@ -34,8 +34,8 @@ _SMALL: Final = 0.4  # effect of a fault that is over [tolerances]
 _OVER: Final = 10  # comparisons in a row
 _LEAST: Final = 15  # messages before which nothing is found
 _RECENT: Final = 2500  # time for which a jump is evidence [ticks]
-# Highest rates of change: full braking on dry road twice, a jackknife, and a kerb. assumed.
-_RATES: Final = (20.0, math.radians(60.0), math.radians(100.0))  # [m/s2], [rad/s], [rad/s2]
+# Highest rates of change: full braking on dry road twice, a jackknife, and its beginning. assumed.
+_RATES: Final = (20.0, math.radians(60.0), math.radians(60.0))  # [m/s2], [rad/s], [rad/s2]
 
 
 class Finding(NamedTuple):

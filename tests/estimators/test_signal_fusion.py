@@ -242,9 +242,11 @@ def test_signals_without_noise_are_not_frozen() -> None:
     assert estimates[10_000].value == pytest.approx(0.0, abs=1e-6)
 
 
-def test_signals_that_are_four_times_as_noisy_do_not_discredit_the_camera(exact: dict[int, OffTracking]) -> None:
+@pytest.mark.parametrize("level", [4.0, 10.0])
+def test_noisy_signals_do_not_discredit_the_camera(exact: dict[int, OffTracking], level: float) -> None:
     """Their noise is measured, and constant errors are expected to be as much larger."""
-    errors_of_signals = Errors(scale=0.02, gyro=math.radians(0.4), articulation=math.radians(0.4), noise=4.0)
+    angle = math.radians(0.1 * level)
+    errors_of_signals = Errors(scale=0.005 * level, gyro=angle, articulation=angle, noise=level)
     noisy = towed_drive(16.0, lambda t: 3.0, winding, slipping, errors_of_signals, seed=6)
     estimates = run(noisy)
     ticks = [tick for tick in estimates if exact[tick].health is Health.OK]
