@@ -7,6 +7,7 @@ which a Kalman filter learns from the camera (``estimators.off_tracking.signal_f
 
 - the scale of the wheel speed, and its part in curves: the steered front wheels slip by an angle in proportion to the
   lateral acceleration a, and roll along the direction in which they point, not that in which they travel;
+  gravity along the axles of a banked road counts as acceleration, as the trailer's accelerometer feels it;
 - the slip angle of the tractor's rear axle: a slowly varying part, a constant part, which includes the bias of the
   articulation, and parts in proportion to a, to what the scrub of tyres causes by the data sheet
   (``estimators.off_tracking.tyre_scrub``), and to the articulation;
@@ -42,6 +43,11 @@ _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolat
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
+_BANK = 3  # column of the bank's pull, without the tick
+_SWAY = 2000  # time that it is averaged over: the body sways, and the trailer drifts to the side as it turns in [ticks]
+# Speed at which that drift (a change of slip by 0.03 rad within the time) is as large as the usual bank (2.5 %), so that
+# half of the mean is believed: least squares of a bank and its error [m/s].
+_FAST = 12.0
 # A vehicle that seems to stand may creep, and rocks on its tyres: white noise of every sample, 1 sigma. Of a start or a
 # stop, 3 mm are missed within a tenth of a second; a standstill of ten seconds adds 30 mm.
 _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
@@ -60,11 +66,11 @@ _FOR_EVER = 1e6  # constant during a drive [m], [s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
 # or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
-_SIDE = Prior(-0.03, 0.02, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
-_SLIP = Prior(0.0, 0.006, 12.0, _FOR_EVER)  # [rad]
-_SLIP_PER_ACCELERATION = Prior(-0.02, 0.008, _FOR_EVER, _FOR_EVER)  # of driven truck tyres: 1/(5 g) [rad s2/m]
-_SLIP_PER_SCRUB = Prior(0.9, 0.2, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
-_SLIP_PER_ARTICULATION = Prior(0.0, 0.008, _FOR_EVER, _FOR_EVER)
+_SIDE = Prior(-0.03, 0.012, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
+_SLIP = Prior(0.0, 0.005, 12.0, _FOR_EVER)  # [rad]
+_SLIP_PER_ACCELERATION = Prior(-0.02, 0.004, _FOR_EVER, _FOR_EVER)  # its mean is that of the data sheet [rad s2/m]
+_SLIP_PER_SCRUB = Prior(0.9, 0.15, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
+_SLIP_PER_ARTICULATION = Prior(0.0, 0.005, _FOR_EVER, _FOR_EVER)
 _SLIP_OFFSET = Prior(0.0, 0.002, _FOR_EVER, _FOR_EVER)  # an angle sensor is right to 0.1 deg [rad]
 _GYRO_BIAS = Prior(0.0, GYRO_BIAS, _FOR_EVER, 3600.0)  # wanders by 15 deg/h within a minute [rad/s]
 
@@ -106,6 +112,7 @@ class DeadReckoning:
         self._unit, self._scrub = unit, TyreScrub(vehicle, unit)
         self._hitches = [ahead.rear_hitch[0] for ahead in vehicle.units[:unit]]
         slips = [_SLIP, _SLIP_PER_ACCELERATION, _SLIP_PER_SCRUB, _SLIP_PER_ARTICULATION, _SLIP_OFFSET]
+        slips[1] = slips[1]._replace(mean=self._scrub.per_acceleration())
         self._priors = [_SCALE, _SIDE, *slips, *[_GYRO_BIAS] * (unit + 1)]
         gyros = unit + 1
         self._noise = np.array([SPEED_NOISE, *[ARTICULATION_NOISE] * unit, *[GYRO_NOISE] * gyros, *[1.0] * 3])
@@ -146,12 +153,15 @@ class DeadReckoning:
 
         ``history`` (n, columns) holds the `row` of every message, oldest first.
         """
-        near = slice(*np.searchsorted(history[:, 0], [since - _MARGIN, until + _MARGIN]).tolist())
-        ticks, table = history[near, 0], history[near, 1:]
+        begin, longer, end = np.searchsorted(history[:, 0], [since - _MARGIN, since - _SWAY, until + _MARGIN]).tolist()
+        ticks, table = history[begin:end, 0], history[begin:end, 1:]
+        bank = _mean_before(history[longer:end, 0], history[longer:end, 1 + _BANK])[begin - longer :]
         nodes = np.concatenate([[since], ticks[(ticks > since) & (ticks < until)], [until]])
         if not _are_covered(nodes, ticks):
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
+        bank /= 1.0 + np.square(table[:, 0] / _FAST)
+        table = np.column_stack([table[:, :_BANK], bank, table[:, _BANK + 1 :]])
         columns = [np.interp(nodes, ticks, column) for column in (*table.T, at_rest)]
         moving = columns.pop() < 0.5
         rates, derivatives = self._rates(np.array(columns), parameters.mean)
@@ -162,26 +172,26 @@ class DeadReckoning:
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
-        return np.empty((0, 6 + 2 * self._unit - 1))
+        return np.empty((0, 6 + 2 * self._unit))
 
     def agree(self, history: FloatArray) -> bool:
         """Test the signals against each other."""
         return agree(history, self._unit)
 
     def row(self, signals: CombinationSignals) -> FloatArray:
-        """Tick, speed, steer angle, slip by scrub, articulations and yaw rates of a message."""
-        scrub = self._scrub.slip(signals)
+        """Tick, speed, steer angle, slip by scrub, pull of the bank, articulations and yaw rates of a message."""
+        scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates])
+        return np.array([signals.tick, signals.speed, signals.steer, scrub, bank, *ahead, *rates])
 
     def _rates(self, columns: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals)."""
         unit, p = self._unit, len(self._priors)
-        speed, steer, scrub = columns[:3]
-        gammas, gyros = columns[3 : 3 + unit], columns[3 + unit :] - mean[-unit - 1 :, None]
+        speed, steer, scrub, bank = columns[:4]
+        gammas, gyros = columns[4 : 4 + unit], columns[4 + unit :] - mean[-unit - 1 :, None]
         scale, side, varying, *per, constant = mean[:7].tolist()
         slip = varying + constant
-        acceleration = speed * gyros[0]
+        acceleration = speed * gyros[0] + bank
         rolling = acceleration * np.sin(steer) * np.cos(steer)
         v_x = speed * (1.0 - scale - side * rolling)
         pushes = np.array([acceleration, scrub, gammas[0]])
@@ -237,6 +247,16 @@ class DeadReckoning:
 def _integral(dt: FloatArray, values: FloatArray) -> FloatArray:
     """Integral (n,) from the first sample to every sample, by the trapezoidal rule."""
     return np.insert(np.cumsum(0.5 * dt * (values[1:] + values[:-1])), 0, 0.0)
+
+
+def _mean_before(ticks: FloatArray, values: FloatArray) -> FloatArray:
+    """Mean (n,) over the time `_SWAY` up to each sample; less than that is made up for by zeros."""
+    sums = np.insert(np.cumsum(values), 0, 0.0)
+    first = np.searchsorted(ticks, ticks - _SWAY, side="right")
+    count = np.arange(1, len(ticks) + 1) - first
+    period = np.diff(ticks).mean() if len(ticks) > 1 else _SWAY
+    mean: FloatArray = (sums[1:] - sums[first]) / np.maximum(count, _SWAY / period)
+    return mean
 
 
 def _running_mean(values: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Errors of a combination's signals: what is assumed, how noisy they are, and whether they contradict each other.
 
-Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, ``unit``
+Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, pull of the bank, ``unit``
 articulations and ``unit + 1`` yaw rates.
 """
 
@@ -21,7 +21,7 @@ ARTICULATION_NOISE = math.radians(0.15)  # [rad]
 GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]
 
-_SPEED, _FIRST = 1, 4  # columns of the speed and of the first articulation
+_SPEED, _FIRST = 1, 5  # columns of the speed and of the first articulation
 _VISIBLE = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _LEVEL_OF = 50  # samples that the noise is measured from: to 10 %
 _NOISIER = 1.5  # noise above which the assumed one is replaced by the measured one [its standard deviations]

@@ -7,7 +7,7 @@ semitrailer with steered axles in a tight bend causes 16 mrad, as much as the be
 With linear tyres F_i = -C_i (u + kappa x_i - delta_i), where u is the unknown slip at the unit's front, kappa the
 curvature of its path, and x_i the position of axle i. The moments about the front hitch determine u, then the forces at
 the front hitch follow, unit by unit from the steered trailer to the tractor. Forces of inertia and gravity are left
-out; they are in proportion to the lateral acceleration.
+out; they are in proportion to the lateral acceleration, which includes the gravity along the axles of a banked road.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from sensors.messages import CombinationSignals
-from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.description import GRAVITY, Axle, Vehicle
 from vehicle.combination.loads import static_axle_loads
 
+_LEAN = 0.07  # lean of a laden trailer's body per lateral acceleration: 4 deg/g
 _LEAST_SPEED = 0.5  # curvature is yaw rate over speed, and noise at rest [m/s]
 
 
@@ -27,6 +28,7 @@ class _Tyres(NamedTuple):
     """Tyres of one axle."""
 
     x: float  # [m]
+    load: float  # of the axle [N]
     stiffness: float  # of the axle [N/rad]
     steered: bool
 
@@ -55,18 +57,39 @@ class TyreScrub:
             force_x, force_y = c * (x + force_x) + s * (y + force_y), c * (y + force_y) - s * (x + force_x)
         return self._rear_slip(curvatures[0], force_y)
 
+    def per_acceleration(self) -> float:
+        """Slip angle of the tractor's rear axle per lateral acceleration [rad s2/m] of tyres that carry their load.
+
+        Each tyre takes the part of the side force that is its part of the load.
+        """
+        rear = [tyres for tyres in self._units[0] if not tyres.steered]
+        stiffness = sum(tyres.stiffness for tyres in rear)
+        return -sum(tyres.load for tyres in rear) / (GRAVITY * stiffness) if rear else 0.0
+
+    def bank(self, signals: CombinationSignals) -> float:
+        """Pull [m/s2] of a banked road on the trailer, + to the right, as slip feels it: gravity along its axles.
+
+        It is what the accelerometer measures beyond the curve. The body leans out, and the sensor with it.
+        """
+        v_x, curvature = self._rolling(signals)[-1]
+        return signals.lateral_acceleration / (1.0 + _LEAN) - curvature * v_x * abs(v_x)
+
     def _curvatures(self, signals: CombinationSignals) -> list[float]:
         """Curvature [1/m] of every unit's path, without slip."""
+        return [curvature for _, curvature in self._rolling(signals)]
+
+    def _rolling(self, signals: CombinationSignals) -> list[tuple[float, float]]:
+        """Speed [m/s] of every unit along its axis, and the curvature [1/m] of its path, without slip."""
         v_x, v_y = signals.speed, 0.0
-        curvatures = []
+        rolling = []
         for unit, rate in enumerate(signals.yaw_rates[: len(self._units)].tolist()):
             if unit:
                 c, s = math.cos(signals.articulation[unit - 1]), math.sin(signals.articulation[unit - 1])
                 v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-            curvatures.append(rate / math.copysign(max(abs(v_x), _LEAST_SPEED), v_x))
+            rolling.append((v_x, rate / math.copysign(max(abs(v_x), _LEAST_SPEED), v_x)))
             if unit < len(self._hitches):
                 v_y += rate * self._hitches[unit]
-        return curvatures
+        return rolling
 
     def _rear_slip(self, curvature: float, force_y: float) -> float:
         """Slip at the tractor's origin, from the moments about its foremost axle."""
@@ -96,4 +119,4 @@ def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
 
 
 def _tyres(axle: Axle, load: float) -> _Tyres:
-    return _Tyres(axle.x, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)
+    return _Tyres(axle.x, load, float(axle.tyre.stiffness(0.5 * load).y) * load, axle.steered)
