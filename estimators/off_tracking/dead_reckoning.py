@@ -44,9 +44,9 @@ _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or ne
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
 _BANK = 3  # column of the bank's pull, without the tick
-_SWAY = 2000  # time that it is averaged over: the body sways, and the trailer drifts to the side as it turns in [ticks]
-# Speed at which that drift (a change of slip by 0.03 rad within the time) is as large as the usual bank (2.5 %), so that
-# half of the mean is believed: least squares of a bank and its error [m/s].
+_SWAY = 2000  # time that it is averaged over: bodies sway, and trailers drift to the side as they turn in [ticks]
+# Speed at which that drift (slip changes by 0.03 rad in the time) is as large as the usual bank of 2.5 %. There half of
+# the mean is believed: least squares of a bank and its error [m/s].
 _FAST = 12.0
 # A vehicle that seems to stand may creep, and rocks on its tyres: white noise of every sample, 1 sigma. Of a start or a
 # stop, 3 mm are missed within a tenth of a second; a standstill of ten seconds adds 30 mm.

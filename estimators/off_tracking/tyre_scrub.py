@@ -72,7 +72,7 @@ class TyreScrub:
         It is what the accelerometer measures beyond the curve. The body leans out, and the sensor with it.
         """
         v_x, curvature = self._rolling(signals)[-1]
-        return signals.lateral_acceleration / (1.0 + _LEAN) - curvature * v_x * abs(v_x)
+        return signals.lateral_acceleration / (1.0 + _LEAN) - curvature * v_x**2
 
     def _curvatures(self, signals: CombinationSignals) -> list[float]:
         """Curvature [1/m] of every unit's path, without slip."""

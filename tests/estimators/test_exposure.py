@@ -50,6 +50,8 @@ def test_right_image_is_exposed_like_the_left_one(drive: Drive, gain: float, off
     assert own_gain == pytest.approx(1.0, abs=0.02)
     assert own_offset == pytest.approx(0.0, abs=2.5)
     assert alike(drive.calibration, corrected) is corrected
+    again = StereoFrame(tick=frame.tick, left=corrected.left, right=corrected.right)
+    assert alike(drive.calibration, again) is again  # also if it is not known to be matched
 
 
 def test_dirt_on_one_lens_is_no_change_of_exposure(drive: Drive) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+from estimators.calibration.calibration_memory import look_due, looked, view_due
 from estimators.calibration.mount_state import UNKNOWN, YAW, MountState, geometry, with_information
 from estimators.calibration.right_rotation import RightRotation, homography, moved, sensitivity
 from estimators.calibration.rotation_fit import from_motion
@@ -219,6 +221,22 @@ def test_nothing_is_done_where_nothing_is_turned(drive: Drive) -> None:
         np.testing.assert_array_equal(motion.X_PC, same.X_PC)
         assert motion.inliers == same.inliers
         assert np.abs(np.degrees(np.array(same.right_rotation))).max() < 0.02  # nothing yet, or nearly nothing
+
+
+def test_a_view_that_a_turn_took_out_of_sight_is_replaced_at_once_only_in_doubt(calibration: StereoCalibration) -> None:
+    """16 deg round a bend of 8 m: later frames share few points, and new views cost a fifth of the watch."""
+    memory = self_calibrated(calibration).init()
+    assert view_due(memory)  # yaw is in doubt, and there is no view
+    certain = memory.state._replace(covariance=1e-12 * np.eye(6))
+    bent = memory._replace(X_VC=transform(rotation_zyx(math.radians(16.0), 0.0, 0.0), np.array([0.0, 0.3, 2.2])))
+    assert look_due(bent._replace(view=np.nan, look=4.0))
+    for state, due in ((memory.state, True), (certain, False)):
+        after = looked(bent._replace(view=np.nan, look=4.0, state=state))
+        assert after.view is None
+        assert not look_due(after)
+        assert view_due(after) is due
+    far = looked(bent._replace(state=certain))._replace(X_VC=transform(np.eye(3), np.array([0.0, 0.0, 5.1])))
+    assert view_due(far)
 
 
 def test_a_mount_that_bends_is_followed(turned_drive: Drive, drive: Drive) -> None:

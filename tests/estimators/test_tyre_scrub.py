@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,30 @@ def test_slow_steady_turns_slip_as_in_the_linear_model_of_the_vehicle(steered: s
         lateral_acceleration=0.0,
     )
     assert TyreScrub(SEMITRAILER, 1).slip(turning) == pytest.approx(v_y / speed, rel=0.12)
+
+
+def test_slip_per_acceleration_is_that_of_the_linear_model_without_scrub() -> None:
+    """A tractor whose one rear axle carries its load: F = m a at that axle, so slip = -load / (g C) per a.
+
+    The semitrailer pushes at the hitch, ahead of the axle; to a fifth of the value.
+    """
+    axle, load = SEMITRAILER.units[0].axles[-1], static_axle_loads(SEMITRAILER)[0][-1]
+    expected = -1.0 / (9.81 * float(axle.tyre.stiffness(0.5 * load).y))
+    assert TyreScrub(SEMITRAILER, 1).per_acceleration() == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.parametrize("speed", [SPEED, -SPEED])
+@pytest.mark.parametrize("bank", [0.05, -0.025])
+def test_the_bank_is_what_the_accelerometer_feels_beyond_the_curve(bank: float, speed: float) -> None:
+    """Straight and in a curve, forwards and in reverse; the lean of the body adds 7 %."""
+    for curvature in (0.0, 0.08):
+        turning = replace(
+            signals(SEMITRAILER, curvature, 0.0, (0.0, 0.0)),
+            speed=speed,
+            yaw_rates=np.full(2, speed * curvature),
+            lateral_acceleration=1.07 * (speed**2 * curvature + 9.81 * bank),
+        )
+        assert TyreScrub(SEMITRAILER, 1).bank(turning) == pytest.approx(9.81 * bank, abs=1e-6)
 
 
 def test_scrub_at_rest_stays_finite() -> None:

@@ -88,7 +88,7 @@ def towed_drive(
                     steer=math.atan(r * wheelbase / v) if v and r and wheelbase < math.inf else 0.0,
                     articulation=np.array([gamma + errors.articulation + e[1]]),
                     yaw_rates=np.array([r + e[2], turn + errors.gyro + e[3]]),
-                    lateral_acceleration=0.0,
+                    lateral_acceleration=along * turn,
                 )
             )
         if tick % FRAME == 0:
