@@ -16,7 +16,7 @@ from estimators.calibration.calibration_memory import look_due, looked, view_due
 from estimators.calibration.mount_state import UNKNOWN, YAW, MountState, geometry, with_information
 from estimators.calibration.right_rotation import RightRotation, homography, moved, sensitivity
 from estimators.calibration.rotation_fit import from_motion
-from estimators.calibration.rotation_views import Images
+from estimators.calibration.rotation_views import Images, View
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
 from estimators.calibration.self_calibration import SelfCalibratedOdometry
 from estimators.estimates import Health, Motion
@@ -225,13 +225,14 @@ def test_nothing_is_done_where_nothing_is_turned(drive: Drive) -> None:
 
 def test_a_view_that_a_turn_took_out_of_sight_is_replaced_at_once_only_in_doubt(calibration: StereoCalibration) -> None:
     """16 deg round a bend of 8 m: later frames share few points, and new views cost a fifth of the watch."""
-    memory = self_calibrated(calibration).init()
+    memory, none = self_calibrated(calibration).init(), np.empty((0, 2), np.float32)
+    view = View(none, none, none, none, none, geometry(0.0, UNKNOWN, 0.5))
     assert view_due(memory)  # yaw is in doubt, and there is no view
     certain = memory.state._replace(covariance=1e-12 * np.eye(6))
     bent = memory._replace(X_VC=transform(rotation_zyx(math.radians(16.0), 0.0, 0.0), np.array([0.0, 0.3, 2.2])))
-    assert look_due(bent._replace(view=np.nan, look=4.0))
+    assert look_due(bent._replace(view=view, look=4.0))
     for state, due in ((memory.state, True), (certain, False)):
-        after = looked(bent._replace(view=np.nan, look=4.0, state=state))
+        after = looked(bent._replace(view=view, look=4.0, state=state))
         assert after.view is None
         assert not look_due(after)
         assert view_due(after) is due
