@@ -43,7 +43,7 @@ _LONGEST_GAP = 300  # longest time without signals that is bridged by interpolat
 _LONGEST_AGE = 50  # signals at an end of a stretch may be that much older or newer [ticks]
 _AT_REST = 0.03  # mean speed over five samples below which the vehicle stands: 3 sigma of their noise [m/s]
 _MEAN_OF = 5  # samples
-_BANK = 3  # column of the bank's pull, without the tick
+_BANK = -1  # column of the bank's pull
 _SWAY = 2000  # time that it is averaged over: bodies sway, and trailers drift to the side as they turn in [ticks]
 # Speed at which that drift (slip changes by 0.03 rad in the time) is as large as the usual bank of 2.5 %. There half of
 # the mean is believed: least squares of a bank and its error [m/s].
@@ -155,13 +155,13 @@ class DeadReckoning:
         """
         begin, longer, end = np.searchsorted(history[:, 0], [since - _MARGIN, since - _SWAY, until + _MARGIN]).tolist()
         ticks, table = history[begin:end, 0], history[begin:end, 1:]
-        bank = _mean_before(history[longer:end, 0], history[longer:end, 1 + _BANK])[begin - longer :]
+        bank = _mean_before(history[longer:end, 0], history[longer:end, _BANK])[begin - longer :]
         nodes = np.concatenate([[since], ticks[(ticks > since) & (ticks < until)], [until]])
         if not _are_covered(nodes, ticks):
             return None
         at_rest = np.abs(_running_mean(table[:, 0])) < _AT_REST
         bank /= 1.0 + np.square(table[:, 0] / _FAST)
-        table = np.column_stack([table[:, :_BANK], bank, table[:, _BANK + 1 :]])
+        table = np.column_stack([table[:, :_BANK], bank])
         columns = [np.interp(nodes, ticks, column) for column in (*table.T, at_rest)]
         moving = columns.pop() < 0.5
         rates, derivatives = self._rates(np.array(columns), parameters.mean)
@@ -179,16 +179,16 @@ class DeadReckoning:
         return agree(history, self._unit)
 
     def row(self, signals: CombinationSignals) -> FloatArray:
-        """Tick, speed, steer angle, slip by scrub, pull of the bank, articulations and yaw rates of a message."""
+        """Tick, speed, steer angle, slip by scrub, articulations, yaw rates, and pull of the bank, of a message."""
         scrub, bank = self._scrub.slip(signals), self._scrub.bank(signals)
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
-        return np.array([signals.tick, signals.speed, signals.steer, scrub, bank, *ahead, *rates])
+        return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, bank])
 
     def _rates(self, columns: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals)."""
         unit, p = self._unit, len(self._priors)
-        speed, steer, scrub, bank = columns[:4]
-        gammas, gyros = columns[4 : 4 + unit], columns[4 + unit :] - mean[-unit - 1 :, None]
+        speed, steer, scrub, *readings, bank = columns
+        gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[-unit - 1 :, None]
         scale, side, varying, *per, constant = mean[:7].tolist()
         slip = varying + constant
         acceleration = speed * gyros[0] + bank

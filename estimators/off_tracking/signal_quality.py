@@ -1,7 +1,7 @@
 """Errors of a combination's signals: what is assumed, how noisy they are, and whether they contradict each other.
 
-Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, pull of the bank, ``unit``
-articulations and ``unit + 1`` yaw rates.
+Rows are those of ``DeadReckoning.row``: tick, speed, steer angle, slip by scrub, ``unit``
+articulations, ``unit + 1`` yaw rates, and more.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ARTICULATION_NOISE = math.radians(0.15)  # [rad]
 GYRO_NOISE = math.radians(0.1)  # [rad/s]
 GYRO_BIAS = math.radians(0.12)  # [rad/s]
 
-_SPEED, _FIRST = 1, 5  # columns of the speed and of the first articulation
+_SPEED, _FIRST = 1, 4  # columns of the speed and of the first articulation
 _VISIBLE = 0.3  # noise of a gyro that tells that signals have noise at all [its assumed standard deviation]
 _LEVEL_OF = 50  # samples that the noise is measured from: to 10 %
 _NOISIER = 1.5  # noise above which the assumed one is replaced by the measured one [its standard deviations]
@@ -35,7 +35,7 @@ def noise_level(history: FloatArray, unit: int, least: int = _LEVEL_OF) -> float
     From second differences of the newest rows of ``history`` (n, columns): motion hardly has any within 40 ms. It is 1
     with less than so many rows.
     """
-    recent = history[-_LEVEL_OF:, _FIRST:]
+    recent = history[-_LEVEL_OF:, _FIRST : _FIRST + 2 * unit + 1]
     if len(recent) < least:
         return 1.0
     measured = np.sqrt(np.mean(np.square(np.diff(recent, n=2, axis=0)), axis=0) / 6.0)  # 1 + 4 + 1 of its variance
@@ -56,7 +56,7 @@ def agree(history: FloatArray, unit: int) -> bool:
         return False
     recent = history[history[:, 0] >= history[-1, 0] - _COMPARED]
     time = recent[:, 0] * TICK
-    gammas, rates = recent[:, _FIRST : _FIRST + unit], recent[:, _FIRST + unit :]
+    gammas, rates = recent[:, _FIRST : _FIRST + unit], recent[:, _FIRST + unit : _FIRST + 2 * unit + 1]
     differences = -np.diff(rates, axis=1)
     turned = np.sum(0.5 * np.diff(time)[:, None] * (differences[1:] + differences[:-1]), axis=0)
     residual = gammas[-1] - gammas[0] - turned
@@ -70,6 +70,6 @@ def _speed_repeats(recent: FloatArray, unit: int) -> bool:
     """True if the speed is the same in all rows, although the signals are noisy."""
     if len(recent) < _LEVEL_OF or np.ptp(recent[:, _SPEED]) > 0.0:
         return False
-    rates = recent[:, _FIRST + unit :]
+    rates = recent[:, _FIRST + unit : _FIRST + 2 * unit + 1]
     noise = np.sqrt(np.mean(np.square(np.diff(rates, n=2, axis=0)), axis=0) / 6.0)
     return bool(np.median(noise) > _VISIBLE * GYRO_NOISE)
