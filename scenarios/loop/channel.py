@@ -15,10 +15,12 @@ from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, runt
 from controllers.checked import misbehaviour
 from estimators.checked import check_estimate
 from estimators.protocol import Estimator
+from scenarios.loop.kept import Kept
 from scenarios.loop.stopwatch import Stopwatch
 from sensors.sensor import Message, Sensor, Stamped
 from vehicle.clock import Pipe, Schedule
 
+_DELIVERED = 100  # estimates in memory; twice as many at most
 TruthT = TypeVar("TruthT", bound=Stamped)
 MessageT = TypeVar("MessageT", bound=Message)
 EstimateT = TypeVar("EstimateT")
@@ -63,7 +65,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         """
         self.schedule = schedule
         self.sensor, self.estimator = sensor, estimator
-        self.delivered: list[EstimateT] = []  # oldest first
+        self.delivered: Kept[EstimateT] = Kept(_DELIVERED)  # oldest first
         self._worker, self._stopwatch, self._kinds = worker, stopwatch, kinds
         self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()

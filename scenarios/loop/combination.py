@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from functools import partial
@@ -77,9 +77,9 @@ class SteeredTrailer:
         self._law = Stateful(trailer.law.init(), trailer.law.step)
 
     @property
-    def estimates(self) -> list[Estimate]:
-        """Estimates delivered so far, oldest first."""
-        return [as_estimate(delivered) for delivered in self.channel.delivered]
+    def estimates(self) -> Iterable[Estimate]:
+        """Estimates delivered so far, oldest first; to be read once."""
+        return map(as_estimate, self.channel.delivered)
 
     @property
     def newest(self) -> Estimate | None:

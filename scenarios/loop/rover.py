@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from typing import Final
@@ -145,7 +146,7 @@ class RoverSession(Session[RoverTruth, RoverCommand, RoverRecord], AbstractConte
         )
 
     @property
-    def estimates(self) -> list[SlipAngle]:
+    def estimates(self) -> Sequence[SlipAngle]:
         """Estimates delivered so far, oldest first."""
         return self.channel.delivered
 

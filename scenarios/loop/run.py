@@ -41,6 +41,7 @@ from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
 from vehicle.combination.data_sheet import data_sheet
+from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
 ResultT = TypeVar("ResultT", RunResult, RoverResult)
@@ -200,7 +201,7 @@ def rover_result(session: RoverSession, seed: int, inputs: RunInputs) -> RoverRe
         scenario_toml=scenario.to_toml(),
         seed=seed,
         outcome=session.outcome or "unfinished",
-        log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
+        log=rover_log(parts.rig, list(session.rows), list(session.estimates), parts.path),
         rover=parts.rover.name,
         path=parts.path.points(_SPACING),
         rig=parts.rig,
@@ -225,12 +226,14 @@ def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: boo
     vehicle = parts.vehicle
     outside = session.bench.report() if session.bench else None
     scenario, inputs = with_record(parts.scenario, inputs, outside)
+    rows = list(session.rows)
+    truths, with_unit = [row.truth for row in rows], reference and scenario.reference_unit
     log = run_log(
-        session.rows,
-        [_track(session, trailer, reference=reference) for trailer in session.trailers],
+        rows,
+        [_track(session, trailer, truths if with_unit else None) for trailer in session.trailers],
         units=[unit.name for unit in vehicle.units],
         n_front=len(vehicle.units[0].steered_axles),
-    ).with_columns(load_columns([row.truth for row in session.rows], vehicle))
+    ).with_columns(load_columns(truths, vehicle))
     return RunResult(
         scenario=scenario.name,
         scenario_toml=scenario.to_toml(),
@@ -272,7 +275,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: boo
             *_steer_warnings(parts, log),
             *_camera_warnings(session),
             *_signal_warnings(session),
-            *lift_warnings(vehicle, [row.truth for row in session.rows]),
+            *lift_warnings(vehicle, truths),
         ),
         traceback=session.traceback,
         inputs=inputs,
@@ -325,7 +328,8 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
     )
 
 
-def _track(session: TrailerSession, trailer: SteeredTrailer, *, reference: bool) -> TrailerTrack:
+def _track(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth] | None) -> TrailerTrack:
+    """A trailer's estimates; with ``truths`` the reference unit's signals too."""
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     return TrailerTrack(
         name=watched.name,
@@ -336,14 +340,14 @@ def _track(session: TrailerSession, trailer: SteeredTrailer, *, reference: bool)
         n_steered=watched.n_steered,
         estimates=trailer.estimates,
         X_SC=cameras.calibration.X_SC if cameras else None,
-        reference=_reference(session, trailer) if reference and session.parts.scenario.reference_unit else None,
+        reference=None if truths is None else _reference(session, trailer, truths),
     )
 
 
-def _reference(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
+def _reference(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth]) -> FloatArray:
     parts, watched = session.parts, trailer.trailer
     return reference_off_tracking(
-        [row.truth for row in session.rows],
+        truths,
         unit=watched.unit,
         follow_distance=watched.geometry.follow_distance,
         path_height=watched.path_height,
@@ -352,8 +356,12 @@ def _reference(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
 
 
 def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
-    estimates = session.trailers[-1].estimates
-    motions = {estimate.motion.tick: estimate.motion for estimate in estimates if estimate.motion}
+    shown = {tick for tick, _ in session.pictures.frames}
+    motions = {
+        estimate.motion.tick: estimate.motion
+        for estimate in session.trailers[-1].estimates
+        if estimate.motion and estimate.motion.tick in shown
+    }
     none = np.empty((0, 4), dtype=np.float32)
     return tuple(
         CameraFrame(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
 from controllers.checked import LawError, misbehaviour
+from scenarios.loop.kept import Kept
 from scenarios.loop.pacer import Pacer, steady_python
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.progress import Progress, no_progress
@@ -25,6 +26,7 @@ CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
 
+_ROWS = 1000  # in memory; twice as many at most
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
@@ -106,7 +108,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         self.outcome: str | None = None  # None while the run continues
         self.reason = ""  # of a run that diverged, if it is known
         self.traceback = ""  # of the exception that ended the run
-        self.rows: list[Row[TruthT, RecordT]] = []
+        self.rows: Kept[Row[TruthT, RecordT]] = Kept(_ROWS)
         self.stopwatch = stopwatch or Stopwatch()
         self._plant, self._state, self._period = plant, state, period
         self._pilot, self._judge = pilot, judge

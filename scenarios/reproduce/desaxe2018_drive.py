@@ -164,7 +164,8 @@ def with_estimator(parts: Assembly, cameras: Cameras, estimator: OffTrackingSour
 
 def _result(case: Case, session: TrailerSession, sources: ParallelSources, cameras: Cameras) -> Drive:
     parts = session.parts
-    truths = [row.truth for row in session.rows]
+    rows = list(session.rows)
+    truths = [row.truth for row in rows]
     last = parts.trailers[-1]
     unit, follow = last.unit, last.geometry.follow_distance
     bodies = np.array([truth.bodies[unit] for truth in truths])
@@ -186,7 +187,7 @@ def _result(case: Case, session: TrailerSession, sources: ParallelSources, camer
         )
         units = parts.vehicle.units
         n_front = len(units[0].steered_axles)
-        log = run_log(session.rows, [track], units=[unit.name for unit in units], n_front=n_front)
+        log = run_log(rows, [track], units=[unit.name for unit in units], n_front=n_front)
         at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for all odometries
         tracks[odometry] = Track(*(log[signal][at] for signal in _SIGNALS))
     return Drive(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +63,7 @@ class TrailerTrack:
     path_height: float  # of the points that off-tracking is about, in its body [m]
     steers_ahead: int  # number of steered axles ahead of its own
     n_steered: int
-    estimates: Sequence[Estimate]  # delivered ones, in order; captures coincide with rows
+    estimates: Iterable[Estimate]  # delivered ones, in order; captures coincide with rows
     X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
     reference: FloatArray | None = None  # off-tracking by a reference unit in each row [m]
 

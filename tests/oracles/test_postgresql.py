@@ -105,7 +105,8 @@ def test_commands_share_the_trials_and_the_killed_ones_are_tried_again(url: str,
     states = [trial.state.name for trial in done]
     assert TRIALS <= states.count("COMPLETE") <= TRIALS + 2  # others finish what they had begun
     assert len({trial.user_attrs["process"][1] for trial in done if trial.state.name == "COMPLETE"}) >= 2
-    assert start(url, tmp_path, "three").wait(600) == 0  # it goes on: nothing is left to do but to judge
+    with start(url, tmp_path, "three") as again:  # it goes on: nothing is left to do but to judge
+        assert again.communicate(timeout=600.0)[0] == ""
     assert "RUNNING" not in [trial.state.name for trial in trials(url)]
     tuned = {(tmp_path / name / "tuned.toml").read_text(encoding="utf-8") for name in ("one", "two", "three")}
     assert len(tuned) <= 2  # a last trial may have come between

@@ -1,0 +1,117 @@
+"""What a run collects, row by row: the newest in memory, the rest in a temporary file."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Generic, NamedTuple, TypeVar, cast, overload
+
+ItemT = TypeVar("ItemT")
+
+
+class _File:
+    """A temporary file without a name; it goes with its last user."""
+
+    def __init__(self) -> None:
+        self._descriptor, name = tempfile.mkstemp(prefix="offtrack-")
+        os.unlink(name)
+
+    def __del__(self) -> None:
+        os.close(self._descriptor)
+
+    def stored(self, content: bytes) -> _Stored:
+        """Write behind what is there.
+
+        Raises:
+            OSError: if there is no room.
+        """
+        offset, rest = os.lseek(self._descriptor, 0, os.SEEK_END), memoryview(content)
+        while rest:
+            rest = rest[os.write(self._descriptor, rest) :]
+        return _Stored(self, offset, len(content))
+
+    def read(self, offset: int, size: int) -> bytes:
+        parts = bytearray()
+        while len(parts) < size:
+            parts += os.pread(self._descriptor, size - len(parts), offset + len(parts))
+        return bytes(parts)
+
+
+class _Stored(NamedTuple):
+    """A chunk in a file."""
+
+    file: _File
+    offset: int
+    size: int
+
+    def load(self) -> list[Any]:
+        return cast("list[Any]", pickle.loads(self.file.read(self.offset, self.size)))
+
+
+class Kept(Sequence[ItemT], Generic[ItemT]):
+    """A growing sequence whose memory does not grow: an hour has 360 000 rows of some kilobytes each.
+
+    Items must not be changed. Those that can not be pickled stay in memory, and so do all if there is no room on disk.
+    Copies share what is in the file.
+    """
+
+    def __init__(self, chunk: int, items: Iterable[ItemT] = ()) -> None:
+        """A sequence of ``items`` that holds one to two ``chunk`` of the newest in memory."""
+        self._chunk = chunk
+        self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
+        self._newest: list[ItemT] = []
+        self._file: _File | None = None
+        for item in items:
+            self.append(item)
+
+    def append(self, item: ItemT) -> None:
+        """Add an item."""
+        self._newest.append(item)
+        if len(self._newest) >= 2 * self._chunk:
+            oldest, self._newest = self._newest[: self._chunk], self._newest[self._chunk :]
+            self._older.append(self._stored(oldest))
+
+    def __len__(self) -> int:
+        return self._chunk * len(self._older) + len(self._newest)
+
+    def __iter__(self) -> Iterator[ItemT]:
+        for chunk in list(self._older):
+            yield from _items(chunk)
+        yield from self._newest
+
+    @overload
+    def __getitem__(self, index: int) -> ItemT: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[ItemT]: ...
+    def __getitem__(self, index: int | slice) -> ItemT | list[ItemT]:
+        if isinstance(index, slice):
+            return list(self)[index]
+        place = index + len(self) if index < 0 else index
+        if not 0 <= place < len(self):
+            raise IndexError(index)
+        chunk, rest = divmod(place, self._chunk)
+        if chunk < len(self._older):
+            return _items(self._older[chunk])[rest]
+        return self._newest[place - self._chunk * len(self._older)]
+
+    def __deepcopy__(self, _: object) -> Kept[ItemT]:
+        copied = Kept[ItemT](self._chunk)
+        copied._older, copied._newest = list(self._older), list(self._newest)
+        return copied
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Kept, (self._chunk, list(self))
+
+    def _stored(self, items: list[ItemT]) -> _Stored | list[ItemT]:
+        try:
+            content = pickle.dumps(items, protocol=pickle.HIGHEST_PROTOCOL)
+            self._file = self._file or _File()
+            return self._file.stored(content)
+        except Exception:  # of a user's class, which may do anything; or no room is left
+            return items
+
+
+def _items(chunk: _Stored | list[ItemT]) -> list[ItemT]:
+    return chunk.load() if isinstance(chunk, _Stored) else chunk
