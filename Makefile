@@ -29,7 +29,7 @@ benchmarks: install
 # Commands killed at random moments and started again: make kills MOMENTS=40
 kills: install
 	$(BIN)/python -m tests.kills --moments $(or $(MOMENTS),40)
-	$(BIN)/python -m tests.kills.joined
+	$(BIN)/python -m tests.kills.engines
 
 # Random scenarios and hostile files for a while: make fuzz MINUTES=20
 fuzz: install

@@ -1,0 +1,241 @@
+"""Studies whose processes are killed again and again: ``python -m tests.kills.engines [--only pool,join,dask]``.
+
+Killed commands and workers are started anew, as a cluster would do. In the end every run must be there, the tables must
+be those of an undisturbed study, and no more runs may have been begun than there are, and one for each kill.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from tests.kills.campaign import PATIENCE, ROOT, start
+
+_STUDY: Final = """scenario = "cambered-road"
+seeds = [1, 2, 3]
+[set]
+"course.length" = 100
+off_tracking = "truth"
+trailer_steering = "counted:Counted"
+[vary]
+speed_kmh = [36, 40, 44, 48]
+"""
+_RUNS: Final = 12
+_STARTS: Final = "starts.txt"
+_LAW: Final = """import os
+from controllers.trailer_steering.unsteered import Unsteered
+
+class Counted(Unsteered):
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        descriptor = os.open({path!r}, os.O_CREAT | os.O_APPEND | os.O_WRONLY)
+        os.write(descriptor, b"x")
+        os.close(descriptor)
+"""
+_SWEEP: Final = ["sweep", "study.toml", "--out", "out"]
+_LEASE: Final = "3"  # [s]
+
+
+class Disturbed(NamedTuple):
+    """A study on one of the engines, while it is made."""
+
+    is_made: Callable[[], bool]
+    kill: Callable[[random.Random], bool]  # one process, which is started again; False if there was none to kill
+
+
+@contextmanager
+def _pool(folder: Path) -> Iterator[Disturbed]:
+    """One command with two worker processes, which are killed."""
+    sweep = [*_SWEEP, "--jobs", "2"]
+    running = [start(sweep, folder)]
+
+    def is_made() -> bool:
+        code = running[0].poll()
+        if code == 1:  # a run that was killed twice has failed: the next command makes it again
+            running[0].communicate()
+            running[0] = start(sweep, folder)
+        elif code:
+            raise RuntimeError(running[0].communicate()[1].strip()[-500:])
+        return code == 0
+
+    def kill(rng: random.Random) -> bool:
+        workers = [pid for pid in _children(running[0].pid) if "popen_loky" in _command(pid)]
+        if workers:
+            _end(rng.choice(workers))
+        return bool(workers)
+
+    yield Disturbed(is_made, kill)
+
+
+@contextmanager
+def _join(folder: Path) -> Iterator[Disturbed]:
+    """Three commands in one folder, which are killed with their workers."""
+    sweep = [*_SWEEP, "--join", "--lease", _LEASE, "--jobs", "1"]
+    running = [start(sweep, folder) for _ in range(3)]
+
+    def kill(rng: random.Random) -> bool:
+        victim = rng.randrange(len(running))
+        if running[victim].poll() is not None:
+            return False
+        os.killpg(running[victim].pid, signal.SIGKILL)
+        running[victim].communicate()
+        running[victim] = start(sweep, folder)
+        return True
+
+    yield Disturbed(lambda: any(process.poll() is not None for process in running), kill)
+    for process in running:
+        said = process.communicate(timeout=PATIENCE)[1]
+        if process.returncode != 0:
+            raise RuntimeError(f"a command ended with {process.returncode}: {said.strip()[-500:]}")
+
+
+@contextmanager
+def _dask(folder: Path) -> Iterator[Disturbed]:
+    """One command on a scheduler with two workers, which are killed."""
+    scheduler_file = folder / "scheduler.json"
+    words = ["--scheduler-file", str(scheduler_file), "--host", "127.0.0.1"]
+    scheduler = _dask_process(folder, "scheduler", *words, "--port", "0", "--no-dashboard")
+    workers: list[subprocess.Popen[bytes]] = []
+
+    def add() -> None:
+        more = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder / "dask")]
+        workers.append(_dask_process(folder, "worker", *words, *more))
+
+    try:
+        while not scheduler_file.exists():
+            time.sleep(0.1)
+        add()
+        add()
+        command = start([*_SWEEP, "--scheduler", str(scheduler_file)], folder)
+
+        def kill(rng: random.Random) -> bool:
+            _end_group(workers.pop(rng.randrange(len(workers))))
+            add()
+            return True
+
+        yield Disturbed(lambda: command.poll() is not None, kill)
+        said = command.communicate(timeout=PATIENCE)[1]
+        if command.returncode != 0:
+            raise RuntimeError(f"the command ended with {command.returncode}: {said.strip()[-500:]}")
+    finally:
+        for process in (*workers, scheduler):
+            _end_group(process)
+
+
+ENGINES: Final = {"pool": _pool, "join": _join, "dask": _dask}
+
+
+def disturbed(engine: str, folder: Path, pauses: tuple[float, float], rng: random.Random) -> tuple[int, float]:
+    """Make the study in a folder with kills after pauses of this range [s]; returns their number and the time [s]."""
+    begin, kills = time.monotonic(), 0
+    with ENGINES[engine](folder) as study:
+        due = begin + rng.uniform(*pauses)
+        while not study.is_made():
+            time.sleep(0.05)
+            if time.monotonic() > due:
+                kills += study.kill(rng)
+                due = time.monotonic() + rng.uniform(*pauses)
+            if time.monotonic() - begin > 3.0 * PATIENCE:
+                raise RuntimeError(f"not made after {3.0 * PATIENCE:g} s")
+    return kills, time.monotonic() - begin
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Repeat studies with kills, and compare their tables with an undisturbed one."""
+    parser = argparse.ArgumentParser(description="Kill processes of studies.")
+    parser.add_argument("--only", default=",".join(ENGINES), help="engines, separated by commas")
+    parser.add_argument("--repetitions", type=int, default=3)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--pauses", type=float, nargs=2, default=(6.0, 12.0), help="between kills [s]")
+    chosen = parser.parse_args(arguments)
+    engines, rng, wrong = chosen.only.split(","), random.Random(chosen.seed), 0
+    if "dask" in engines and importlib.util.find_spec("distributed") is None:
+        engines.remove("dask")
+        print("dask is left out: the extra cluster is not installed")
+    with tempfile.TemporaryDirectory(prefix="offtrack-kills-") as temporary:
+        calm = _prepared(Path(temporary) / "calm")
+        if start([*_SWEEP, "--jobs", "2"], calm).wait() != 0:
+            raise RuntimeError("the undisturbed study fails")
+        expected = (calm / "out" / "table.csv").read_text(encoding="utf-8")
+        for engine in engines:
+            for k in range(chosen.repetitions):
+                folder = _prepared(Path(temporary) / f"{engine}{k}")
+                kills, seconds = disturbed(engine, folder, tuple(chosen.pauses), rng)
+                problems = list(_problems(folder, expected, kills))
+                begun = len((folder / _STARTS).read_bytes())
+                verdict = "; ".join(problems) or "ok"
+                print(
+                    f"{engine}: {kills} kills in {seconds:.0f} s, {begun} of {_RUNS} runs begun: {verdict}", flush=True
+                )
+                wrong += bool(problems)
+    return 1 if wrong else 0
+
+
+def _problems(folder: Path, expected: str, kills: int) -> Iterator[str]:
+    out = folder / "out"
+    if (out / "table.csv").read_text(encoding="utf-8") != expected:
+        yield "the table is DIFFERENT"
+    if (cells := len(list((out / "cells").glob("*.json")))) != _RUNS:
+        yield f"{cells} runs are saved"
+    if (begun := len((folder / _STARTS).read_bytes())) > _RUNS + kills:
+        yield f"{begun - _RUNS} runs were begun twice"
+    for name in ("claims", "failed"):
+        yield from (f"{path.name} is left" for path in (out / name).glob("*"))
+    yield from (f"{path.name} is left" for path in out.rglob(".*.unfinished"))
+
+
+def _prepared(folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "study.toml").write_text(_STUDY, encoding="utf-8")
+    (folder / "counted.py").write_text(_LAW.format(path=str(folder / _STARTS)), encoding="utf-8")
+    return folder
+
+
+def _dask_process(folder: Path, *words: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "dask", *words],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def _end_group(process: subprocess.Popen[bytes]) -> None:
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _end(process: int) -> None:
+    os.kill(process, signal.SIGKILL)
+
+
+def _children(process: int) -> list[int]:
+    tasks = Path(f"/proc/{process}/task")
+    try:
+        return [int(pid) for task in tasks.iterdir() for pid in (task / "children").read_text().split()]
+    except OSError:  # it has just ended
+        return []
+
+
+def _command(process: int) -> str:
+    try:
+        return Path(f"/proc/{process}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+if __name__ == "__main__":
+    sys.exit(main())
