@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 SYSTEM_PACKAGES := libegl1 libgl1 libgl1-mesa-dri
 
-.PHONY: demo test install system lint benchmarks fuzz kills soak clean
+.PHONY: demo test install system lint benchmarks fuzz kills soak soak-hour clean
 
 demo: install
 	@rm -rf runs/demo
@@ -38,6 +38,11 @@ fuzz: install
 # Memory, descriptors and threads over many repetitions; CYCLES is a factor: make soak CYCLES=0.2
 soak: install
 	$(BIN)/python -m tests.soak --cycles $(or $(CYCLES),1)
+
+# Memory of one long run without and with cameras: make soak-hour MINUTES=60
+soak-hour: install
+	$(BIN)/python -m tests.soak.hour --minutes $(or $(MINUTES),60)
+	$(BIN)/python -m tests.soak.hour --minutes $(or $(MINUTES),60) --cameras
 
 install: $(STAMP)
 

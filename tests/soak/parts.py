@@ -14,6 +14,10 @@ from tests.fuzz.files import settings
 from tests.fuzz.specimens import RIG, SHORT, SHORT_ROVER, make
 
 Cycle = Callable[[], object]
+_TURN: Final = (
+    *("course.turn_deg=10", "course.entry=2", "course.exit=1", "speed_kmh=20"),
+    *("rig.width=320", "rig.height=200", "world.scenery_density=0"),
+)
 
 
 class Part(NamedTuple):
@@ -112,6 +116,22 @@ def _command(*arguments: str, specimen: str = "") -> Callable[[Path], Any]:
     return opened
 
 
+def _runs(scenario: str, *keys: str) -> Callable[[Path], Any]:
+    """Runs in one process, as of a program that makes thousands."""
+
+    @contextmanager
+    def opened(folder: Path) -> Iterator[Cycle]:
+        from scenarios.loop.run import run_any
+        from scenarios.options.scenario import load_any_scenario
+
+        def cycle() -> None:
+            assert not run_any(load_any_scenario(scenario, list(keys)), 1).traceback
+
+        yield cycle
+
+    return opened
+
+
 @contextmanager
 def _refusals(folder: Path) -> Iterator[Cycle]:
     """Damaged files of several kinds."""
@@ -150,6 +170,8 @@ PARTS: Final = (
     Part("trailer with cameras", _environment("TrailerSteering-v0", 6, observation="camera", image_scale=8), 8, 3.0),
     Part("rover with a camera", _environment("RoverSteering-v0", 4, observation="camera"), 15, 1.0),
     Part("long run", _long_run, 40),
+    Part("runs in one process", _runs("lane-change", *SHORT), 1000, 0.02),
+    Part("runs with cameras in one process", _runs("turn-90", *_TURN, "off_tracking=viso_ot"), 100, 0.2),
     Part("trailer runs and reports", _command("run", "lane-change", *settings(*SHORT), "--no-video"), 20, 0.6),
     Part("rover runs, reports and videos", _command("run", "rover-slope", *settings(*SHORT_ROVER)), 10, 1.0),
     Part("vehicle sheets", _command("vehicle", "uk_longer_semitrailer"), 20, 0.6),

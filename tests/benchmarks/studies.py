@@ -1,0 +1,73 @@
+"""Cost of a study's machinery, and its scaling: ``python -m tests.benchmarks.studies --runs 2000``, on a quiet machine.
+
+Overhead: processor time of the study over that of its runs alone (scenario resolved, loop, summary) in one process,
+less one. Scaling: wall time with one process over that with two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Final
+
+from scenarios.loop.run import run_any
+from scenarios.results.summary import summary
+from scenarios.studies.case import Case
+from scenarios.studies.pool import run_cases
+
+_FIXED: Final = (("off_tracking", "truth"), ("course.turn_deg", "90"), ("reference_unit", "false"))
+_ALONE: Final = 60  # runs in this process
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=2000)
+    parser.add_argument("--of-one-process", type=int, default=300, help="runs with one process, for the scaling")
+    options = parser.parse_args()
+    own = _own_seconds()
+    with tempfile.TemporaryDirectory(prefix="offtrack-studies-") as folder:
+        slow, _ = _study(options.of_one_process, 1, Path(folder) / "one")
+        fast, seconds = _study(options.runs, 2, Path(folder) / "two")
+    print(f"a run alone: {own:.3f} s of processor time; in a study of {options.runs} with 2 processes: {seconds:.3f} s")
+    print(f"overhead: {100.0 * (seconds / own - 1.0):.1f} % (bar 10 %)")
+    print(f"wall time of a run: {slow:.3f} s with 1 process, {fast:.3f} s with 2: scaling {slow / fast:.2f} (bar 1.8)")
+    return 0
+
+
+def _cases(count: int) -> list[Case]:
+    return [Case(scenario="roundabout", fixed=_FIXED, axes=(), seed=seed) for seed in range(1, count + 1)]
+
+
+def _own_seconds() -> float:
+    """Processor time of a run alone [s]."""
+    first, *cases = _cases(_ALONE + 1)
+    run_any(first.resolved(), first.seed)  # imports, and the engine's compilation
+    begin = time.process_time()
+    for case in cases:
+        summary(run_any(case.resolved(), case.seed))
+    return (time.process_time() - begin) / len(cases)
+
+
+def _study(count: int, jobs: int, cells: Path) -> tuple[float, float]:
+    """Wall time and processor time of a run in a study [s]."""
+    begin, before = time.monotonic(), _seconds()
+    outcomes = run_cases(_cases(count), cells, jobs=jobs)
+    wall = time.monotonic() - begin
+    if not all(outcome.completed for outcome in outcomes):
+        raise RuntimeError("a run is not completed")
+    return wall / count, (_seconds() - before) / count
+
+
+def _seconds() -> float:
+    """Processor time of this process and of its children that have ended [s]."""
+    usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
