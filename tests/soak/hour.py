@@ -28,7 +28,7 @@ _STRAIGHT: Final = ("course.length=5000", "speed_kmh=4.9", "trailer_steering=pat
 _TRUTH: Final = ("off_tracking=truth",)
 _CAMERAS: Final = (
     *("off_tracking=viso_ot", "rig.rate_hz=2", "rig.width=336", "rig.height=200"),
-    *("world.scenery_density=0.02", "world.tarmac_patches=false"),
+    *("world.scenery_density=0.02", "world.tarmac_patches=0"),
 )
 
 

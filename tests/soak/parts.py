@@ -15,7 +15,7 @@ from tests.fuzz.specimens import RIG, SHORT, SHORT_ROVER, make
 
 Cycle = Callable[[], object]
 _TURN: Final = (
-    *("course.turn_deg=10", "course.entry=2", "course.exit=1", "speed_kmh=20"),
+    *("course.turn_deg=10", "course.entry=20", "course.exit=5", "speed_kmh=40", "rig.rate_hz=2"),
     *("rig.width=320", "rig.height=200", "world.scenery_density=0"),
 )
 
