@@ -11,6 +11,7 @@ import typer
 from scenarios.commands import (
     assess,
     calibrate,
+    campaign,
     draw,
     estimate,
     export,
@@ -76,6 +77,7 @@ app.command()(validate.validate)
 app.command(epilog=lines(calibrate.EXAMPLES))(calibrate.calibrate)
 app.command(epilog=lines(study.COMPARE_EXAMPLES))(study.compare)
 app.command(epilog=lines(study.SWEEP_EXAMPLES))(study.sweep)
+app.command(epilog=lines(campaign.EXAMPLES))(campaign.campaign)
 app.command(epilog=lines(tune.EXAMPLES))(tune.tune)
 app.command(epilog=lines(train.EXAMPLES))(train.train)
 app.command(name="convert-policy", epilog=lines(train.CONVERT_EXAMPLES))(train.convert_policy)

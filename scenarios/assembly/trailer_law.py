@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from controllers.checked import CheckedLaw
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.guard import Degradation, Guarded
-from controllers.trailer_steering.reverse_lock import ReverseLock
+from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
+from controllers.trailer_steering.reverse_lock import ReverseLock, ReverseLockMemory
 from scenarios.catalogue import TRAILER_STEERING, constructed, resolve
 from scenarios.options.scenario import Scenario
 from vehicle.option import Option, Parameter, declared_options
@@ -64,6 +64,12 @@ def trailer_law(
     if law_uses_off_tracking(name):
         law = Guarded(law, trailer, combination, degradation or Degradation())
     return ReverseLock(law, trailer)
+
+
+def fallback_steers(memory: object) -> bool:
+    """True while the fallback steers in place of a law, by the memory of what `trailer_law` has constructed."""
+    guard = memory.law if isinstance(memory, ReverseLockMemory) else memory
+    return isinstance(guard, GuardMemory) and not guard.steers
 
 
 def bare_law(

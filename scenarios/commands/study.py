@@ -76,6 +76,23 @@ Out = Annotated[
     typer.Option(help="Output directory; an existing study is resumed.", show_default=False),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only the rows, as JSON.")]
+Join = Annotated[
+    bool,
+    typer.Option(
+        "--join",
+        help="Work on the study together with other commands that have --join, also on other machines with the "
+        "same output directory; each makes runs that nobody else has begun.",
+    ),
+]
+Lease = Annotated[
+    float,
+    typer.Option(help="Time without a sign of life after which --join takes over a run of another command [s]."),
+]
+Status = Annotated[bool, typer.Option("--status", help="Print what is finished, running and waiting; run nothing.")]
+Where = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
+]
 
 
 class Cluster(NamedTuple):
@@ -205,25 +222,10 @@ def sweep(
     scheduler: Scheduler = None,
     job_queue: JobQueue = None,
     patience: Patience = 60.0,
-    join: Annotated[
-        bool,
-        typer.Option(
-            "--join",
-            help="Work on the study together with other commands that have --join, also on other machines with the "
-            "same output directory; each makes runs that nobody else has begun.",
-        ),
-    ] = False,
-    lease: Annotated[
-        float,
-        typer.Option(help="Time without a sign of life after which --join takes over a run of another command [s]."),
-    ] = 30.0,
-    status: Annotated[
-        bool, typer.Option("--status", help="Print what is finished, running and waiting; run nothing.")
-    ] = False,
-    where: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Make the runs with this value again. May be repeated."),
-    ] = None,
+    join: Join = False,
+    lease: Lease = 30.0,
+    status: Status = False,
+    where: Where = None,
     out: Out = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -241,7 +243,7 @@ def sweep(
         study = load_study(study_file)
         again = settings_of(where or [], "--where")
         if status:
-            _print_status(study, out or Path("runs") / title, as_json=as_json)
+            print_status(study, out or Path("runs") / title, as_json=as_json)
             return
     _run_study(
         title,
@@ -257,13 +259,18 @@ def sweep(
     )
 
 
-def _print_status(study: Study, directory: Path, *, as_json: bool) -> None:
+def print_status(study: Study, directory: Path, *, as_json: bool) -> None:
+    """Print the state of a study in its directory.
+
+    Raises:
+        ValueError: one line, if the directory holds none, or another one.
+    """
     from scenarios.studies.files import check_study_directory
     from scenarios.studies.status import silent_for, status
 
     if not directory.is_dir():
         raise ValueError(f"{directory}: there is no study yet: leave out --status, or name its --out")
-    check_study_directory(directory)
+    check_study_directory(directory, study.file)
     now = status(study, directory)
     if as_json:
         numbers = {
@@ -275,6 +282,7 @@ def _print_status(study: Study, directory: Path, *, as_json: bool) -> None:
                 for run, claim in now.running
             ],
             "waiting": now.waiting,
+            "spared": now.spared,
             "mean_s": now.mean_seconds,
             "remaining_s": now.remaining_seconds,
             "machines": list(now.machines),
@@ -289,7 +297,8 @@ def _print_status(study: Study, directory: Path, *, as_json: bool) -> None:
     table.add_row(*map(str, (now.finished, len(now.running), now.waiting, len(now.failed))), *seconds)
     console.print(table)
     if study.stop:
-        console.print("[stop] may end the study before all runs are made", markup=False, soft_wrap=True)
+        line = f"[stop] spares {now.spared} draws so far, and may spare more of those that wait"
+        console.print(line, markup=False, soft_wrap=True)
     for run, claim in now.running:
         line = f"running: {run} on {claim.host}, process {claim.process}, last sign {silent_for(claim):.0f} s ago"
         console.print(line, soft_wrap=True)

@@ -17,6 +17,7 @@ from controllers.trailer_steering.guard import signal_findings
 from estimators.estimates import CameraOffTracking, OffTracking
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
+from scenarios.assembly.trailer_law import fallback_steers
 from scenarios.hil.demands import DRIVER
 from scenarios.hil.link import Link
 from scenarios.loop.bench import Sensed, TrailerBench, opened_bench
@@ -74,6 +75,7 @@ class SteeredTrailer:
         self.off_tracking: OffTracking | None = None  # newest that has reached the law
         self._received = 0  # estimates of the channel that were sent to the law
         self._arrived = self.demand.angles  # demand at the actuators [rad]
+        self.handovers: list[tuple[int, bool]] = []  # ticks at which law and fallback change; True: to the fallback
         self._law = Stateful(trailer.law.init(), trailer.law.step)
 
     @property
@@ -111,6 +113,9 @@ class SteeredTrailer:
     def control(self, truth: Truth) -> None:
         """Update the law's demand."""
         self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
+        by_fallback = fallback_steers(self._law.memory)
+        if by_fallback != (bool(self.handovers) and self.handovers[-1][1]):
+            self.handovers.append((truth.tick, by_fallback))
 
 
 class CombinationPilot:

@@ -14,7 +14,7 @@ import numpy as np
 
 from scenarios.assembly.adapters import outlines
 from scenarios.assembly.rover import assemble_rover
-from scenarios.assembly.trailer import Assembly, assemble, trailer_stream
+from scenarios.assembly.trailer import LOG_PERIOD, Assembly, assemble, trailer_stream
 from scenarios.hil.link import Link
 from scenarios.hil.record import RECORD_NAME
 from scenarios.loop.combination import SteeredTrailer, TrailerSession
@@ -341,7 +341,15 @@ def _track(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Tr
         estimates=trailer.estimates,
         X_SC=cameras.calibration.X_SC if cameras else None,
         reference=None if truths is None else _reference(session, trailer, truths),
+        fallback=_fallback(session, trailer) if session.parts.scenario.faults else None,
     )
+
+
+def _fallback(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
+    """1 in rows in which the fallback steers the trailer, 0 in others."""
+    ticks = [tick for tick, _ in trailer.handovers]
+    states = np.array([0.0, *(float(by_fallback) for _, by_fallback in trailer.handovers)])
+    return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
 
 
 def _reference(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth]) -> FloatArray:

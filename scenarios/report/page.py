@@ -28,6 +28,7 @@ class Cell(NamedTuple):
     emphasis: Emphasis = ""
     colour: str = ""  # CSS colour of a square in front of the text
     share: float | None = None  # length of a bar behind the text, 0 … 1
+    link: str = ""  # address that the text leads to
 
 
 Row = Sequence[str | Cell]  # a row of one cell is the title of the rows below it
@@ -52,6 +53,25 @@ class Table:
         """Cells of a row with their columns."""
         plain = [cell if isinstance(cell, Cell) else Cell(cell) for cell in row]
         return list(zip(self.columns, plain, strict=True))
+
+
+class Shade(NamedTuple):
+    """A field of a matrix: a short text on a colour that stands for a share."""
+
+    text: str
+    share: float  # 0 … 1
+    meaning: str  # shown when the pointer is on it
+    link: str = ""  # address that the text leads to
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Shares as colours, from the paper's to a strong one, with their numbers; columns are in groups."""
+
+    groups: Sequence[tuple[str, Sequence[str]]]  # title and columns of each
+    rows: Sequence[tuple[str, Sequence[Shade | None]]]  # title and fields of each; None: nothing is known
+    meaning: str  # of the colour
+    kind: ClassVar = "matrix"
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +193,7 @@ class Explorer:
         return explorer_script()
 
 
-Content = Table | Figure | Photos | Bar | Items | Preformatted | Player | Explorer
+Content = Table | Matrix | Figure | Photos | Bar | Items | Preformatted | Player | Explorer
 
 
 class Verdict(NamedTuple):

@@ -66,6 +66,7 @@ class TrailerTrack:
     estimates: Iterable[Estimate]  # delivered ones, in order; captures coincide with rows
     X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
     reference: FloatArray | None = None  # off-tracking by a reference unit in each row [m]
+    fallback: FloatArray | None = None  # 1 in rows in which the fallback steers, 0 in others; None: not asked for
 
 
 def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
@@ -140,6 +141,8 @@ def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack
         name = f"steer_trailer_{k + 1}"
         yield Signal(name, "rad", f"road-wheel angle of steered axle {k + 1}, + left"), angles
         yield Signal(f"{name}_command", "rad", "the controller's demand for that angle"), demands
+    if trailer.fallback is not None:
+        yield Signal("fallback", "-", "1 while the fallback steers in place of the law, else 0"), trailer.fallback
 
 
 def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +17,7 @@ from scenarios.results.numbers import number_at
 from scenarios.studies.identity import content, identity
 from scenarios.studies.part_parameters import expanded
 from scenarios.studies.provenance import Made
+from vehicle.user_file import shown
 
 MOST_CASES: Final = 20_000  # of a study
 RUN: Final = "run"  # axis of finished runs
@@ -29,19 +32,22 @@ class Case:
     fixed: Settings  # common to all runs of the study
     axes: Settings  # values of this run on the axes
     seed: int
-    drawn: Settings = ()  # values that were drawn for this run
+    drawn: Settings = ()  # values that were drawn for this run; a key in braces is a word of other values
 
     @property
     def settings(self) -> tuple[str, ...]:
         """All settings as KEY=VALUE; of a part with a file of parameters, the parameters too."""
-        pairs = (*self.fixed, *self.axes, *self.drawn)
-        return tuple(f"{key}={value}" for pair in pairs for key, value in expanded(*pair))
+        pairs = (*self.fixed, *self.axes, *(pair for pair in self.drawn if not is_word(pair[0])))
+        whole = ((key, composed(key, value, self.drawn)) for key, value in pairs)
+        return tuple(f"{key}={value}" for pair in whole for key, value in expanded(*pair))
 
     @property
     def title(self) -> str:
         """Values on the axes and the seed, which identify the run in its study."""
-        drawn = (f"{key}={_short(value)}" for key, value in self.drawn)
-        return " ".join([*(f"{key}={value}" for key, value in self.axes), *drawn, f"seed={self.seed}"])
+        words = [(key, _short(value)) for key, value in self.drawn]
+        drawn = (f"{key}={value}" for key, value in words if not is_word(key))
+        axes = (f"{key}={composed(key, value, words)}" for key, value in self.axes)
+        return " ".join([*axes, *drawn, f"seed={self.seed}"])
 
     def resolved(self) -> Scenario | RoverScenario:
         """The scenario with all settings.
@@ -127,6 +133,30 @@ def cases_of(
         point = tuple(zip(axes, values, strict=True))
         for seed, drawn in sampled:
             yield Case(scenario=scenario, fixed=fixed, axes=point, seed=seed, drawn=drawn)
+
+
+def is_word(key: str) -> bool:
+    """True for a drawn key in braces, ``{share}``: no key of the scenario, but a word in values of other keys."""
+    return key.startswith("{") and key.endswith("}")
+
+
+def composed(key: str, value: str, drawn: Iterable[tuple[str, str]]) -> str:
+    """The value with drawn words in their places: ``{share}``, or ``{share:.3f}`` with three decimals.
+
+    Raises:
+        ValueError: one line, if a number cannot be written in the format.
+    """
+    for word, text in drawn:
+        if is_word(word) and word[:-1] in value:
+            value = re.sub(rf"{re.escape(word[:-1])}(:[^{{}}]*)?}}", partial(_written, key, text), value)
+    return value
+
+
+def _written(key: str, text: str, place: re.Match[str]) -> str:
+    try:
+        return format(float(text), place[1][1:]) if place[1] else text
+    except ValueError:
+        raise ValueError(f"{key}: {text} cannot be written as {shown(place[0])}: give a format such as :.3f") from None
 
 
 def _short(value: str) -> str:

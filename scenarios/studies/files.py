@@ -15,7 +15,7 @@ from pyarrow import csv as pa_csv
 from scenarios.results.files import replaced, replacing, unfinished_files, user_of
 from scenarios.studies.case import Outcome
 from scenarios.studies.runs_table import runs_table
-from scenarios.studies.study import FILE, Study, load_study
+from scenarios.studies.study import FILE, Study
 from scenarios.studies.table import Row, shown_quantities, table_csv
 
 CELLS: Final = "cells"  # folder of the runs
@@ -38,10 +38,10 @@ def check_study_directory(directory: Path, file: str = FILE) -> None:
 def study_text(study: Study, directory: Path) -> str:
     """The study as TOML: the file that is in the directory, with its comments, if it describes the same study."""
     try:
-        same = load_study(directory / FILE) == study
+        same = study.load(directory / study.file) == study
     except ValueError:
         same = False
-    return (directory / FILE).read_text(encoding="utf-8") if same else study.to_toml()
+    return (directory / study.file).read_text(encoding="utf-8") if same else study.to_toml()
 
 
 @contextmanager

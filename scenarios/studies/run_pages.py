@@ -23,14 +23,15 @@ _MOST_AXES: Final = 10  # of the drawing
 _MOST_DRAWN: Final = 3000  # runs in the drawing
 
 
-def write_run_pages(outcomes: Sequence[Outcome], directory: Path) -> list[str]:
+def write_run_pages(outcomes: Sequence[Outcome], directory: Path, first: Sequence[int] = ()) -> list[str]:
     """Write a page for each run that can be played, and return their addresses, empty where there is none.
 
-    Of more than 60 runs those have pages that ended otherwise than by completing the course, and those with the largest
-    first number of the table.
+    Of more than 60 runs those have pages that are named ``first`` by their indices, those that ended otherwise than by
+    completing the course, and those with the largest first number of the table.
     """
     links = [""] * len(outcomes)
-    chosen = sorted(range(len(outcomes)), key=lambda k: _interest(outcomes[k]), reverse=True)[:_MOST]
+    others = sorted(range(len(outcomes)), key=lambda k: _interest(outcomes[k]), reverse=True)
+    chosen = list(dict.fromkeys([*first, *others]))[:_MOST]
     for k in sorted(chosen):
         try:
             page = run_page(_finished(outcomes[k], outcomes[k].case.title), _VALUES)
@@ -85,7 +86,7 @@ def explorer(outcomes: Sequence[Outcome], links: Sequence[str]) -> Explorer | No
     if len(outcomes) < 2 or not quantities:
         return None
     words = {key: not all(_is_number(_values(outcome)[key]) for outcome in outcomes) for key in varied}
-    axes = [ExplorerAxis(key.rpartition(".")[2], words=words[key], varied=True) for key in varied]
+    axes = [ExplorerAxis(key.strip("{}").rpartition(".")[2], words=words[key], varied=True) for key in varied]
     axes += [ExplorerAxis("seed", digits=0, varied=True)] if seeds else []
     axes += [ExplorerAxis(q.label, q.unit, q.digits) for q in quantities]
     runs = [

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.studies.case import identities
+from scenarios.studies.case import Case, identities
 from scenarios.studies.claims import Claim, Claims
 from scenarios.studies.files import CELLS
 from scenarios.studies.join import CLAIMS, FAILED, PLAN, planned
-from scenarios.studies.pool import summary_file
+from scenarios.studies.pool import outcome_of, summary_file
 from scenarios.studies.provenance import Made
+from scenarios.studies.stopping import spared
 from scenarios.studies.study import Study
 
 
@@ -28,11 +29,12 @@ class Status:
     running: Sequence[tuple[str, Claim]]  # title, and whose it is
     mean_seconds: float | None  # of the finished runs
     machines: Sequence[str]
+    spared: int = 0  # draws that need not be made, as the probabilities of their points are known
 
     @property
     def waiting(self) -> int:
-        """Number of runs that nobody has begun."""
-        return self.runs - self.finished - len(self.failed) - len(self.running)
+        """Number of runs that nobody has begun; with ``stop``, at most so many."""
+        return self.runs - self.spared - self.finished - len(self.failed) - len(self.running)
 
     @property
     def remaining_seconds(self) -> float | None:
@@ -52,12 +54,8 @@ def status(study: Study, directory: Path) -> Status:
     names = planned(cases, directory) if (directory / PLAN).exists() else identities(cases)
     titles = {name: case.title for name, case in zip(names, cases, strict=True)}
     saved = [name for name in titles if summary_file(directory / CELLS, name).exists()]
-    failures = directory / FAILED
-    failed = [
-        (titles[path.name], path.read_text(encoding="utf-8"))
-        for path in (sorted(failures.iterdir()) if failures.is_dir() else ())
-        if path.name in titles and path.name not in saved
-    ]
+    reasons = {name: text for name, text in _failures(directory / FAILED) if name in titles and name not in saved}
+    failed = [(titles[name], text) for name, text in reasons.items()]
     claims = Claims(directory / CLAIMS).all() if (directory / CLAIMS).is_dir() else []
     running = [(titles[claim.name], claim) for claim in claims if claim.name in titles and claim.name not in saved]
     provenance = [made for name in saved if (made := _made(summary_file(directory / CELLS, name))) is not None]
@@ -68,7 +66,24 @@ def status(study: Study, directory: Path) -> Status:
         running=running,
         mean_seconds=sum(made.seconds for made in provenance) / len(provenance) if provenance else None,
         machines=tuple(dict.fromkeys(made.machine for made in provenance)),
+        spared=_spared(study, cases, names, directory / CELLS, reasons) if study.stop else 0,
     )
+
+
+def _spared(study: Study, cases: Sequence[Case], names: Sequence[str], cells: Path, failed: Mapping[str, str]) -> int:
+    """Number of draws that are not made and need not be."""
+    done = {
+        k: outcome_of(case, cells, name, failed)
+        for k, (name, case) in enumerate(zip(names, cases, strict=True))
+        if name in failed or summary_file(cells, name).exists()
+    }
+    return len(spared(cases, study.intervals, study.stop, done) - set(done)) if study.stop else 0
+
+
+def _failures(folder: Path) -> Iterator[tuple[str, str]]:
+    """Names of the runs that failed while commands worked together, and why."""
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        yield path.name, path.read_text(encoding="utf-8")
 
 
 def silent_for(claim: Claim) -> float:

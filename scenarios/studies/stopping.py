@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Final
 
 from pydantic import Field
 
 from scenarios.options.base import Options
 from scenarios.studies.case import MOST_CASES, Case, Outcome, Settings
-from scenarios.studies.spread import exceeding
+
+Intervals = Callable[[Sequence[Outcome], Settings], Iterable[tuple[float, float]]]
 
 _NARROWEST: Final = 1e-4
 _WIDEST: Final = 0.5
@@ -24,7 +25,7 @@ class Stop(Options):
 
 def made_in_batches(
     cases: Sequence[Case],
-    limits: Mapping[str, float],
+    intervals: Intervals,
     stop: Stop,
     make: Callable[[Sequence[int]], Sequence[Outcome]],
 ) -> list[Outcome]:
@@ -35,25 +36,43 @@ def made_in_batches(
 
     Args:
         cases: all runs of the study.
-        limits: largest values by the paths of numbers of the summary.
+        intervals: of the probabilities that are looked at, from the outcomes so far and the axes of a point.
         stop: the rule.
         make: makes the runs with these indices and returns their outcomes.
     """
-    points: dict[Settings, list[int]] = {}
-    for k, case in enumerate(cases):
-        points.setdefault(case.axes, []).append(k)
+    points = _points(cases)
     done: dict[int, Outcome] = {}
     for first in range(0, max(map(len, points.values())), stop.batch):
         batch = [k for drawn in points.values() for k in drawn[first : first + stop.batch]]
         done |= zip(batch, make(batch), strict=True)
         outcomes = [done[k] for k in sorted(done)]
-        points = {axes: drawn for axes, drawn in points.items() if not _is_known(outcomes, axes, limits, stop)}
+        points = {axes: drawn for axes, drawn in points.items() if not _is_known(intervals(outcomes, axes), stop)}
         if not points:
             break
     return [done[k] for k in sorted(done)]
 
 
-def _is_known(outcomes: Sequence[Outcome], axes: Settings, limits: Mapping[str, float], stop: Stop) -> bool:
-    """True if the interval of every limit is narrow enough at a point."""
-    intervals = (exceeding(outcomes, axes, path, limit).interval() for path, limit in limits.items())
+def spared(cases: Sequence[Case], intervals: Intervals, stop: Stop, done: Mapping[int, Outcome]) -> set[int]:
+    """Indices of the runs that need not be made, as far as the runs that are ``done`` (by their indices) tell."""
+    spare: set[int] = set()
+    for axes, drawn in _points(cases).items():
+        for last in range(stop.batch, len(drawn), stop.batch):
+            if not all(k in done for k in drawn[:last]):
+                break
+            if _is_known(intervals([done[k] for k in drawn[:last]], axes), stop):
+                spare |= set(drawn[last:])
+                break
+    return spare
+
+
+def _points(cases: Sequence[Case]) -> dict[Settings, list[int]]:
+    """Indices of the runs of every point."""
+    points: dict[Settings, list[int]] = {}
+    for k, case in enumerate(cases):
+        points.setdefault(case.axes, []).append(k)
+    return points
+
+
+def _is_known(intervals: Iterable[tuple[float, float]], stop: Stop) -> bool:
+    """True if every interval is narrow enough."""
     return all(high - low <= 2.0 * stop.half_width for low, high in intervals)

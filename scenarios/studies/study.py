@@ -7,17 +7,18 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import tomli_w
 from pydantic import Field, ValidationError
 
 from scenarios.assembly.trailer_law import law_uses_off_tracking
 from scenarios.options.base import Options
-from scenarios.studies.case import Case, Settings, cases_of, identities
+from scenarios.studies.case import Case, Outcome, Settings, cases_of, identities, is_word
 from scenarios.studies.draws import Draws, Sample, read_draws
 from scenarios.studies.part_parameters import parameters_beside
 from scenarios.studies.sensitivity import Sensitivity
+from scenarios.studies.spread import exceeding
 from scenarios.studies.stopping import Stop
 from scenarios.studies.table import QUANTITIES
 from vehicle.parameter_file import nearest, parsed_toml, read_toml
@@ -31,6 +32,8 @@ _LARGEST = 1e12  # number of a limit
 class Study:
     """A grid of runs."""
 
+    file: ClassVar[str] = FILE  # its name in the directory of the study
+
     scenario: str
     fixed: Settings
     axes: Mapping[str, Sequence[str]]  # every key with its values as text
@@ -43,11 +46,22 @@ class Study:
         """All runs; a law that does not use the off-tracking runs with the first off-tracking source only."""
         sources = self.axes.get("off_tracking", ())
         cases = cases_of(self.scenario, self.fixed, self.axes, self.seeds, list(self.draws.settings()))
-        return [
+        chosen = [
             case
             for case in cases
             if dict(case.axes).get("off_tracking") in (None, *sources[:1]) or _uses_off_tracking(case)
         ]
+        has_words = self.draws.sample is not None and any(map(is_word, self.draws.distributions))
+        return _without_repetition(chosen) if has_words else chosen
+
+    def intervals(self, outcomes: Sequence[Outcome], axes: Settings) -> Iterator[tuple[float, float]]:
+        """Intervals of the probabilities that ``stop`` looks at, of the point with these axes."""
+        return (exceeding(outcomes, axes, path, limit).interval() for path, limit in self.limits.items())
+
+    @classmethod
+    def load(cls, path: Path) -> Study:
+        """Load a study of this kind from TOML; see `load_study`."""
+        return load_study(path)
 
     def identity(self) -> str:
         """Hash of the identities of all runs.
@@ -59,8 +73,8 @@ class Study:
 
     def to_toml(self) -> str:
         """The study as TOML for `offtrack sweep`."""
-        vary = {key: [_typed(value) for value in values] for key, values in self.axes.items()}
-        fixed = {key: _typed(value) for key, value in self.fixed}
+        vary = {key: [typed_value(value) for value in values] for key, values in self.axes.items()}
+        fixed = {key: typed_value(value) for key, value in self.fixed}
         more = self.draws.tables() | ({"limits": dict(self.limits)} if self.limits else {})
         more |= {"stop": self.stop.model_dump()} if self.stop else {}
         return tomli_w.dumps({"scenario": self.scenario, "seeds": list(self.seeds), "set": fixed, "vary": vary, **more})
@@ -96,12 +110,12 @@ def load_study(path: Path) -> Study:
     if len(set(table.seeds)) != len(table.seeds):
         raise ValueError(f"study {path}: seeds: a seed is named twice")
     axes: dict[str, tuple[str, ...]] = {}
-    for key, values in _dotted(table.vary):
-        texts = tuple(_text(value) for value in values) if isinstance(values, list | tuple) else ()
+    for key, values in dotted(table.vary):
+        texts = tuple(text_of_value(value) for value in values) if isinstance(values, list | tuple) else ()
         if not texts or len(set(texts)) != len(texts) or key in axes:
             raise ValueError(f"study {path}: vary.{shown(key)} must be one list of different values")
         axes[key] = texts
-    draws = read_draws(str(path), table.sample, list(_dotted(table.draw)), table.sensitivity)
+    draws = read_draws(str(path), table.sample, list(dotted(table.draw)), table.sensitivity)
     if twice := sorted(set(draws.distributions) & set(axes)):
         raise ValueError(f"study {path}: {twice[0]} is varied and drawn: choose one")
     if not axes and not draws:
@@ -116,11 +130,11 @@ def load_study(path: Path) -> Study:
         )
     return Study(
         scenario=table.scenario,
-        fixed=tuple((key, _text(value)) for key, value in _dotted(table.set)),
+        fixed=tuple((key, text_of_value(value)) for key, value in dotted(table.set)),
         axes=axes,
         seeds=table.seeds,
         draws=draws,
-        limits={key: _limit(path, key, value) for key, value in _dotted(table.limits)},
+        limits={key: _limit(path, key, value) for key, value in dotted(table.limits)},
         stop=table.stop,
     )
 
@@ -134,11 +148,11 @@ def _limit(path: Path, key: str, value: Any) -> float:
     return float(value)
 
 
-def _dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def dotted(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Values with their dotted keys."""
     for key, value in table.items():
         if isinstance(value, Mapping):
-            yield from _dotted(value, f"{before}{key}.")
+            yield from dotted(value, f"{before}{key}.")
         else:
             yield f"{before}{key}", value
 
@@ -164,15 +178,24 @@ def _uses_off_tracking(case: Case) -> bool:
     return law is None or law_uses_off_tracking(parameters_beside(law)[0])
 
 
-def _typed(text: str) -> Any:
-    """The TOML value of a text, or else the text itself."""
+def _without_repetition(cases: Sequence[Case]) -> list[Case]:
+    """The cases without those that a case before them equals, as no drawn word is in their values."""
+    first: dict[tuple[Settings, tuple[str, ...], int], Case] = {}
+    for case in cases:
+        first.setdefault((case.axes, case.settings, case.seed), case)
+    return list(first.values())
+
+
+def typed_value(text: str) -> Any:
+    """The TOML value of a setting's text, or else the text itself."""
     try:
         return parsed_toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
 
 
-def _text(value: Any) -> str:
+def text_of_value(value: Any) -> str:
+    """A value of a TOML file as ``--set`` takes it."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):

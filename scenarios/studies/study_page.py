@@ -38,7 +38,7 @@ def study_page(
         sections=[
             *_sections(outcomes, rows, links),
             *_drawn(study, outcomes, rows),
-            *_machines(made_on),
+            *machine_sections(made_on),
             file,
             software_section(versions()),
         ],
@@ -109,7 +109,7 @@ def _spread_table(outcomes: Sequence[Outcome], quantities: Sequence[Quantity]) -
     return Table(columns, lines)
 
 
-def _machines(made_on: Sequence[str]) -> Iterator[Section]:
+def machine_sections(made_on: Sequence[str]) -> Iterator[Section]:
     """A word of caution on runs of several machines."""
     if len(made_on) > 1:
         text = (

@@ -137,7 +137,7 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
         asked.extend(chosen)
         return [outcome_of(cases[k], 0.6 * (k % 2) if cases[k].axes == cases[0].axes else 0.1) for k in chosen]
 
-    outcomes = made_in_batches(cases, read.limits, read.stop, make)
+    outcomes = made_in_batches(cases, read.intervals, read.stop, make)
     made = [sum(one.case.axes == axes for one in outcomes) for axes in (cases[0].axes, cases[-1].axes)]
     assert made == [400, 80]
     assert len(asked) == len(set(asked)) == 480

@@ -1,0 +1,145 @@
+"""A fault of a campaign: its kind, and lists or distributions of amounts, onsets and durations."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Final, NamedTuple
+
+from pydantic import Field, TypeAdapter, ValidationError, field_validator
+
+from scenarios.catalogue import FAULT, resolve
+from scenarios.options.base import Options
+from scenarios.options.faults import FaultOptions, Faults
+from vehicle.option import Option
+
+NONE: Final = "none"  # name of the reference, which has no fault
+END: Final = "end"  # duration of a fault that lasts to the end of the run
+_NAME: Final = re.compile(r"[\w.-]+")
+_LONGEST: Final = 500  # values in a list
+_FAULTS: Final = TypeAdapter(Faults)
+
+
+class FaultTime(NamedTuple):
+    """When a fault acts."""
+
+    onset: float  # [s]
+    end: float | None  # [s]; None: to the end of the run
+
+
+class FaultEntry(Options):
+    """One table ``[[fault]]``. Each list may be a distribution instead, as ``{uniform = [0.1, 0.9]}``."""
+
+    kind: str
+    name: str = ""  # in tables and figures; empty: the kind
+    amounts: Any = ()  # numbers, or lists of numbers for kinds that have several; empty: the kind's defaults
+    onsets: Any = (0.0,)  # [s]
+    durations: Any = (END,)  # [s]
+    seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = ()  # empty: all of the campaign
+    only: dict[str, Any] = Field(default_factory=dict)  # values of the axes with which it runs; others: all
+
+    @field_validator("amounts", "onsets", "durations")
+    @classmethod
+    def _listed(cls, values: Any) -> Any:
+        if isinstance(values, Mapping):
+            return values
+        if not isinstance(values, tuple) or len(values) > _LONGEST or len(set(map(str, values))) < len(values):
+            raise ValueError("must be a list of different values, or a distribution such as {uniform = [0.1, 0.9]}")
+        return values
+
+    @property
+    def title(self) -> str:
+        """Its name in tables and figures."""
+        return self.name or self.kind
+
+    def options(self) -> tuple[Option, ...]:
+        """Numbers of its kind."""
+        return tuple(resolve("kind", self.kind, FAULT).options)
+
+    def texts(self) -> tuple[str, ...]:
+        """The fault with every combination of its lists, as ``faults=`` takes it; drawn numbers are words in braces.
+
+        Raises:
+            ValueError: one line, for a value that the kind does not take.
+        """
+        parts = itertools.product(self._amounts(), self._times("onset"), self._times("duration"))
+        texts = tuple(f"{self.kind}{':' if a else ''}{a}@{onset}{d and f'+{d}'}" for a, onset, d in parts)
+        for text in texts:
+            if "{" not in text:
+                fault_options(text)
+        return texts
+
+    def text_at(self, *, amount: float | None = None, duration: float | None = None) -> str:
+        """The fault with this amount or duration, and the first value of all other lists.
+
+        Raises:
+            ValueError: one line, if a value that it needs is drawn.
+        """
+        text = next(iter(self.model_copy(update=_given(amount, duration)).texts()))
+        if "{" in text:
+            raise ValueError(f"fault {self.title}: bisection takes the first onset, amount and duration: list them")
+        return text
+
+    def drawn(self) -> Iterator[tuple[str, Any]]:
+        """Dotted keys and numbers of the distributions, as the table ``draw`` of a study has them."""
+        for key in ("amount", "onset", "duration"):
+            values = getattr(self, f"{key}s")
+            if isinstance(values, Mapping):
+                for kind, numbers in values.items():
+                    yield f"{{{self.title}.{key}}}.{kind}", numbers
+
+    def check(self) -> None:
+        """Check the name.
+
+        Raises:
+            ValueError: one line.
+        """
+        if not _NAME.fullmatch(self.name or "x") or self.title == NONE:
+            raise ValueError(f"fault {self.title}: a name consists of letters, digits, dots, _ and -, and is not none")
+
+    def _amounts(self) -> list[str]:
+        if isinstance(self.amounts, Mapping):
+            return [f"{{{self.title}.amount:.6g}}"]
+        numbers = [amount if isinstance(amount, tuple) else (amount,) for amount in self.amounts]
+        return [",".join(map(_number, amount)) for amount in numbers] or [""]
+
+    def _times(self, key: str) -> list[str]:
+        values = getattr(self, f"{key}s")
+        if isinstance(values, Mapping):
+            return [f"{{{self.title}.{key}:.3f}}"]
+        return ["" if value == END else _number(value) for value in values] or ["0"]
+
+
+def _given(amount: float | None, duration: float | None) -> dict[str, Any]:
+    given = {"amounts": amount, "durations": duration}
+    return {key: (value,) for key, value in given.items() if value is not None}
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def fault_options(text: str) -> tuple[FaultOptions, ...]:
+    """Faults of a text as ``faults=`` takes it.
+
+    Raises:
+        ValueError: one line.
+    """
+    try:
+        return _FAULTS.validate_python(text)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        message = str(first["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
+        where = ".".join(map(str, first["loc"][1:]))
+        raise ValueError(f"fault {text}: {where}{where and ' '}{message}") from None
+
+
+def fault_time(text: str) -> FaultTime | None:
+    """When the faults of a text act, from the first onset to the last end; None: there is none."""
+    faults = fault_options(text)
+    if not faults:
+        return None
+    ends = [None if fault.duration is None else fault.start + fault.duration for fault in faults]
+    known = [end for end in ends if end is not None]
+    return FaultTime(min(fault.start for fault in faults), max(known) if len(known) == len(ends) else None)

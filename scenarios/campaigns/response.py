@@ -1,0 +1,87 @@
+"""Response of a loop to a fault, from the signals of its run: when it is noticed, and when all is well again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.campaigns.fault_entry import FaultTime
+from scenarios.results.log import OK, Log
+from vehicle.frames import FloatArray
+
+_TRUE: Final = "off_tracking_true_"  # begins the signal of every judged trailer
+_STEADY: Final = 1.0  # for which all must be well to count as recovered [s]
+_ROUNDING: Final = 1e-9  # of times [s]
+
+
+class Response(NamedTuple):
+    """Times of one run [s]. NaN: does not apply. Infinite: it never came."""
+
+    detection: float = math.nan  # from the onset until health is not ok or the fallback steers, of any trailer
+    recovery: float = math.nan  # from the end until health is ok, no fallback steers and all off-tracking is small
+    alarm: bool = False  # health was not ok, or a fallback steered, at some time after the first ok
+
+
+def response(log: Log, fault: FaultTime | None, *, recovered_below: float, completed: bool) -> Response:
+    """Response to a fault.
+
+    The time of a health is that of its capture; control learns of it when the estimate arrives. All is well once it
+    has been for a second without a break, or until a completed course ends.
+
+    Args:
+        log: signals of the run.
+        fault: when it acts; None: never, which leaves the alarms.
+        recovered_below: limit of the off-tracking that counts as recovered [m].
+        completed: the run ended by completing its course.
+    """
+    time, trailers = log["time"], list(_trailers(log))
+    noticed = np.any([noticed for noticed, _, _ in trailers], axis=0) if trailers else np.zeros(len(time), dtype=bool)
+    alarm = any(_alarm(noticed, known) for noticed, known, _ in trailers)
+    if fault is None or not trailers:
+        return Response(alarm=alarm)
+    if time[-1] < fault.onset:
+        return Response(alarm=alarm)
+    detection = _first(time, noticed & (time >= fault.onset - _ROUNDING)) - fault.onset
+    if fault.end is None or time[-1] < fault.end:
+        return Response(detection, math.nan if fault.end is None or completed else math.inf, alarm)
+    small = np.all([~(np.abs(off) > recovered_below) for _, _, off in trailers], axis=0)
+    steady = _steady(time, small & ~noticed, completed=completed)
+    return Response(detection, _first(time, steady & (time >= fault.end - _ROUNDING)) - fault.end, alarm)
+
+
+def _trailers(log: Log) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]]:
+    """Of each trailer: something is noticed, its health is known, and the true off-tracking [m], over time."""
+    for name in (name.removeprefix(_TRUE) for name in log.names if name.startswith(_TRUE)):
+        health = log[f"health_{name}"] if f"health_{name}" in log else np.full(len(log), np.nan)
+        health, known = _held(health), np.isfinite(health)
+        noticed = health > OK
+        fallback = f"fallback_{name}"
+        if fallback in log:
+            noticed |= log[fallback] > 0.0
+        yield noticed, known, log[f"{_TRUE}{name}"]
+
+
+def _held(values: FloatArray) -> FloatArray:
+    """Each value until the next; NaN before the first."""
+    places = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(len(values)), -1))
+    return np.where(places < 0, np.nan, values[np.maximum(places, 0)])
+
+
+def _alarm(noticed: NDArray[np.bool_], known: NDArray[np.bool_]) -> bool:
+    well = np.flatnonzero(known & ~noticed)
+    return bool(well.size and noticed[well[0] :].any())
+
+
+def _steady(time: FloatArray, well: NDArray[np.bool_], *, completed: bool) -> NDArray[np.bool_]:
+    """True where all is well from now on for the time that counts as recovered."""
+    breaks = np.append(time[~well], math.inf if completed else time[-1])
+    following = breaks[np.searchsorted(breaks, time)]
+    return well & (following - time >= _STEADY - _ROUNDING)
+
+
+def _first(time: FloatArray, chosen: NDArray[np.bool_]) -> float:
+    return float(time[np.argmax(chosen)]) if chosen.any() else math.inf

@@ -1,0 +1,298 @@
+"""`offtrack campaign`: how often a loop fails its requirements under faults."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from scenarios.commands.console import (
+    BAD_INPUT,
+    CHECK_FAILED,
+    PlainConsole,
+    Quiet,
+    check_number,
+    one_line_errors,
+    progress_bar,
+    progress_display,
+    remark,
+)
+from scenarios.commands.study import Jobs, Join, Lease, Out, Status, Timeout, Where, print_status
+from scenarios.processes import MOST_JOBS
+
+if TYPE_CHECKING:
+    from scenarios.campaigns.bisection import Search
+    from scenarios.campaigns.campaign import Campaign
+    from scenarios.campaigns.failures import Cell, Times
+    from scenarios.campaigns.run_campaign import Results
+
+EXAMPLES = (
+    "Examples: offtrack campaign --list   offtrack campaign roundabout --set course.turn_deg=90   "
+    "offtrack campaign roundabout-low-friction --controllers path_preview,mpc --seeds 1-4   "
+    "offtrack campaign trailer-steering-faults   offtrack campaign trailer-steering-faults --status   "
+    'Example of a CAMPAIGN.toml:   scenario = "roundabout"   seeds = [1, 2]   [set]   off_tracking = "surrogate"   '
+    '[vary]   trailer_steering = ["path_preview", "mpc"]   surface.friction = [0.8, 0.3]   '
+    '[[fault]]   kind = "gyro_bias"   amounts = [1, 5]   onsets = [6, 9]   durations = [2, "end"]   '
+    "[requirements]   off_tracking.true_max_m = 0.5   time_to_detect_s = 1   time_to_recover_s = 5   "
+    '[[bisect]]   fault = "gyro_bias"   low = 0   high = 20   tolerance = 0.5   [accept]   probability = 0.1'
+)
+_NARROW = 80  # columns that a table must fit into
+
+
+def campaign(
+    target: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="CAMPAIGN | SCENARIO",
+            help="Name of a campaign (see --list) or its TOML file; or a scenario, for a campaign with every fault "
+            "that it can have.",
+            show_default=False,
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scenario in all runs. May be repeated."),
+    ] = None,
+    seeds: Annotated[
+        str | None, typer.Option(help="Seeds, as 1-5 or 1,2,7.", show_default="those of the file; 1-2")
+    ] = None,
+    controllers: Annotated[
+        str | None,
+        typer.Option(
+            help="Of a scenario: comma-separated trailer steering laws; for a rover, values of slip_compensation.",
+            show_default="path_preview,mpc,virtual_driver; none,heading,crab",
+        ),
+    ] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the campaigns that come with offtrack.")] = False,
+    jobs: Jobs = None,
+    timeout: Timeout = None,
+    join: Join = False,
+    lease: Lease = 30.0,
+    status: Status = False,
+    where: Where = None,
+    out: Out = None,
+    quiet: Quiet = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")] = False,
+) -> None:
+    """Run a fault campaign: the probability that a loop fails its requirements, for each fault and law.
+
+    It prints a table and writes a report: intervals of the probabilities, times to detect and to recover, the worst
+    runs, and the smallest fault that fails. Finished runs are saved at once: repeat the command to continue. The exit
+    code is 1 if a probability may be larger than [accept] allows.
+    """
+    from scenarios.campaigns.failures import unaccepted
+    from scenarios.campaigns.run_campaign import run_campaign
+    from scenarios.processes import default_jobs
+    from scenarios.studies.study import settings_of
+
+    with one_line_errors():
+        if listed or target is None:
+            _list(as_json=as_json)
+            raise typer.Exit(0 if listed else BAD_INPUT)
+        check_number("--lease", lease, 1.0, 1e5)
+        check_number("--jobs", jobs, 1, MOST_JOBS)
+        check_number("--timeout", timeout, 1.0, 1e6)
+        chosen = _campaign(target, settings or [], seeds, controllers)
+        title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
+        directory = out or Path("runs") / title
+        if status:
+            print_status(chosen, directory, as_json=as_json)
+            return
+        with progress_display(shown=not (quiet or as_json)) as bar:
+            found = run_campaign(
+                title,
+                chosen,
+                directory,
+                jobs=jobs or default_jobs(),
+                timeout=timeout,
+                join=lease if join else None,
+                again=settings_of(where or [], "--where"),
+                progress=progress_bar(bar, title),
+                remark=remark,
+            )
+    broken = unaccepted(chosen, found.cells)
+    if as_json:
+        typer.echo(json.dumps(_plain(found, broken), indent=2, allow_nan=False))
+    elif not quiet:
+        _print(chosen, found, broken, directory)
+    if broken:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _campaign(target: str, settings: list[str], seeds: str | None, controllers: str | None) -> Campaign:
+    from scenarios.campaigns.campaign import campaign_names, campaign_path, load_campaign, with_changes
+    from scenarios.campaigns.default import default_campaign
+    from scenarios.options.scenario import scenario_names
+    from scenarios.studies.case import listed, seeds_of
+    from scenarios.studies.study import settings_of
+    from vehicle.parameter_file import nearest
+    from vehicle.user_file import shown
+
+    changes, chosen = settings_of(settings, "--set"), None if seeds is None else seeds_of(seeds)
+    laws = None if controllers is None else listed(controllers, "--controllers")
+    path = campaign_path(target)
+    if path is not None:
+        if laws:
+            raise ValueError(f"--controllers {controllers}: the laws are in [vary] of {path}")
+        return with_changes(load_campaign(path), changes, chosen)
+    known = [*campaign_names(), *scenario_names()]
+    if not target.endswith(".toml") and target not in known:
+        raise ValueError(f"unknown campaign or scenario '{shown(target)}'{nearest(target, known)}")
+    return default_campaign(target, changes, laws, chosen)
+
+
+def _list(*, as_json: bool) -> None:
+    from scenarios.campaigns.campaign import campaign_names, campaign_path, load_campaign
+
+    paths = {name: path for name in campaign_names() if (path := campaign_path(name))}
+    loaded = {name: load_campaign(path) for name, path in paths.items()}
+    if as_json:
+        rows = [{"name": n, "runs": len(c.cases()), "description": c.description} for n, c in loaded.items()]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for name, one in loaded.items():
+        table.add_row(name, f"{len(one.cases())} runs", one.description)
+    PlainConsole().print(table)
+
+
+def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
+    console = PlainConsole()
+    console.print(_matrix(campaign, found.cells, console.width))
+    console.print("failed/runs, and the 95 % interval of the probability [%]")
+    for cell in (cell for cell in found.cells if cell.crashed):
+        console.print(f"failed without a physical end: {cell.crashed} of {_name(cell)}", soft_wrap=True)
+    times = [cell for cell in found.cells if cell.detection.known or cell.recovery.known]
+    if times:
+        console.print(_times(times))
+    if found.searches:
+        console.print(_thresholds(found.searches))
+    if lost := sum(not run.reached for run in found.runs):
+        console.print(f"{lost} runs were completed before their fault began; they are left out")
+    for cell in broken:
+        bound = 100.0 * cell.failing.interval()[1]
+        limit = 100.0 * (campaign.accept.probability if campaign.accept else 0.0)
+        console.print(f"not accepted: {_name(cell)}: up to {bound:.1f} %, allowed {limit:g} %", soft_wrap=True)
+    console.print(f"Report: {directory / 'report.html'}", soft_wrap=True)
+
+
+def _name(cell: Cell) -> str:
+    return " · ".join(filter(None, cell.place))
+
+
+def _matrix(campaign: Campaign, cells: tuple[Cell, ...], width: int) -> Table:
+    laws = list(dict.fromkeys(cell.place[2] for cell in cells))
+    of_place = {cell.place: cell for cell in cells}
+    lines = list(dict.fromkeys(cell.place[:2] for cell in cells))
+    heads = [_longest([fault for fault, _ in lines]), _longest([further for _, further in lines])]
+    widest = max(len(_field(cell, full=True)) for cell in cells)
+    full = sum(heads) + len(laws) * (max(widest, _longest(laws)) + 2) + 4 <= width
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("fault", no_wrap=True)
+    if campaign.further:
+        table.add_column("", no_wrap=True)
+    for law in laws:
+        table.add_column(law or "runs", justify="right", no_wrap=full)
+    for fault, further in lines:
+        fields = [of_place.get((fault, further, law)) for law in laws]
+        texts = [_field(cell, full=full) if cell else "-" for cell in fields]
+        table.add_row(fault, *([further] if campaign.further else []), *texts)
+    return table
+
+
+def _longest(texts: list[str]) -> int:
+    return max(map(len, texts), default=0)
+
+
+def _field(cell: Cell, *, full: bool) -> str:
+    low, high = cell.failing.interval()
+    counted = f"{cell.failing.beyond}/{cell.failing.runs}"
+    return f"{counted} {100 * low:.0f}-{100 * high:.0f}" if full else counted
+
+
+def _times(cells: list[Cell]) -> Table:
+    """Times of each fault over all laws and further axes."""
+    from scenarios.campaigns.failures import Times
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("fault", no_wrap=True)
+    for heading in ("detected: median", "worst", "never", "recovered: median", "worst", "never"):
+        table.add_column(heading, justify="right")
+    for fault in dict.fromkeys(cell.place[0] for cell in cells):
+        runs = [run.response for cell in cells if cell.place[0] == fault for run in cell.runs]
+        of = (Times.of(run.detection for run in runs), Times.of(run.recovery for run in runs))
+        table.add_row(fault, *(text for times in of for text in _time_texts(times)))
+    return table
+
+
+def _time_texts(times: Times) -> list[str]:
+    from scenarios.campaigns.campaign_page import time_text
+
+    if not times.known:
+        return ["-", "-", "-"]
+    return [time_text(times.median), time_text(times.worst), f"{times.never}/{times.known}"]
+
+
+def _thresholds(searches: tuple[Search, ...]) -> Table:
+    from scenarios.campaigns.campaign_page import found_text, note_of
+
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for heading in ("bisected", "law", "", "seed", "smallest that fails", ""):
+        table.add_column(heading)
+    for one in searches:
+        note = "not monotone" if "not monotone" in note_of(one) else ""
+        name = f"{one.entry.title}, {one.table.of}"
+        table.add_row(name, one.law, one.further, str(one.seed), found_text(one), note)
+    return table
+
+
+def _plain(found: Results, broken: list[Cell]) -> dict[str, Any]:
+    """The results as JSON: infinite times, which never came, are "never"; those that do not apply are null."""
+    return {
+        "runs": len(found.runs),
+        "cells": [_plain_cell(cell, accepted=cell not in broken) for cell in found.cells],
+        "bisections": [_plain_search(search) for search in found.searches],
+        "not_reached": sum(not run.reached for run in found.runs),
+    }
+
+
+def _plain_cell(cell: Cell, *, accepted: bool) -> dict[str, Any]:
+    low, high = cell.failing.interval()
+    worst = cell.worst
+    return {
+        "fault": cell.place[0],
+        "further": cell.place[1],
+        "law": cell.place[2],
+        "failed": cell.failing.beyond,
+        "runs": cell.failing.runs,
+        "probability": [round(low, 6), round(high, 6)],
+        "outcomes": dict(cell.endings),
+        "detection_s": _plain_times(cell.detection),
+        "recovery_s": _plain_times(cell.recovery),
+        "worst": {"run": worst.outcome.case.title, "verdict": worst.verdict, "reasons": worst.reasons},
+        "accepted": accepted,
+    }
+
+
+def _plain_times(times: Times) -> dict[str, Any]:
+    known = {"median": times.median, "worst": times.worst}
+    plain = {key: None if math.isnan(v) else "never" if math.isinf(v) else round(v, 3) for key, v in known.items()}
+    return {**plain, "never": times.never, "runs": times.known}
+
+
+def _plain_search(search: Search) -> dict[str, Any]:
+    return {
+        "fault": search.entry.title,
+        "of": search.table.of,
+        "law": search.law,
+        "further": search.further,
+        "seed": search.seed,
+        "finding": search.finding,
+        "smallest": search.bracket[1] if search.finding == "found" else None,
+        "passes": search.bracket[0] if search.finding == "found" else None,
+        "exceptions": list(search.exceptions),
+    }
