@@ -20,6 +20,8 @@ class Bisect(Options):
     of: Number = "amount"  # its first number; a kind with several keeps the others
     low: float
     high: float
+    onset: float | None = None  # [s]; not given: the first of the entry
+    duration: float | None = None  # [s]; not given: the first of the entry
     tolerance: Annotated[float, Field(gt=0.0)]  # width of the interval that holds the smallest value that fails
     seeds: tuple[Annotated[int, Field(ge=0, strict=True)], ...] = ()  # empty: those of the entry
     only: dict[str, Any] = Field(default_factory=dict)  # values of the axes; others: all
@@ -38,4 +40,5 @@ class Bisect(Options):
         Raises:
             ValueError: one line, if the kind does not take it.
         """
-        return entry.text_at(**{self.of: value})
+        given = {"amounts": None, "onsets": self.onset, "durations": self.duration} | {f"{self.of}s": value}
+        return entry.text_with({key: (number,) for key, number in given.items() if number is not None})

@@ -70,15 +70,15 @@ class FaultEntry(Options):
                 fault_options(text)
         return texts
 
-    def text_at(self, *, amount: float | None = None, duration: float | None = None) -> str:
-        """The fault with this amount or duration, and the first value of all other lists.
+    def text_with(self, values: Mapping[str, tuple[float, ...]]) -> str:
+        """The fault with these amounts, onsets or durations; of each other list the first value.
 
         Raises:
-            ValueError: one line, if a value that it needs is drawn.
+            ValueError: one line, if a value that it needs is drawn, or the kind does not take it.
         """
-        text = next(iter(self.model_copy(update=_given(amount, duration)).texts()))
+        (text, *_) = self.model_copy(update=dict(values)).texts()
         if "{" in text:
-            raise ValueError(f"fault {self.title}: bisection takes the first onset, amount and duration: list them")
+            raise ValueError(f"fault {self.title}: onset or duration is drawn: give the search its own")
         return text
 
     def drawn(self) -> Iterator[tuple[str, Any]]:
@@ -109,11 +109,6 @@ class FaultEntry(Options):
         if isinstance(values, Mapping):
             return [f"{{{self.title}.{key}:.3f}}"]
         return ["" if value == END else _number(value) for value in values] or ["0"]
-
-
-def _given(amount: float | None, duration: float | None) -> dict[str, Any]:
-    given = {"amounts": amount, "durations": duration}
-    return {key: (value,) for key, value in given.items() if value is not None}
 
 
 def _number(value: Any) -> str:
