@@ -16,6 +16,7 @@ from scenarios.campaigns.failures import (
     by,
     place_of,
     requirement_failures,
+    totals,
     unaccepted,
 )
 from scenarios.campaigns.fault_entry import NONE
@@ -64,12 +65,12 @@ def campaign_page(
         changes=f"Changed in all runs: {changed}" if changed else "",
         verdict=_verdict(campaign, cells),
         sections=[
-            Section("Probability of failing", _MATRIX, [_matrix(campaign, cells, link_of)]),
+            Section("Probability of failing", _MATRIX, [_matrix(campaign, [*cells, *totals(cells)], link_of)]),
             Section("Requirements", _requirements_text(runs), [_requirements(campaign, runs)]),
             *_times(campaign, cells),
             Section("Worst runs", _WORST, [_worst(campaign, runs, link_of)]),
             *_searches(searches),
-            Section("Intervals", _INTERVALS, [_intervals(campaign, cells)]),
+            Section("Intervals", _INTERVALS, [_intervals(campaign, [*cells, *totals(cells)])]),
             *_explored(runs, links),
             *(machine_sections(made_on) if len(made_on) > 1 else [Section("Machine", content=[Items(made_on)])]),
             Section("Campaign file", "offtrack campaign runs this file.", [Preformatted(campaign.to_toml())]),

@@ -16,6 +16,7 @@ from scenarios.studies.spread import Exceeding
 
 KeyT = TypeVar("KeyT")
 Place = tuple[str, str, str]  # fault, values of the further axes, law
+ALL: Final = "all faults"
 _CRASHED: Final = ("failed", "diverged")  # begin outcomes without a physical end
 
 
@@ -84,6 +85,18 @@ def cells_of(campaign: Campaign, runs: Sequence[Judgement]) -> list[Cell]:
     grouped = by(runs, lambda run: place_of(campaign, run))
     return [
         Cell(place, tuple(reached)) for place, group in grouped.items() if (reached := [r for r in group if r.reached])
+    ]
+
+
+def totals(cells: Sequence[Cell]) -> list[Cell]:
+    """Of each law and further axes the runs with any fault; none if there is one fault alone."""
+    faulty = [cell for cell in cells if cell.place[0] != NONE]
+    if len({cell.place[0] for cell in faulty}) < 2:
+        return []
+    places = dict.fromkeys(cell.place[1:] for cell in faulty)
+    return [
+        Cell((ALL, *place), tuple(run for cell in faulty if cell.place[1:] == place for run in cell.runs))
+        for place in places
     ]
 
 

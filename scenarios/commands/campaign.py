@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -40,7 +39,6 @@ EXAMPLES = (
     "[requirements]   off_tracking.true_max_m = 0.5   time_to_detect_s = 1   time_to_recover_s = 5   "
     '[[bisect]]   fault = "gyro_bias"   low = 0   high = 20   tolerance = 0.5   [accept]   probability = 0.1'
 )
-_NARROW = 80  # columns that a table must fit into
 
 
 def campaign(
@@ -85,6 +83,7 @@ def campaign(
     code is 1 if a probability may be larger than [accept] allows.
     """
     from scenarios.campaigns.failures import unaccepted
+    from scenarios.campaigns.results_json import results_json
     from scenarios.campaigns.run_campaign import run_campaign
     from scenarios.processes import default_jobs
     from scenarios.studies.study import settings_of
@@ -116,7 +115,7 @@ def campaign(
             )
     broken = unaccepted(chosen, found.cells)
     if as_json:
-        typer.echo(json.dumps(_plain(found, broken), indent=2, allow_nan=False))
+        typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))
     elif not quiet:
         _print(chosen, found, broken, directory)
     if broken:
@@ -161,8 +160,10 @@ def _list(*, as_json: bool) -> None:
 
 
 def _print(campaign: Campaign, found: Results, broken: list[Cell], directory: Path) -> None:
+    from scenarios.campaigns.failures import totals
+
     console = PlainConsole()
-    console.print(_matrix(campaign, found.cells, console.width))
+    console.print(_matrix(campaign, [*found.cells, *totals(found.cells)], console.width))
     console.print("failed/runs, and the 95 % interval of the probability [%]")
     for cell in (cell for cell in found.cells if cell.crashed):
         console.print(f"failed without a physical end: {cell.crashed} of {_name(cell)}", soft_wrap=True)
@@ -184,7 +185,7 @@ def _name(cell: Cell) -> str:
     return " · ".join(filter(None, cell.place))
 
 
-def _matrix(campaign: Campaign, cells: tuple[Cell, ...], width: int) -> Table:
+def _matrix(campaign: Campaign, cells: list[Cell], width: int) -> Table:
     laws = list(dict.fromkeys(cell.place[2] for cell in cells))
     of_place = {cell.place: cell for cell in cells}
     lines = list(dict.fromkeys(cell.place[:2] for cell in cells))
@@ -248,51 +249,3 @@ def _thresholds(searches: tuple[Search, ...]) -> Table:
         name = f"{one.entry.title}, {one.table.of}"
         table.add_row(name, one.law, one.further, str(one.seed), found_text(one), note)
     return table
-
-
-def _plain(found: Results, broken: list[Cell]) -> dict[str, Any]:
-    """The results as JSON: infinite times, which never came, are "never"; those that do not apply are null."""
-    return {
-        "runs": len(found.runs),
-        "cells": [_plain_cell(cell, accepted=cell not in broken) for cell in found.cells],
-        "bisections": [_plain_search(search) for search in found.searches],
-        "not_reached": sum(not run.reached for run in found.runs),
-    }
-
-
-def _plain_cell(cell: Cell, *, accepted: bool) -> dict[str, Any]:
-    low, high = cell.failing.interval()
-    worst = cell.worst
-    return {
-        "fault": cell.place[0],
-        "further": cell.place[1],
-        "law": cell.place[2],
-        "failed": cell.failing.beyond,
-        "runs": cell.failing.runs,
-        "probability": [round(low, 6), round(high, 6)],
-        "outcomes": dict(cell.endings),
-        "detection_s": _plain_times(cell.detection),
-        "recovery_s": _plain_times(cell.recovery),
-        "worst": {"run": worst.outcome.case.title, "verdict": worst.verdict, "reasons": worst.reasons},
-        "accepted": accepted,
-    }
-
-
-def _plain_times(times: Times) -> dict[str, Any]:
-    known = {"median": times.median, "worst": times.worst}
-    plain = {key: None if math.isnan(v) else "never" if math.isinf(v) else round(v, 3) for key, v in known.items()}
-    return {**plain, "never": times.never, "runs": times.known}
-
-
-def _plain_search(search: Search) -> dict[str, Any]:
-    return {
-        "fault": search.entry.title,
-        "of": search.table.of,
-        "law": search.law,
-        "further": search.further,
-        "seed": search.seed,
-        "finding": search.finding,
-        "smallest": search.bracket[1] if search.finding == "found" else None,
-        "passes": search.bracket[0] if search.finding == "found" else None,
-        "exceptions": list(search.exceptions),
-    }

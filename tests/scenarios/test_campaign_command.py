@@ -1,0 +1,134 @@
+"""`offtrack campaign`: from a file to the table, the exit code and the report; and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner, Result
+
+from scenarios.campaigns.default import default_campaign
+from scenarios.cli import app
+from scenarios.loop.run import run
+from scenarios.options.scenario import load_scenario
+
+SHORT = ["off_tracking=truth", "speed_kmh=15", "course.entry=20", "course.turn_deg=30", "course.exit=5"]
+FILE = """scenario = "roundabout"
+seeds = [1]
+[set]
+off_tracking = "truth"
+speed_kmh = 15
+course.entry = 20
+course.turn_deg = 30
+course.exit = 5
+[vary]
+trailer_steering = ["path_preview"]
+[[fault]]
+kind = "actuator_stuck"
+onsets = [5]
+durations = [1]
+[requirements]
+steer.max_deg = {steer}
+time_to_recover_s = 5
+[accept]
+probability = 0.98
+[[bisect]]
+fault = "actuator_stuck"
+of = "duration"
+low = 0.5
+high = 1
+tolerance = 0.4
+"""
+
+
+def invoked(*arguments: str) -> Result:
+    return CliRunner().invoke(app, ["campaign", *arguments])
+
+
+def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No failure in one run still allows 97.5 %; with another limit the same runs fail, and the exit code says so."""
+    out, file = tmp_path / "out", tmp_path / "stuck.toml"
+    file.write_text(FILE.format(steer=45), encoding="utf-8")
+    first = invoked(str(file), "--out", str(out), "--jobs", "1", "--json")
+    assert first.exit_code == 0, first.output
+    found = json.loads(first.stdout)
+    assert [(cell["fault"], cell["failed"], cell["runs"]) for cell in found["cells"]] == [
+        ("none", 0, 1),
+        ("actuator_stuck", 0, 1),
+    ]
+    assert found["cells"][1]["probability"] == [0.0, pytest.approx(0.975)]
+    assert [(search["finding"], search["smallest"]) for search in found["bisections"]] == [("never fails", None)]
+
+    def nothing(_: object, tasks: dict[str, object], **__: object) -> Iterator[tuple[str, str]]:
+        assert not tasks
+        yield from ()
+
+    monkeypatch.setattr("scenarios.studies.pool.each_in_a_worker", nothing)
+    file.write_text(FILE.format(steer=1), encoding="utf-8")
+    monkeypatch.setenv("COLUMNS", "80")
+    again = invoked(str(file), "--out", str(out), "--jobs", "1")
+    assert again.exit_code == 1, again.output
+    assert max(map(len, again.stdout.splitlines()[:6])) <= 80
+    assert "1/1 3-100" in again.stdout
+    assert "not accepted: actuator_stuck · path_preview: up to 100.0 %, allowed 98 %" in again.stdout
+    assert "below 0.5" in again.stdout
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "Probability of failing",
+        "3 to 100 % with 95 % confidence",
+        "Clopper-Pearson",
+        'href="pages/2.html"',
+    ):
+        assert words in page
+    (_, stuck) = pq.read_table(out / "runs.parquet").to_pylist()
+    assert (stuck["fault"], stuck["verdict"]) == ("actuator_stuck", "failed")
+    assert stuck["reasons"].startswith("steer.max_deg = ")
+    status = invoked(str(file), "--out", str(out), "--status", "--json")
+    assert (json.loads(status.stdout)["finished"], json.loads(status.stdout)["waiting"]) == (2, 0)
+
+
+def test_a_fault_that_a_scenario_cannot_have_is_refused_before_any_run(tmp_path: Path) -> None:
+    """There are no images without cameras."""
+    file = tmp_path / "dark.toml"
+    file.write_text(FILE.format(steer=45).partition("[[bisect]]")[0].replace("actuator_stuck", "blackout"), "utf-8")
+    refused = invoked(str(file), "--out", str(tmp_path / "out"))
+    assert refused.exit_code == 2
+    assert refused.stderr.count("\n") == 1
+    assert "fault blackout: blackout needs a camera" in refused.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_name_is_refused_with_the_nearest(tmp_path: Path) -> None:
+    assert "did you mean 'trailer-steering-faults'" in invoked("trailer-steering-fault").stderr
+    assert "did you mean 'roundabout'" in invoked("roundabuot").stderr
+    assert (
+        "did you mean 'scenario'" in invoked(str(_written(tmp_path, "scenari = 1\n[[fault]]\nkind = 'dropout'"))).stderr
+    )
+
+
+def _written(folder: Path, text: str) -> Path:
+    (folder / "wrong.toml").write_text(text, encoding="utf-8")
+    return folder / "wrong.toml"
+
+
+def test_the_default_campaign_has_every_fault_that_the_scenario_can_have() -> None:
+    """Without cameras no fault of images; onsets on the way into the turn and in it; three laws."""
+    made = default_campaign("turn-90", (("off_tracking", "truth"),), None, None)
+    kinds = {entry.kind for entry in made.entries}
+    assert {"gyro_bias", "dropout", "actuator_stuck", "demand_delay"} <= kinds
+    assert not {"blackout", "dirt", "desync"} & kinds
+    assert len(made.cases()) == (2 * len(kinds) + 1) * 3 * 2
+
+
+def test_the_log_of_a_run_with_faults_says_when_the_fallback_steers() -> None:
+    """Messages are lost from 4 s to 5.5 s: the guard hands over within a second or so, and back some time later."""
+    log = run(load_scenario("roundabout", [*SHORT, "faults=dropout:1@4+1.5"]), 1).log
+    steering = log["time"][log["fallback"] > 0.0]
+    assert 4.2 < steering[0] < 5.3
+    assert steering[-1] > 5.5
+    assert "fallback" not in run(load_scenario("roundabout", SHORT), 1).log

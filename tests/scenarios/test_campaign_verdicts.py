@@ -1,0 +1,280 @@
+"""Verdicts, response times, probabilities and bisection of campaigns, on made-up runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scenarios.campaigns.bisection import bisected
+from scenarios.campaigns.campaign import Campaign, load_campaign
+from scenarios.campaigns.failures import Times, badness, cells_of, requirement_failures, totals, unaccepted
+from scenarios.campaigns.fault_entry import FaultTime
+from scenarios.campaigns.requirements import Limit
+from scenarios.campaigns.response import response
+from scenarios.campaigns.verdict import END_OF_RUN, Judgement, judged
+from scenarios.results.log import Log, Signal, write_log
+from scenarios.studies.case import Case, Outcome
+from scenarios.studies.status import Status
+from scenarios.studies.stopping import Stop, made_in_batches, spared
+from vehicle.frames import FloatArray
+
+FILE = """scenario = "roundabout"
+[vary]
+trailer_steering = ["path_preview", "mpc"]
+[requirements]
+off_tracking.true_max_m = 0.5
+road.wheel_clearance_left_m.min = 0
+time_to_detect_s = 1
+time_to_recover_s = 3
+[accept]
+probability = 0.9
+[[fault]]
+kind = "gyro_bias"
+amounts = [1, 5]
+onsets = [4]
+durations = [2]
+[[fault]]
+kind = "wheel_speed_dropout"
+onsets = [4]
+[[bisect]]
+fault = "gyro_bias"
+low = 0
+high = 10
+tolerance = 0.25
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path) -> Campaign:
+    path = tmp_path / "campaign.toml"
+    path.write_text(FILE, encoding="utf-8")
+    return load_campaign(path)
+
+
+def log(off_tracking: FloatArray, health: FloatArray, fallback: FloatArray | None = None) -> Log:
+    """Ten seconds of one trailer's signals, 100 a second."""
+    columns: dict[str, FloatArray] = {"time": TIME, "off_tracking_true_trailer": off_tracking, "health_trailer": health}
+    columns |= {} if fallback is None else {"fallback_trailer": fallback}
+    return Log.of((Signal(name, "-", ""), values) for name, values in columns.items())
+
+
+TIME: FloatArray = np.arange(1001, dtype=np.float64) * 0.01
+WELL = np.zeros(1001)
+CAPTURES = np.where(np.arange(1001) % 10 == 0, 0.0, np.nan)  # health ok, ten times a second
+
+
+def between(low: float, high: float, value: float = 1.0) -> FloatArray:
+    return np.where((low - 1e-9 <= TIME) & (high - 1e-9 > TIME), value, 0.0)
+
+
+def test_a_fault_is_detected_by_the_estimate_or_by_the_guard_whichever_is_first() -> None:
+    """Health is known at captures only, and holds until the next one."""
+    fault = FaultTime(4.0, 6.0)
+    by_health = log(WELL, CAPTURES + between(4.65, 6.0))
+    both = log(WELL, CAPTURES + between(4.65, 6.0), between(4.4, 7.0))
+    assert response(by_health, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.7)
+    assert response(both, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.4)
+    assert response(log(WELL, CAPTURES), fault, recovered_below=0.2, completed=True).detection == math.inf
+    early = log(WELL, CAPTURES + between(3.0, 5.0))
+    assert response(early, fault, recovered_below=0.2, completed=True).detection == pytest.approx(0.0)
+
+
+def test_recovery_needs_a_second_in_which_all_is_well() -> None:
+    """The follow point comes back at 7.0 s, leaves once more from 7.5 to 8.0 s, and stays from then on."""
+    fault, away = FaultTime(4.0, 6.0), between(5.0, 7.0, 0.5) + between(7.5, 8.0, -0.5)
+    measured = response(log(away, CAPTURES), fault, recovered_below=0.2, completed=True)
+    assert measured.recovery == pytest.approx(2.0)
+    assert response(log(away, CAPTURES), fault, recovered_below=0.6, completed=True).recovery == pytest.approx(0.0)
+    late = log(between(5.0, 9.5, 0.5), CAPTURES)
+    assert response(late, fault, recovered_below=0.2, completed=True).recovery == pytest.approx(3.5)
+    assert response(late, fault, recovered_below=0.2, completed=False).recovery == math.inf
+    fallback = log(WELL, CAPTURES, between(4.5, 9.0))
+    assert response(fallback, fault, recovered_below=0.2, completed=True).recovery == pytest.approx(3.0)
+
+
+def test_times_that_do_not_apply_are_not_numbers() -> None:
+    """No fault, a fault that never ends, and one that never began; an alarm without a fault is a false one."""
+    start = np.where(TIME < 1.0, 2.0, 0.0) + CAPTURES  # lost until the path is long enough
+    quiet = response(log(WELL, start), None, recovered_below=0.2, completed=True)
+    assert math.isnan(quiet.detection)
+    assert not quiet.alarm
+    assert response(log(WELL, CAPTURES + between(6.0, 6.5)), None, recovered_below=0.2, completed=True).alarm
+    lasting = response(
+        log(WELL, CAPTURES + between(4.0, 9.0)), FaultTime(4.0, None), recovered_below=0.2, completed=True
+    )
+    assert lasting.detection == pytest.approx(0.0)
+    assert math.isnan(lasting.recovery)
+    beyond = response(log(WELL, CAPTURES), FaultTime(12.0, 13.0), recovered_below=0.2, completed=True)
+    assert math.isnan(beyond.detection)
+    assert math.isnan(beyond.recovery)
+
+
+def test_the_severity_of_a_limit_is_one_at_the_limit() -> None:
+    upper, lower, both = Limit("steer.max_deg", high=40.0), Limit("x.y", low=0.0), Limit("x.y", low=2.0, high=4.0)
+    assert (upper.severity(40.0), upper.severity(60.0)) == (1.0, 1.5)
+    assert (lower.severity(0.0), lower.severity(0.5), lower.severity(-0.5)) == (1.0, 0.5, 1.5)
+    assert (both.severity(2.0), both.severity(4.0)) == (1.0, 1.0)
+    assert both.severity(3.0) < 1.0 < both.severity(1.0)
+
+
+def made(
+    campaign: Campaign, tmp_path: Path, index: int, *, outcome: str = "completed", off: float = 0.1, left: Any = 0.5
+) -> Outcome:
+    """An outcome of a run of the campaign, with signals in which its fault is noticed at once."""
+    path = tmp_path / "signals.parquet"
+    if not path.exists():
+        write_log(log(WELL, CAPTURES + between(4.0, 6.0)), path)
+    numbers: Mapping[str, Any] = {
+        "outcome": outcome,
+        "off_tracking": {"true_max_m": off},
+        "road": {"wheel_clearance_left_m": left},
+        "timing": {"simulated_s": 10.0},
+    }
+    return Outcome(case=campaign.cases()[index], numbers=numbers, signals=path)
+
+
+def verdict(campaign: Campaign, outcome: Outcome) -> Judgement:
+    return campaign.judge(outcome)
+
+
+def test_a_verdict_names_what_is_broken_and_its_value(campaign: Campaign, tmp_path: Path) -> None:
+    """Limits above and below, outcomes, and numbers that are missing; an exception breaks the outcome alone."""
+    passed = verdict(campaign, made(campaign, tmp_path, 2))
+    assert (passed.verdict, passed.reasons, passed.fault) == ("passed", "", "gyro_bias")
+    wide = verdict(campaign, made(campaign, tmp_path, 2, off=0.8, left=-0.2))
+    assert wide.failed
+    assert wide.reasons == "off_tracking.true_max_m = 0.8; road.wheel_clearance_left_m = -0.2"
+    folded = verdict(campaign, made(campaign, tmp_path, 2, outcome="jackknifed"))
+    assert folded.reasons == "jackknifed"
+    assert badness(folded) > badness(wide) > badness(passed)
+    assert verdict(campaign, made(campaign, tmp_path, 2, left=None)).reasons == "road.wheel_clearance_left_m = no value"
+    broken = verdict(campaign, made(campaign, tmp_path, 2, outcome="failed: ValueError: x", off=9.0))
+    assert [breach.requirement for breach in broken.breaches] == [END_OF_RUN]
+
+
+def test_a_fault_that_is_over_before_it_had_to_be_noticed_need_not_be_noticed(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    """Half a second of a fault, to be noticed within a second; two seconds are too long."""
+    write_log(log(WELL, CAPTURES), tmp_path / "signals.parquet")
+    outcome = made(campaign, tmp_path, 2)
+    assert verdict(campaign, outcome).reasons == "time to detect: never"
+    axes = (("faults", "gyro_bias:1@4+0.5"), *outcome.case.axes[1:])
+    short = Case(scenario="roundabout", fixed=(), axes=axes, seed=1)
+    spent = Outcome(case=short, numbers=outcome.numbers, signals=outcome.signals)
+    assert not judged(spent, "gyro_bias", campaign.requirements).failed
+
+
+def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp_path: Path) -> None:
+    """They tell nothing of the fault, unless they ended badly."""
+    outcomes = [made(campaign, tmp_path, k) for k in range(len(campaign.cases()))]
+    early = {**outcomes[2].numbers, "timing": {"simulated_s": 3.0}}
+    outcomes[2] = Outcome(case=outcomes[2].case, numbers=early, signals=outcomes[2].signals)
+    runs = [campaign.judge(outcome) for outcome in outcomes]
+    assert runs[2].verdict == "fault not reached"
+    cells = {cell.place: cell for cell in cells_of(campaign, runs)}
+    assert len(cells["gyro_bias", "", "path_preview"].runs) == 1
+    assert len(cells["gyro_bias", "", "mpc"].runs) == 2
+
+
+def test_probabilities_are_counted_for_each_fault_law_and_requirement(campaign: Campaign, tmp_path: Path) -> None:
+    """One of two runs fails: from 1 to 99 %; none of one still allows 97.5 %, more than is accepted."""
+    outcomes = [made(campaign, tmp_path, k, off=0.8 if k == 2 else 0.1) for k in range(len(campaign.cases()))]
+    runs = [campaign.judge(outcome) for outcome in outcomes]
+    cells = cells_of(campaign, runs)
+    found = {cell.place: (cell.failing.beyond, cell.failing.runs) for cell in cells}
+    assert found["gyro_bias", "", "path_preview"] == (1, 2)
+    assert found["wheel_speed_dropout", "", "mpc"] == (0, 1)
+    assert {cell.place: len(cell.runs) for cell in totals(cells)} == {
+        ("all faults", "", "path_preview"): 3,
+        ("all faults", "", "mpc"): 3,
+    }
+    broken = requirement_failures(campaign, runs)["off_tracking.true_max_m"]
+    assert (broken["path_preview"].beyond, broken["mpc"].beyond, broken["mpc"].runs) == (1, 0, 3)
+    assert {cell.place for cell in unaccepted(campaign, cells)} == {
+        ("gyro_bias", "", "path_preview"),
+        ("wheel_speed_dropout", "", "path_preview"),
+        ("wheel_speed_dropout", "", "mpc"),
+    }
+
+
+def test_medians_count_what_never_came() -> None:
+    """Two of three never: so is the median; values that do not apply are left out."""
+    assert Times.of([1.0, math.inf, 2.0, math.nan]) == (3, 1, 2.0, math.inf)
+    assert Times.of([1.0, math.inf, math.inf]).median == math.inf
+    assert math.isnan(Times.of([math.nan]).median)
+
+
+def amount(case: Case) -> float:
+    return float(dict(case.axes)["faults"].partition(":")[2].partition("@")[0])
+
+
+def test_bisection_finds_the_smallest_value_that_fails(campaign: Campaign, tmp_path: Path) -> None:
+    """One law fails from 3.3 on, the other never; every round makes at most a run of each search."""
+    rounds = list[list[float]]()
+
+    def make(cases: Sequence[Case]) -> list[Outcome]:
+        rounds.append([amount(case) for case in cases])
+        fails = [amount(case) >= 3.3 and dict(case.axes)["trailer_steering"] == "mpc" for case in cases]
+        template = made(campaign, tmp_path, 2)
+        numbers = [{**template.numbers, "off_tracking": {"true_max_m": 0.9 if f else 0.1}} for f in fails]
+        return [Outcome(case=c, numbers=n, signals=template.signals) for c, n in zip(cases, numbers, strict=True)]
+
+    preview, mpc = bisected(campaign, [], make)
+    assert (preview.law, preview.finding, preview.exceptions) == ("path_preview", "never fails", ())
+    assert (mpc.law, mpc.finding, mpc.exceptions) == ("mpc", "found", ())
+    low, high = mpc.bracket
+    assert low < 3.3 <= high <= low + 0.25
+    assert rounds[:2] == [[0.0, 0.0], [10.0, 10.0]]
+    assert all(len(values) == 1 for values in rounds[2:])
+    assert len(rounds) <= 2 + math.ceil(math.log2(10.0 / 0.25))
+
+
+def test_bisection_says_where_runs_contradict_a_threshold(campaign: Campaign, tmp_path: Path) -> None:
+    """All runs of the search pass and one of the campaign failed, at 5; or all fail and one of the campaign passed."""
+    template = made(campaign, tmp_path, 2)
+
+    def outcome(case: Case, *, fails: bool) -> Outcome:
+        numbers = {**template.numbers, "off_tracking": {"true_max_m": 0.9 if fails else 0.1}}
+        return Outcome(case=case, numbers=numbers, signals=template.signals)
+
+    runs = [
+        campaign.judge(outcome(case, fails="gyro_bias:5" in dict(case.axes)["faults"])) for case in campaign.cases()
+    ]
+    searches = bisected(campaign, runs, lambda cases: [outcome(case, fails=False) for case in cases])
+    assert [(search.finding, search.exceptions) for search in searches] == [("never fails", (5.0,))] * 2
+    always = bisected(campaign, runs, lambda cases: [outcome(case, fails=True) for case in cases])
+    assert [(search.finding, search.exceptions) for search in always] == [("always fails", (1.0,))] * 2
+
+
+def test_draws_that_a_stop_rule_spares_are_not_waiting() -> None:
+    """A point without a failure is known after 40 of 100 draws; one with half of them failing needs all."""
+    cases = [
+        Case(scenario="x", fixed=(), axes=(("law", law),), seed=1, drawn=(("k", str(k)),))
+        for law in "ab"
+        for k in range(100)
+    ]
+    outcomes = [
+        Outcome(case=case, numbers={"outcome": "completed" if dict(case.axes)["law"] == "a" or k % 2 else "diverged"})
+        for k, case in enumerate(cases)
+    ]
+
+    def intervals(known: Sequence[Outcome], axes: Any) -> list[tuple[float, float]]:
+        from scenarios.studies.spread import Exceeding
+
+        runs = [one for one in known if one.case.axes == axes]
+        return [Exceeding(sum(not one.completed for one in runs), len(runs)).interval()]
+
+    stop = Stop(half_width=0.05, batch=20)
+    done = {k: outcomes[k] for k in [*range(40), *range(100, 140)]}
+    assert spared(cases, intervals, stop, done) == set(range(40, 100))
+    assert spared(cases, intervals, stop, {k: outcomes[k] for k in range(39)}) == set()
+    kept = made_in_batches(cases, intervals, stop, lambda batch: [outcomes[k] for k in batch])
+    assert len(kept) == 140
+    now = Status(runs=200, finished=80, failed=(), running=(), mean_seconds=None, machines=(), spared=60)
+    assert now.waiting == 60
