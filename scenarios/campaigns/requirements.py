@@ -12,8 +12,9 @@ from vehicle.parameter_file import nearest
 from vehicle.user_file import shown
 
 OUTCOMES: Final = ("completed", "jackknifed", "rolled over", "left the road", "timed out", "diverged")
-DETECT, RECOVER, BELOW, ALLOWED = "time_to_detect_s", "time_to_recover_s", "recovered_below_m", "outcomes"
-_OWN: Final = (ALLOWED, DETECT, RECOVER, BELOW)
+DETECT, HARMLESS, ALLOWED = "time_to_detect_s", "harmless_below_m", "outcomes"
+RECOVER, BELOW = "time_to_recover_s", "recovered_below_m"
+_OWN: Final = (ALLOWED, DETECT, HARMLESS, RECOVER, BELOW)
 _LARGEST: Final = 1e12
 _UNITS: Final = {"_deg_s": "°/s", "_deg": "°", "_percent": "%", "_m": "m", "_s": "s"}
 _GROUPS: Final = ("off_tracking", "swept_path", "road", "steer", "tyres", "slip", "odometry", "position", "wheels")
@@ -48,6 +49,7 @@ class Requirements:
     limits: tuple[Limit, ...] = ()
     outcomes: tuple[str, ...] = ("completed",)  # that are no failures
     detect: float | None = None  # longest time from the onset of a fault until it is noticed [s]; None: any
+    harmless_below: float = 0.0  # off-tracking up to which a fault need not be noticed [m]
     recover: float | None = None  # longest time from the end of a fault until all is well again [s]; None: any
     recovered_below: float = 0.2  # off-tracking that counts as recovered [m]
 
@@ -57,7 +59,7 @@ class Requirements:
         for limit in self.limits:
             known = {"min": limit.low, "max": limit.high}
             table[limit.path] = {key: value for key, value in known.items() if math.isfinite(value)}
-        times = {DETECT: self.detect, RECOVER: self.recover}
+        times = {DETECT: self.detect, HARMLESS: self.harmless_below or None, RECOVER: self.recover}
         return table | {key: value for key, value in times.items() if value is not None}
 
 
@@ -88,11 +90,12 @@ def read_requirements(place: str, table: Iterable[tuple[str, Any]]) -> Requireme
         else:
             limit, number = limits.get(path, Limit(path)), _number(f"{place}: requirements.{key}", value)
             limits[path] = limit._replace(low=number) if side == "min" else limit._replace(high=number)
-    times = {key: _positive(f"{place}: requirements.{key}", own[key]) for key in (DETECT, RECOVER, BELOW) if key in own}
+    times = {key: _positive(f"{place}: requirements.{key}", own[key]) for key in _OWN[1:] if key in own}
     return Requirements(
         limits=tuple(limits.values()),
         outcomes=_allowed(place, own.get(ALLOWED, ["completed"])),
         detect=times.get(DETECT),
+        harmless_below=times.get(HARMLESS, 0.0),
         recover=times.get(RECOVER),
         recovered_below=times.get(BELOW, Requirements().recovered_below),
     )

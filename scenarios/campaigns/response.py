@@ -23,6 +23,7 @@ class Response(NamedTuple):
 
     detection: float = math.nan  # from the onset until health is not ok or the fallback steers, of any trailer
     recovery: float = math.nan  # from the end until health is ok, no fallback steers and all off-tracking is small
+    deviation: float = math.nan  # largest off-tracking from the onset on, of any trailer [m]
     alarm: bool = False  # health was not ok, or a fallback steered, at some time after the first ok
 
 
@@ -45,12 +46,15 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
         return Response(alarm=alarm)
     if time[-1] < fault.onset:
         return Response(alarm=alarm)
-    detection = _first(time, noticed & (time >= fault.onset - _ROUNDING)) - fault.onset
+    since = time >= fault.onset - _ROUNDING
+    detection = _first(time, noticed & since) - fault.onset
+    deviation = max((float(np.max(np.abs(off[since & np.isfinite(off)]), initial=0.0)) for _, _, off in trailers))
     if fault.end is None or time[-1] < fault.end:
-        return Response(detection, math.nan if fault.end is None or completed else math.inf, alarm)
+        return Response(detection, math.nan if fault.end is None or completed else math.inf, deviation, alarm)
     small = np.all([~(np.abs(off) > recovered_below) for _, _, off in trailers], axis=0)
     steady = _steady(time, small & ~noticed, completed=completed)
-    return Response(detection, _first(time, steady & (time >= fault.end - _ROUNDING)) - fault.end, alarm)
+    recovery = _first(time, steady & (time >= fault.end - _ROUNDING)) - fault.end
+    return Response(detection, recovery, deviation, alarm)
 
 
 def _trailers(log: Log) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]]:

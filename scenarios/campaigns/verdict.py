@@ -99,16 +99,20 @@ def _checks(
         value = outcome.number(limit.path)
         text = f"{limit.path} = {'no value' if value is None else f'{value:.4g}'}"
         yield Breach(limit.path, text, math.inf if value is None else limit.severity(value))
-    if time is None:
-        return
-    ran = outcome.number("timing.simulated_s") if outcome.completed else None
-    ran = math.inf if ran is None else ran
+    if time is not None:
+        yield from _timely(outcome, time, measured, requirements)
+
+
+def _timely(outcome: Outcome, time: FaultTime, measured: Response, requirements: Requirements) -> Iterator[Breach]:
+    """Times to detect and to recover, as far as they apply: not if fault or course ended before they had to come."""
+    simulated = outcome.number("timing.simulated_s")
+    ran = math.inf if simulated is None or not outcome.completed else simulated
     over = math.inf if time.end is None else time.end
+    is_harmless = requirements.harmless_below > 0.0 and measured.deviation <= requirements.harmless_below
     for name, longest, value, room in (
-        (DETECTION, requirements.detect, measured.detection, min(over, ran) - time.onset),
+        (DETECTION, None if is_harmless else requirements.detect, measured.detection, min(over, ran) - time.onset),
         (RECOVERY, requirements.recover, measured.recovery, ran - over),
     ):
         never = math.isinf(value)
-        if longest is None or math.isnan(value) or (never and room < longest):
-            continue  # it does not apply, or fault or course ended before it had to come
-        yield Breach(name, f"{name}: {'never' if never else f'{value:.2f} s'}", value / longest)
+        if longest is not None and not math.isnan(value) and not (never and room < longest):
+            yield Breach(name, f"{name}: {'never' if never else f'{value:.2f} s'}", value / longest)

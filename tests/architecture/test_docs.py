@@ -14,6 +14,7 @@ from typing import Any, Final
 import pytest
 import typer
 
+from scenarios.campaigns.campaign import campaign_names, load_campaign
 from scenarios.catalogue import TRAILER_STEERING, Catalogue, resolve
 from scenarios.cli import app
 from scenarios.listing import KINDS
@@ -146,6 +147,8 @@ def check(name: str, parameters: dict[str, Any]) -> None:
         check_vehicle(parameters["name"])
     elif name == "assess":
         check_vehicle(parameters["vehicle"])
+    elif name == "campaign" and parameters["target"]:
+        assert parameters["target"] in (*campaign_names(), *scenario_names())
     elif name == "parts" and parameters["kind"]:
         assert parameters["kind"] in KINDS
     elif name == "scenarios" and parameters["name"]:
@@ -241,3 +244,11 @@ def test_the_study_of_the_documentation_is_one(tmp_path: Path) -> None:
         study = load_study(tmp_path / "study.toml")
         for case in study.cases():
             check_scenario(case.scenario, list(case.settings))
+
+
+def test_the_campaign_of_the_documentation_is_one(tmp_path: Path) -> None:
+    """The TOML block with faults is read by `offtrack campaign`, and all its scenarios are valid."""
+    (block,) = (block for block in blocks(ROOT / "docs" / "campaigns.md", "toml") if "[[fault]]" in block)
+    (tmp_path / "campaign.toml").write_text(block, encoding="utf-8")
+    for case in load_campaign(tmp_path / "campaign.toml").cases():
+        check_scenario(case.scenario, list(case.settings))

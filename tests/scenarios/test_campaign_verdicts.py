@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -168,6 +169,15 @@ def test_a_fault_that_is_over_before_it_had_to_be_noticed_need_not_be_noticed(
     short = Case(scenario="roundabout", fixed=(), axes=axes, seed=1)
     spent = Outcome(case=short, numbers=outcome.numbers, signals=outcome.signals)
     assert not judged(spent, "gyro_bias", campaign.requirements).failed
+
+
+def test_a_harmless_fault_need_not_be_noticed_if_the_campaign_says_so(campaign: Campaign, tmp_path: Path) -> None:
+    """The follow point is 0.3 m off while the fault acts, and 0.6 m before it, which does not count."""
+    write_log(log(between(2.0, 3.0, 0.6) + between(4.5, 6.0, 0.3), CAPTURES), tmp_path / "signals.parquet")
+    outcome = made(campaign, tmp_path, 2)
+    for below, reasons in ((0.0, "time to detect: never"), (0.25, "time to detect: never"), (0.35, "")):
+        needed = dataclasses.replace(campaign.requirements, harmless_below=below)
+        assert judged(outcome, "gyro_bias", needed).reasons == reasons
 
 
 def test_runs_that_ended_before_their_fault_are_left_out(campaign: Campaign, tmp_path: Path) -> None:
