@@ -221,9 +221,13 @@ def load_campaign(path: Path) -> Campaign:
 
 
 def with_changes(campaign: Campaign, settings: Settings, seeds: tuple[int, ...] | None) -> Campaign:
-    """The campaign with further settings in all runs, and with other seeds, for its faults too."""
-    fixed = (*(pair for pair in campaign.fixed if pair[0] not in dict(settings)), *settings)
-    axes = {key: values for key, values in campaign.axes.items() if key not in dict(settings)}
+    """The campaign with further settings in all runs, and with other seeds, for its faults too.
+
+    An axis that is set has this value alone; entries that are about its other values alone make no runs.
+    """
+    given = dict(settings)
+    fixed = (*(pair for pair in campaign.fixed if pair[0] not in given), *settings)
+    axes = {key: (given[key],) if key in given else values for key, values in campaign.axes.items()}
     changed = dataclasses.replace(campaign, fixed=fixed, axes=axes)
     if seeds is None:
         return changed

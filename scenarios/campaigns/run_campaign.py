@@ -20,6 +20,7 @@ from scenarios.campaigns.verdict import Judgement
 from scenarios.progress import Progress, no_progress
 from scenarios.results.files import replaced, replacing
 from scenarios.studies.case import Outcome, Settings
+from scenarios.studies.pool import Executor
 from scenarios.studies.run_pages import write_run_pages
 from scenarios.studies.run_study import MakeMore, run_study
 from scenarios.studies.runs_table import runs_table
@@ -45,6 +46,7 @@ def run_campaign(
     jobs: int,
     timeout: float | None = None,
     join: float | None = None,
+    executor: Executor | None = None,
     again: Settings = (),
     progress: Progress = no_progress,
     remark: Callable[[str], None] = lambda line: None,
@@ -55,6 +57,8 @@ def run_campaign(
         ValueError: one line, for an invalid scenario, fault or directory, before anything is written.
         KeyboardInterrupt: after the running processes have been stopped; finished runs are kept.
     """
+    if not any(campaign.entry_of(case) for case in campaign.cases()):
+        raise ValueError("the campaign has no runs with a fault: its entries are about other values and seeds")
     check_faults(campaign)
     results = list[Results]()
 
@@ -72,6 +76,7 @@ def run_campaign(
         jobs=jobs,
         timeout=timeout,
         join=join,
+        executor=executor,
         again=again,
         progress=progress,
         remark=remark,

@@ -20,7 +20,20 @@ from scenarios.commands.console import (
     progress_display,
     remark,
 )
-from scenarios.commands.study import Jobs, Join, Lease, Out, Status, Timeout, Where, print_status
+from scenarios.commands.study import (
+    Cluster,
+    JobQueue,
+    Jobs,
+    Join,
+    Lease,
+    Out,
+    Patience,
+    Scheduler,
+    Status,
+    Timeout,
+    Where,
+    print_status,
+)
 from scenarios.processes import MOST_JOBS
 
 if TYPE_CHECKING:
@@ -68,6 +81,9 @@ def campaign(
     listed: Annotated[bool, typer.Option("--list", help="List the campaigns that come with offtrack.")] = False,
     jobs: Jobs = None,
     timeout: Timeout = None,
+    scheduler: Scheduler = None,
+    job_queue: JobQueue = None,
+    patience: Patience = 60.0,
     join: Join = False,
     lease: Lease = 30.0,
     status: Status = False,
@@ -101,7 +117,12 @@ def campaign(
         if status:
             print_status(chosen, directory, as_json=as_json)
             return
-        with progress_display(shown=not (quiet or as_json)) as bar:
+        cluster = Cluster(scheduler, job_queue, patience)
+        cluster.check(jobs, join=join)
+        with (
+            progress_display(shown=not (quiet or as_json)) as bar,
+            cluster.executor(jobs or default_jobs(), timeout) as executor,
+        ):
             found = run_campaign(
                 title,
                 chosen,
@@ -109,6 +130,7 @@ def campaign(
                 jobs=jobs or default_jobs(),
                 timeout=timeout,
                 join=lease if join else None,
+                executor=executor,
                 again=settings_of(where or [], "--where"),
                 progress=progress_bar(bar, title),
                 remark=remark,

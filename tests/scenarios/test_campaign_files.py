@@ -97,6 +97,9 @@ def test_settings_and_seeds_of_the_command_replace_those_of_the_file(tmp_path: P
     assert {case.seed for case in changed.cases()} == {7}
     assert len(changed.cases()) == 2 * 9
     assert "surface.friction=0.5" in changed.cases()[0].settings
+    only = campaign(tmp_path, HEAD + BIAS + "only.surface.friction = 0.3\n")
+    assert len(with_changes(only, (("surface.friction", "0.3"),), None).cases()) == 2 * 2 * 9
+    assert not with_changes(only, (("surface.friction", "0.8"),), None).cases()
 
 
 def test_the_shipped_campaign_compares_three_laws_with_and_without_cameras() -> None:
