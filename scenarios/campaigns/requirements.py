@@ -31,9 +31,9 @@ class Limit(NamedTuple):
     def text(self) -> str:
         """The limits, as tables show them."""
         of, unit = label_and_unit(self.path)
-        parts = [f"from {self.low:g}"] if self.low > -math.inf else []
-        parts += [f"up to {self.high:g}"] if self.high < math.inf else []
-        return f"{of} {' '.join(parts)} {unit}".strip()
+        parts = [f"at least {self.low:g}"] if self.low > -math.inf else []
+        parts += [f"at most {self.high:g}"] if self.high < math.inf else []
+        return f"{of}: {', '.join(parts)} {unit}".strip()
 
     def severity(self, value: float) -> float:
         """How near to the limit a value is: above 1 it is beyond it."""

@@ -211,15 +211,16 @@ def _matrix(campaign: Campaign, cells: list[Cell], width: int) -> Table:
     laws = list(dict.fromkeys(cell.place[2] for cell in cells))
     of_place = {cell.place: cell for cell in cells}
     lines = list(dict.fromkeys(cell.place[:2] for cell in cells))
-    heads = [_longest([fault for fault, _ in lines]), _longest([further for _, further in lines])]
+    left = _longest([fault for fault, _ in lines]) + _longest([further for _, further in lines]) + 2
     widest = max(len(_field(cell, full=True)) for cell in cells)
-    full = sum(heads) + len(laws) * (max(widest, _longest(laws)) + 2) + 4 <= width
+    headings = [law.replace("_", "_\n") for law in laws]
+    full = left + sum(1 + max(widest, _longest(heading.split("\n"))) for heading in headings) <= width
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("fault", no_wrap=True)
     if campaign.further:
         table.add_column("", no_wrap=True)
-    for law in laws:
-        table.add_column(law or "runs", justify="right", no_wrap=full)
+    for heading in headings:
+        table.add_column(heading or "runs", justify="right", no_wrap=full)
     for fault, further in lines:
         fields = [of_place.get((fault, further, law)) for law in laws]
         texts = [_field(cell, full=full) if cell else "-" for cell in fields]
