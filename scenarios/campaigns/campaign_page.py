@@ -176,8 +176,8 @@ def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
     if not shown:
         return
     text = (
-        "From the onset of a fault until the health of the estimate is not ok or the fallback steers; and from its end "
-        "until health is ok, no fallback steers and the follow point has been within "
+        "From the onset of a fault until the health of the estimate is not ok, the fallback steers or the guard "
+        "distrusts a signal; and from its end until none of these holds and the follow point has been within "
         f"{campaign.requirements.recovered_below:g} m for a second. Never: in that many of the runs."
     )
     columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
@@ -189,7 +189,7 @@ def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
     yield Section("Detection and recovery", text, [Table(columns, rows)])
     if alarms := [(cell, sum(run.response.alarm for run in cell.runs)) for cell in cells if cell.place[0] == NONE]:
         lines = [f"{_where(campaign, cell)}: {count} of {len(cell.runs)}" for cell, count in alarms]
-        text = "Runs without a fault in which the health was not ok at some time, or the fallback steered."
+        text = "Runs without a fault in which the health was not ok at some time."
         yield Section("False alarms", text, [Items(lines)])
 
 

@@ -21,10 +21,10 @@ _ROUNDING: Final = 1e-9  # of times [s]
 class Response(NamedTuple):
     """Times of one run [s]. NaN: does not apply. Infinite: it never came."""
 
-    detection: float = math.nan  # from the onset until health is not ok or the fallback steers, of any trailer
-    recovery: float = math.nan  # from the end until health is ok, no fallback steers and all off-tracking is small
+    detection: float = math.nan  # from the onset until something is noticed, of any trailer: see `_trailers`
+    recovery: float = math.nan  # from the end until nothing is noticed any more and all off-tracking is small
     deviation: float = math.nan  # largest off-tracking from the onset on, of any trailer [m]
-    alarm: bool = False  # health was not ok, or a fallback steered, at some time after the first ok
+    alarm: bool = False  # something was noticed at some time after the first health that was ok
 
 
 def response(log: Log, fault: FaultTime | None, *, recovered_below: float, completed: bool) -> Response:
@@ -58,14 +58,17 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
 
 
 def _trailers(log: Log) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]]:
-    """Of each trailer: something is noticed, its health is known, and the true off-tracking [m], over time."""
+    """Of each trailer: something is noticed, its health is known, and the true off-tracking [m], over time.
+
+    Noticed is a health that is not ok, a fallback that steers, or a signal that the guard distrusts.
+    """
     for name in (name.removeprefix(_TRUE) for name in log.names if name.startswith(_TRUE)):
         health = log[f"health_{name}"] if f"health_{name}" in log else np.full(len(log), np.nan)
         health, known = _held(health), np.isfinite(health)
         noticed = health > OK
-        fallback = f"fallback_{name}"
-        if fallback in log:
-            noticed |= log[fallback] > 0.0
+        for said in (f"fallback_{name}", f"distrusted_{name}"):
+            if said in log:
+                noticed |= log[said] > 0.0
         yield noticed, known, log[f"{_TRUE}{name}"]
 
 

@@ -153,11 +153,6 @@ class Stateful(Generic[MemoryT, P, R]):
         self.memory: MemoryT = memory
         self._step = step
 
-    @property
-    def memory(self) -> MemoryT:
-        """Memory after the last step."""
-        return self._memory
-
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Output of the next step."""
         self.memory, output = self._step(self.memory, *args, **kwargs)

@@ -342,6 +342,7 @@ def _track(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Tr
         X_SC=cameras.calibration.X_SC if cameras else None,
         reference=None if truths is None else _reference(session, trailer, truths),
         fallback=_fallback(session, trailer) if session.parts.scenario.faults else None,
+        distrusted=_distrusted(session, trailer) if session.parts.scenario.faults else None,
     )
 
 
@@ -350,6 +351,14 @@ def _fallback(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
     ticks = [tick for tick, _ in trailer.handovers]
     states = np.array([0.0, *(float(by_fallback) for _, by_fallback in trailer.handovers)])
     return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+
+
+def _distrusted(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
+    """Number of signals that the guard of a trailer's law holds to be at fault in each row."""
+    findings = sorted(trailer.findings, key=lambda finding: finding.tick)
+    counts = np.cumsum([0.0, *(1.0 if finding.at_fault else -1.0 for finding in findings)])
+    ticks = [finding.tick for finding in findings]
+    return counts[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
 
 
 def _reference(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth]) -> FloatArray:

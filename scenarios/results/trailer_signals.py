@@ -67,6 +67,7 @@ class TrailerTrack:
     X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
     reference: FloatArray | None = None  # off-tracking by a reference unit in each row [m]
     fallback: FloatArray | None = None  # 1 in rows in which the fallback steers, 0 in others; None: not asked for
+    distrusted: FloatArray | None = None  # number of signals at fault, as the guard holds, in each row; None: likewise
 
 
 def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
@@ -143,6 +144,9 @@ def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack
         yield Signal(f"{name}_command", "rad", "the controller's demand for that angle"), demands
     if trailer.fallback is not None:
         yield Signal("fallback", "-", "1 while the fallback steers in place of the law, else 0"), trailer.fallback
+    if trailer.distrusted is not None:
+        meaning = "number of signals of the combination that the guard holds to be at fault"
+        yield Signal("distrusted", "-", meaning), trailer.distrusted
 
 
 def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:

@@ -125,10 +125,12 @@ def test_the_default_campaign_has_every_fault_that_the_scenario_can_have() -> No
     assert len(made.cases()) == (2 * len(kinds) + 1) * 3 * 2
 
 
-def test_the_log_of_a_run_with_faults_says_when_the_fallback_steers() -> None:
+def test_the_log_of_a_run_with_faults_says_what_the_guard_does() -> None:
     """Messages are lost from 4 s to 5.5 s: the guard hands over within a second or so, and back some time later."""
     log = run(load_scenario("roundabout", [*SHORT, "faults=dropout:1@4+1.5"]), 1).log
     steering = log["time"][log["fallback"] > 0.0]
     assert 4.2 < steering[0] < 5.3
     assert steering[-1] > 5.5
+    biased = run(load_scenario("roundabout", [*SHORT, "faults=wheel_speed_dropout@4+1"]), 1).log
+    assert 4.0 < biased["time"][biased["distrusted"] > 0.0][0] < 5.0
     assert "fallback" not in run(load_scenario("roundabout", SHORT), 1).log
