@@ -21,8 +21,8 @@ _ROUNDING: Final = 1e-9  # of times [s]
 class Response(NamedTuple):
     """Times of one run [s]. NaN: does not apply. Infinite: it never came."""
 
-    detection: float = math.nan  # from the onset until something is noticed, of any trailer: see `_trailers`
-    recovery: float = math.nan  # from the end until nothing is noticed any more and all off-tracking is small
+    detection: float = math.nan  # from the onset until something is noticed, of any trailer
+    recovery: float = math.nan  # from the end until health is ok, no fallback steers and all off-tracking is small
     deviation: float = math.nan  # largest off-tracking from the onset on, of any trailer [m]
     alarm: bool = False  # something was noticed at some time after the first health that was ok
 
@@ -40,36 +40,50 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
         completed: the run ended by completing its course.
     """
     time, trailers = log["time"], list(_trailers(log))
-    noticed = np.any([noticed for noticed, _, _ in trailers], axis=0) if trailers else np.zeros(len(time), dtype=bool)
-    alarm = any(_alarm(noticed, known) for noticed, known, _ in trailers)
+    alarm = any(_alarm(trailer.noticed, trailer.known) for trailer in trailers)
     if fault is None or not trailers:
         return Response(alarm=alarm)
     if time[-1] < fault.onset:
         return Response(alarm=alarm)
     since = time >= fault.onset - _ROUNDING
+    noticed = np.any([trailer.noticed for trailer in trailers], axis=0)
     detection = _first(time, noticed & since) - fault.onset
-    deviation = max((float(np.max(np.abs(off[since & np.isfinite(off)]), initial=0.0)) for _, _, off in trailers))
+    deviation = max(
+        (
+            float(np.max(np.abs(off[since & np.isfinite(off)]), initial=0.0))
+            for off in (trailer.off_tracking for trailer in trailers)
+        )
+    )
     if fault.end is None or time[-1] < fault.end:
         return Response(detection, math.nan if fault.end is None or completed else math.inf, deviation, alarm)
-    small = np.all([~(np.abs(off) > recovered_below) for _, _, off in trailers], axis=0)
-    steady = _steady(time, small & ~noticed, completed=completed)
+    well = np.all([~(t.degraded | (np.abs(t.off_tracking) > recovered_below)) for t in trailers], axis=0)
+    steady = _steady(time, well, completed=completed)
     recovery = _first(time, steady & (time >= fault.end - _ROUNDING)) - fault.end
     return Response(detection, recovery, deviation, alarm)
 
 
-def _trailers(log: Log) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]]:
-    """Of each trailer: something is noticed, its health is known, and the true off-tracking [m], over time.
+class _Trailer(NamedTuple):
+    """What the signals tell of one trailer over time."""
 
-    Noticed is a health that is not ok, a fallback that steers, or a signal that the guard distrusts.
-    """
+    degraded: NDArray[np.bool_]  # its health is not ok, or the fallback steers
+    distrusted: NDArray[np.bool_]  # the guard holds a signal to be at fault
+    known: NDArray[np.bool_]  # its health is known
+    off_tracking: FloatArray  # true [m]
+
+    @property
+    def noticed(self) -> NDArray[np.bool_]:
+        """That something is wrong."""
+        return self.degraded | self.distrusted
+
+
+def _trailers(log: Log) -> Iterator[_Trailer]:
     for name in (name.removeprefix(_TRUE) for name in log.names if name.startswith(_TRUE)):
-        health = log[f"health_{name}"] if f"health_{name}" in log else np.full(len(log), np.nan)
-        health, known = _held(health), np.isfinite(health)
-        noticed = health > OK
-        for said in (f"fallback_{name}", f"distrusted_{name}"):
-            if said in log:
-                noticed |= log[said] > 0.0
-        yield noticed, known, log[f"{_TRUE}{name}"]
+        health, fallback, distrusted = (
+            log[f"{signal}_{name}"] if f"{signal}_{name}" in log else np.full(len(log), np.nan)
+            for signal in ("health", "fallback", "distrusted")
+        )
+        health = _held(health)
+        yield _Trailer((health > OK) | (fallback > 0.0), distrusted > 0.0, np.isfinite(health), log[f"{_TRUE}{name}"])
 
 
 def _held(values: FloatArray) -> FloatArray:
