@@ -41,19 +41,13 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
     """
     time, trailers = log["time"], list(_trailers(log))
     alarm = any(_alarm(trailer.noticed, trailer.known) for trailer in trailers)
-    if fault is None or not trailers:
-        return Response(alarm=alarm)
-    if time[-1] < fault.onset:
+    if fault is None or not trailers or time[-1] < fault.onset:
         return Response(alarm=alarm)
     since = time >= fault.onset - _ROUNDING
     noticed = np.any([trailer.noticed for trailer in trailers], axis=0)
     detection = _first(time, noticed & since) - fault.onset
-    deviation = max(
-        (
-            float(np.max(np.abs(off[since & np.isfinite(off)]), initial=0.0))
-            for off in (trailer.off_tracking for trailer in trailers)
-        )
-    )
+    off = np.concatenate([trailer.off_tracking[since] for trailer in trailers])
+    deviation = float(np.max(np.abs(off[np.isfinite(off)]), initial=0.0))
     if fault.end is None or time[-1] < fault.end:
         return Response(detection, math.nan if fault.end is None or completed else math.inf, deviation, alarm)
     well = np.all([~(t.degraded | (np.abs(t.off_tracking) > recovered_below)) for t in trailers], axis=0)
