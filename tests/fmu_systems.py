@@ -15,47 +15,77 @@ from tests.fmu_plants import Slave
 from vehicle.combination.path_point import plan_pose
 from vehicle.frames import FloatArray, rotation_zyx, transform
 
-ORDER = ("sensor", "law", "driver", "plant")
+ORDER = ("ground", "sensor", "law", "driver", "plant")  # as in the loop of a run
+
+
+class System:
+    """The components of a system with the values of their outputs, each stepped with what the others have given."""
+
+    def __init__(self, ssp: Path, folder: Path, python: str) -> None:
+        with zipfile.ZipFile(ssp) as archive:
+            archive.extractall(folder)
+        self._connections: Sequence[Connection] = read_ssd(str(ssp)).system.connections
+        names = sorted((file.stem for file in (folder / "resources").glob("*.fmu")), key=_place)
+        self.slaves = {
+            name: Slave(
+                folder / "resources" / f"{name}.fmu",
+                folder / name,
+                {"first_step": 0.0} if name.startswith("law") else {},  # it need not wait for the sensor
+                {} if name == "plant" else {"python": python},
+            )
+            for name in names
+        }
+        self._numbers = {
+            name: [one.name for one in slave.description.modelVariables
+                   if one.causality == "output" and one.type == "Real"]
+            for name, slave in self.slaves.items()
+        }  # fmt: skip
+        self._said: dict[str, dict[str, float]] = {}
+        for name in names:
+            self._listen(name)
+
+    def _listen(self, name: str) -> None:
+        numbers = self._numbers[name]
+        self._said[name] = dict(zip(numbers, self.slaves[name].get(numbers), strict=True))
+
+    def _tell(self, name: str) -> None:
+        self.slaves[name].set(
+            {one.endConnector: self._said[one.startElement][one.startConnector]
+             for one in self._connections if one.endElement == name}
+        )  # fmt: skip
+
+    def step(self) -> dict[str, float]:
+        """A step of 10 ms of all components; outputs of the plant at its beginning, on the ground that is below it."""
+        at_beginning = self._said["plant"]
+        for name, slave in self.slaves.items():
+            self._tell(name)
+            slave.step()
+            self._listen(name)
+            if name == "ground":
+                self._tell("plant")
+                self._listen("plant")
+                at_beginning = self._said["plant"]
+        return at_beginning
+
+    def close(self) -> None:
+        """End all components."""
+        for slave in self.slaves.values():
+            slave.close()
+
+
+def _place(name: str) -> int:
+    return ORDER.index(name.partition("_")[0])
 
 
 def run_in_order(ssp: Path, folder: Path, seconds: float, python: str) -> tuple[dict[str, FloatArray], str]:
-    """Outputs of the plant after every step of 10 ms, and the hash of all images.
-
-    Every component gets what those before it gave in this step.
-    """
-    with zipfile.ZipFile(ssp) as archive:
-        archive.extractall(folder)
-    connections: Sequence[Connection] = read_ssd(str(ssp)).system.connections
-    slaves = {
-        name: Slave(
-            folder / "resources" / f"{name}.fmu",
-            folder / name,
-            {"first_step": 0.0} if name == "law" else {},  # it need not wait for the sensor
-            {} if name == "plant" else {"python": python},
-        )
-        for name in ORDER
-    }
-    names = slaves["plant"].outputs
-    rows = [slaves["plant"].get(names)]
-    numbers = {
-        name: [one.name for one in slave.description.modelVariables
-               if one.causality == "output" and one.type == "Real"]
-        for name, slave in slaves.items()
-    }  # fmt: skip
-    said = {name: dict(zip(numbers[name], slave.get(numbers[name]), strict=True)) for name, slave in slaves.items()}
-    for _ in range(round(seconds / 0.01)):
-        for name, slave in slaves.items():
-            given = {one.endConnector: said[one.startElement][one.startConnector]
-                     for one in connections if one.endElement == name}  # fmt: skip
-            slave.set(given)
-            slave.step()
-            said[name] = dict(zip(numbers[name], slave.get(numbers[name]), strict=True))
-        rows.append(slaves["plant"].get(names))
-    sensor = slaves["sensor"]
+    """Outputs of the plant every 10 ms, as the sensors see them, and the hash of all images of the last trailer."""
+    system = System(ssp, folder, python)
+    rows = [system.step() for _ in range(round(seconds / 0.01) + 1)]
+    sensor = system.slaves["sensor"]
     (sha,) = sensor.fmu.getString([sensor.reference["frames_sha256"]])
-    for slave in slaves.values():
-        slave.close()
-    return dict(zip(names, np.array(rows).T, strict=True)), sha.decode() if isinstance(sha, bytes) else sha
+    system.close()
+    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    return columns, sha.decode() if isinstance(sha, bytes) else sha
 
 
 def off_tracking(outputs: Mapping[str, Any], unit: int, follow_distance: float, path_height: float) -> FloatArray:

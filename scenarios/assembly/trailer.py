@@ -11,10 +11,10 @@ import numpy as np
 from controllers.driver_trace import DriverTrace
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
 from controllers.trailer_steering.unsteered import Unsteered
-from scenarios.assembly.adapters import course_of, surface_of, trailer_geometry, vehicle_of, watched_units
+from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of, watched_units
 from scenarios.assembly.drivers import OpenedDriver, opened_driver
+from scenarios.assembly.ground import opened_ground
 from scenarios.assembly.loop_faults import opened_brake_faults, opened_trailer_faults, with_failing_brakes
-from scenarios.assembly.measured_ground import measured_ground
 from scenarios.assembly.mount import Cameras, MountContext, OpenedSensor
 from scenarios.assembly.plants import CombinationPlant, opened_plant, plant_kind, plant_vehicle
 from scenarios.assembly.rig_schedule import rig_schedule
@@ -118,8 +118,7 @@ def assemble(
     simulated = with_failing_brakes(scenario, plant_vehicle(scenario, nominal), kind)
     units = watched_units(nominal, scenario)
     course = course_of(scenario, nominal)
-    measured = measured_ground(scenario.surface, course)
-    surface = surface_of(scenario, course, stream(seed, "surface"), measured.road if measured else None)
+    surface, remarks = opened_ground(scenario, course, seed)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
     laws = {unit: _law(scenario, nominal, unit, geometry) for unit, geometry in geometries.items()}
     plant = opened_plant(scenario, simulated, surface)
@@ -187,7 +186,7 @@ def assemble(
         recording=recording,
         brake_faults=brakes,
         schedule=schedule,
-        remarks=measured.remarks if measured else (),
+        remarks=remarks,
     )
 
 

@@ -39,6 +39,10 @@ DRIVER_EXAMPLES = (
     "Examples: offtrack fmu driver roundabout   offtrack fmu driver depot --fmi 2 -o driver.fmu   "
     "offtrack run roundabout --set driver=roundabout_driver.fmu"
 )
+GROUND_EXAMPLES = (
+    "Examples: offtrack fmu ground roundabout --set surface.cross_fall=0.03   "
+    "offtrack fmu ground farm-track --fmi 2 --seed 3 -o ground.fmu"
+)
 SYSTEM_EXAMPLES = (
     "Examples: offtrack fmu system roundabout   "
     "offtrack fmu system turn-90 --set off_tracking=truth --set surface.friction=0.5 -o loop.ssp"
@@ -118,6 +122,27 @@ def driver(
         written(driver_proxy(load_scenario(scenario, settings or [])), fmi, out, platform, quiet=quiet)
 
 
+def ground(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
+    settings: Settings = None,
+    seed: Annotated[int, typer.Option(help="Decides the roughness; the start value of the parameter seed.")] = 1,
+    fmi: Fmi = 3,
+    out: Out = None,
+    platform: Platforms = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write the ground of a scenario as an FMU: poses of the units in; friction, slopes, heights and wind out.
+
+    Its outputs are the inputs of offtrack fmu plant, by the same names.
+    """
+    with one_line_errors():
+        from scenarios.fmi_proxy.ground import ground_proxy
+        from scenarios.options.scenario import load_scenario
+
+        check_version(fmi)
+        written(ground_proxy(load_scenario(scenario, settings or []), seed), fmi, out, platform, quiet=quiet)
+
+
 def system(
     scenario: Annotated[str, typer.Argument(help="Name of a scenario, or a TOML file.")],
     settings: Settings = None,
@@ -129,9 +154,9 @@ def system(
     platform: Platforms = None,
     quiet: Quiet = False,
 ) -> None:
-    """Write a whole run as a system of FMUs in the SSP format: plant, driver, sensor, law and their connections.
+    """Write a whole run as a system of FMUs in the SSP format: plant, driver, sensors, laws and their connections.
 
-    The ground is level and smooth.
+    Each steered trailer has its own sensor and law. Uneven ground, friction that changes and wind are an FMU as well.
     """
     with one_line_errors():
         from scenarios.fmi_export.binaries import checked_platforms

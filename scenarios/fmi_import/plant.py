@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 
 from scenarios.fmi_import.archive import FmuFile, open_fmu
+from scenarios.fmi_import.ground_signals import GroundUnder, ground_signals
 from scenarios.fmi_import.instance import FmuInstance
 from scenarios.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
-from vehicle.combination.layout import wheels
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
@@ -49,10 +49,7 @@ def plant_signals(vehicle: Vehicle) -> PartSignals:
             *(Signal(f"friction_{k}", "-", f"friction coefficient under unit {k}") for k in units),
             *(Signal(f"slope_x_{k}", "-", f"rise of the ground along the x axis of unit {k}") for k in units),
             *(Signal(f"slope_y_{k}", "-", f"rise of the ground along the y axis of unit {k}") for k in units),
-            *(Signal(f"ground_slope_x_{k}", "-", "under its centre of gravity, along x of the world") for k in units),
-            *(Signal(f"ground_slope_y_{k}", "-", "along y of the world") for k in units),
-            *(Signal(f"friction_wheel_{k}", "-", f"friction coefficient under wheel {k}") for k in wheel_numbers),
-            *(Signal(f"road_height_{k}", "m", f"of the road under wheel {k}, roughness alone") for k in wheel_numbers),
+            *ground_signals(vehicle),
         ),
         outputs=(
             *(Signal(f"x_{k}", "m", f"position of unit {k}: {_origin(k)}", required=True) for k in units),
@@ -102,15 +99,14 @@ class FmuPlant:
 
     def __init__(self, context: PlantContext) -> None:
         self._vehicle, self._surface = context.vehicle, context.surface
-        self._map: FmuMap = read_map(self.fmu, plant_signals(context.vehicle))
+        if self._surface.gust is not None:
+            self._vehicle = self._vehicle.in_wind()
+        self._map: FmuMap = read_map(self.fmu, plant_signals(self._vehicle))
+        self._ground = GroundUnder(self._surface, self._vehicle)
         self._instance: FmuInstance | None = None
         self._truths: dict[int, Truth] = {}
         self._n_steered = sum(len(unit.steered_axles) for unit in self._vehicle.units)
         self._loads = np.repeat(0.5 * np.concatenate(static_axle_loads(self._vehicle)), 2)
-        all_wheels = wheels(self._vehicle)
-        self._wheel_unit = [wheel.unit for wheel in all_wheels]
-        self._wheels = np.array([(wheel.axle.x, wheel.y) for wheel in all_wheels])  # in their units' frames [m]
-        self._cg = np.array([unit.cg_x for unit in self._vehicle.units])
 
     def initial_state(self, pose: Pose2, speed: float) -> FloatArray:
         """State at a pose of the tractor, rolling straight at a speed [m/s].
@@ -154,8 +150,6 @@ class FmuPlant:
         ground = self._surface
         slopes = ground.gradient(x, y)
         c, s = np.cos(psi), np.sin(psi)
-        under = ground.gradient(x + c * self._cg, y + s * self._cg)
-        wheel_x, wheel_y = self._wheel_places(poses)
         ticks = 0 if self._instance is None else self._instance.ticks
         return {
             "time": ticks * TICK,
@@ -166,18 +160,8 @@ class FmuPlant:
             **_numbered("friction", ground.friction_at(x, y)),
             **_numbered("slope_x", c * slopes[:, 0] + s * slopes[:, 1]),
             **_numbered("slope_y", c * slopes[:, 1] - s * slopes[:, 0]),
-            **_numbered("ground_slope_x", under[:, 0]),
-            **_numbered("ground_slope_y", under[:, 1]),
-            **_numbered("friction_wheel", ground.friction_at(wheel_x, wheel_y)),
-            **_numbered("road_height", ground.roughness_at(wheel_x, wheel_y)),
+            **self._ground.values(poses),
         }
-
-    def _wheel_places(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions x, y (n_wheels,) [m] of the wheels in the world."""
-        x, y, psi = poses[self._wheel_unit].T
-        along, left = self._wheels.T
-        c, s = np.cos(psi), np.sin(psi)
-        return x + c * along - s * left, y + s * along + c * left
 
     def _poses(self, found: Mapping[str, float]) -> FloatArray:
         n = len(self._vehicle.units)

@@ -56,15 +56,15 @@ def steered_unit(vehicle: Vehicle) -> int:
     return steered[-1]
 
 
-def law_of_scenario(scenario: Scenario, first_step: float = 0.0) -> Proxy:
-    """The scenario's law as an FMU, with its first step at a time [s].
+def law_of_scenario(scenario: Scenario, first_step: float = 0.0, unit: int | None = None) -> Proxy:
+    """The scenario's law as an FMU, with its first step at a time [s], for a unit or the last steered trailer.
 
     Raises:
         ValueError: one line, if it can't be constructed for the vehicle.
     """
     given = steering_parameters(scenario)
     limits = scenario.degradation.degradation()
-    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, limits, first_step)
+    return law_proxy(scenario.trailer_steering, vehicle_of(scenario), given, limits, first_step, unit)
 
 
 def law_proxy(
@@ -73,8 +73,9 @@ def law_proxy(
     given: Mapping[str, Parameter],
     degradation: Degradation | None = None,
     first_step: float = 0.0,
+    unit: int | None = None,
 ) -> Proxy:
-    """A law for the last steered trailer of a vehicle.
+    """A law for a trailer of a vehicle.
 
     Its parameters are the numbers among the law's options, and the limits of its guard.
 
@@ -84,13 +85,14 @@ def law_proxy(
         given: values of its options; texts are fixed, and files that they name go into the FMU.
         degradation: limits of the guard.
         first_step: time of the law's first step [s].
+        unit: index of the trailer; None: the last steered one.
 
     Raises:
         ValueError: one line, if there is no such law or it can't be constructed.
     """
     if name.endswith(".fmu"):
         raise ValueError(f"{name}: is an FMU already")
-    unit = steered_unit(vehicle)
+    unit = steered_unit(vehicle) if unit is None else unit
     trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
     limits = degradation or Degradation()
     trailer_law(name, trailer, combination, given, limits)  # checks everything

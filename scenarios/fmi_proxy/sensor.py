@@ -7,10 +7,10 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
-from scenarios.assembly.adapters import course_of, surface_of, vehicle_of, watched_units
+from scenarios.assembly.adapters import course_of, vehicle_of, watched_units
 from scenarios.assembly.plants import plant_vehicle
 from scenarios.assembly.rig_schedule import rig_schedule
-from scenarios.assembly.trailer import LOG_PERIOD, Assembly, assemble
+from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer, assemble
 from scenarios.fmi_export.variables import Quantity
 from scenarios.fmi_import.estimate_signals import (
     NO_STD,
@@ -31,7 +31,6 @@ from scenarios.loop.pictures import StereoPictures
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario
-from scenarios.randomness import stream
 from scenarios.recordings.stereo_writer import RecordingWriter
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
@@ -41,12 +40,18 @@ HASH: Final = "frames_sha256"
 _HASH_FILE: Final = "frames_sha256.txt"  # in the folder of the images
 _SEED: Final = "seed"
 _FRAMES: Final = "frames"
+_UNIT: Final = "unit"  # setting: index of the trailer
 _STARTS: Final = {"off_tracking_std": NO_STD, "off_tracking_health": 2.0, "off_tracking_time": -1.0}
 _USED: Final = frozenset(one.name for one in estimate_signals(coarse=False))
 
 
-def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
-    """The sensor of a scenario's last trailer, with its estimator.
+def sensor_proxy(scenario: Scenario, seed: int, unit: int | None = None) -> Proxy:
+    """The sensor of a trailer of a scenario, with its estimator.
+
+    Args:
+        scenario: the scenario.
+        seed: decides world and noise.
+        unit: index of the trailer among the vehicle's units; None: the last one.
 
     Raises:
         ValueError: one line, if the scenario is not consistent.
@@ -55,7 +60,7 @@ def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
         raise ValueError(f"off_tracking = {scenario.off_tracking}: is an FMU already")
     nominal = vehicle_of(scenario)
     course_of(scenario, nominal)  # a course that can't be is refused here, and not in another tool
-    vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1]
+    vehicle, unit = plant_vehicle(scenario, nominal), watched_units(nominal, scenario)[-1] if unit is None else unit
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     plant = scenario.plant.model_copy(update={"fmu": None})
     changes = {"trailer_steering": "none", "steering": {}, "driver": DriverOptions(), "plant": plant}
@@ -73,6 +78,7 @@ def sensor_proxy(scenario: Scenario, seed: int) -> Proxy:
         parameters=[Quantity(_SEED, "-", "decides world and noise, a whole number", float(seed), 0.0, 2.0**53)],
         texts=[Text(_FRAMES, "folder for a recording of the stereo images, which must not exist yet; empty: none")],
         said=[Text(HASH, "SHA-256 of all images so far, as in the manifest of a run")],
+        settings={_UNIT: unit},
         files=scenario_files(scenario, changes),
         notes=(
             f"Cameras take images every {1e3 * schedule.period * TICK:g} ms, estimates appear "
@@ -101,25 +107,25 @@ class SensorComputation:
         scenario, seed = scenario_in(opening.folder), round(opening.parameters[_SEED])
         with ExitStack() as cleanup:
             self._parts: Assembly = cleanup.enter_context(closing(assemble(scenario, seed)))
+            unit = opening.settings.get(_UNIT, self._parts.trailers[-1].unit)
+            own = next(one for one in self._parts.trailers if one.unit == unit)
             worker = estimator_thread()
             cleanup.callback(worker.shutdown, cancel_futures=True)
             recorder = None
             if opening.texts[_FRAMES]:
-                recorder = cleanup.enter_context(self._recorder(Path(opening.texts[_FRAMES])))
+                recorder = cleanup.enter_context(self._recorder(own, Path(opening.texts[_FRAMES])))
                 cleanup.callback(lambda: recorder.note(_HASH_FILE, self.text(HASH)))
             self._cleanup = cleanup.pop_all()
-        last = self._parts.trailers[-1]
-        self._trailer = SteeredTrailer(last, worker, Stopwatch())
-        self._pictures = StereoPictures(0, last.unit, self._parts.cameras, worker, keep=False, recorder=recorder)
-        self._surface = surface_of(scenario, self._parts.course, stream(seed, "surface"))
-        readings = reading_signals(last.n_steered, len(self._parts.vehicle.units))
+        self._trailer = SteeredTrailer(own, worker, Stopwatch())
+        self._pictures = StereoPictures(0, own.unit, own.sensing.cameras, worker, keep=False, recorder=recorder)
+        readings = reading_signals(own.n_steered, len(self._parts.vehicle.units))
         self._readings = {MEASURED + signal.name: 0.0 for signal in readings}
 
-    def _recorder(self, folder: Path) -> RecordingWriter:
-        if self._parts.cameras is None:
+    def _recorder(self, own: WatchedTrailer, folder: Path) -> RecordingWriter:
+        cameras = own.sensing.cameras
+        if cameras is None:
             raise ValueError(f"{_FRAMES} = {folder}: this sensor has no stereo cameras")
-        last = self._parts.trailers[-1]
-        return RecordingWriter(folder, self._parts.cameras.calibrated, last.geometry.follow_distance, last.path_height)
+        return RecordingWriter(folder, cameras.calibrated, own.geometry.follow_distance, own.path_height)
 
     def step(self, tick: int, ticks: int, values: Mapping[str, float]) -> Mapping[str, float]:
         """Estimate and readings at the end of a step; inputs hold during it."""
@@ -145,11 +151,11 @@ class SensorComputation:
         }
 
     def _on_ground(self, unit: int, x: float, y: float, psi: float) -> FloatArray:
-        return self._surface.pose_on(x, y, psi, self._parts.vehicle.supports(unit))
+        return self._parts.surface.pose_on(x, y, psi, self._parts.vehicle.supports(unit))
 
     def text(self, name: str) -> str:
         """Hash of all images so far."""
-        return self._pictures.sha256 if self._parts.cameras else "none"
+        return self._pictures.sha256 if self._trailer.trailer.sensing.cameras else "none"
 
     def close(self) -> None:
         """Finish the recording and close the cameras."""

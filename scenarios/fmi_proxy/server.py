@@ -95,6 +95,10 @@ def _opened(kind: str, opening: Opening) -> Computation:
         from scenarios.fmi_proxy.driver import DriverComputation
 
         return DriverComputation(opening)
+    if kind == "ground":
+        from scenarios.fmi_proxy.ground import GroundComputation
+
+        return GroundComputation(opening)
     raise ValueError(f"the FMU is of the kind '{kind}', which this offtrack does not know")
 
 

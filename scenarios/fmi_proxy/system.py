@@ -10,23 +10,24 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element, SubElement, indent, register_namespace, tostring
 
-from scenarios.assembly.adapters import course_of, surface_of, vehicle_of, watched_units
+from scenarios.assembly.adapters import course_of, vehicle_of, watched_units
 from scenarios.assembly.drivers import opened_driver
 from scenarios.assembly.loop_faults import refuse_loop_faults
-from scenarios.assembly.plants import plant_kind, plant_vehicle
+from scenarios.assembly.plants import plant_kind
 from scenarios.fmi_export.archive import fmu_bytes, zipped
 from scenarios.fmi_export.combination import combination_model
 from scenarios.fmi_export.exported import Exported, exported_plant
 from scenarios.fmi_export.units import base_unit
 from scenarios.fmi_export.variables import Quantity, Variable
 from scenarios.fmi_import.estimate_signals import estimate_signals, reading_signals
+from scenarios.fmi_import.ground_signals import ground_signals
 from scenarios.fmi_import.truth_signals import truth_signals
 from scenarios.fmi_proxy.driver import driver_proxy
+from scenarios.fmi_proxy.ground import LaidGround, ground_proxy
 from scenarios.fmi_proxy.law import law_of_scenario
 from scenarios.fmi_proxy.sensor import MEASURED, sensor_proxy
 from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
-from scenarios.randomness import stream
 from vehicle.clock import TICK, to_ticks
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
@@ -108,38 +109,38 @@ class FmuSystem:
 def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
     """The system of a scenario, for communication steps of this length [s].
 
-    The law acts a step after driver and sensor: a runner that passes values on at the end of steps then gives it the
+    Every watched trailer has a sensor, and a law if it is steered. Uneven ground and wind are a component of their own.
+    The laws act a step after driver and sensors: a runner that passes values on at the end of steps then gives them the
     readings of the same 20 ms.
 
     Raises:
-        ValueError: one line, if the step is none of whole milliseconds up to 20 ms, if the scenario is not consistent,
-            or has what no connection carries: uneven ground, faults of the loop, a law for more than the last trailer.
+        ValueError: one line, if the step is none of whole milliseconds up to 20 ms, or if the scenario is not
+            consistent, or has a plant that is none of offtrack's equations of motion, or faults of the loop.
     """
     if not 1 <= to_ticks(step, "--step") <= CONTROL.period:
         raise ValueError(f"--step {step:g} s: must be 0.001 to {CONTROL.period * TICK:g} s")
     if plant_kind(scenario) != "multibody":
         raise ValueError(f"plant = {plant_kind(scenario)}: a system has the plant multibody")
     refuse_loop_faults(scenario.faults, "a system of FMUs")
-    nominal = vehicle_of(scenario)
-    vehicle, course = plant_vehicle(scenario, nominal), course_of(scenario, nominal)
-    surface = surface_of(scenario, course, stream(seed, "surface"))
-    _check_ground(scenario, surface)
+    nominal, ground = vehicle_of(scenario), LaidGround(scenario, seed)
+    course = course_of(scenario, nominal)
     opened = opened_driver(scenario, nominal, course)
-    last = len(vehicle.units) - 1
-    if any(vehicle.units[unit].steered_axles for unit in watched_units(nominal, scenario) if unit != last):
-        raise ValueError(f"vehicle {vehicle.name}: trailers ahead of the last one are steered; a system has one law")
     starts = dict(zip(("start_x", "start_y", "start_psi"), course.start, strict=True))
-    starts["start_speed"] = opened.start_speed
-    components = {
-        "plant": _plant(vehicle, starts, friction=float(surface.friction)),  # type: ignore[arg-type]
-        "driver": driver_proxy(scenario).exported(_VERSION),
-        "sensor": sensor_proxy(scenario, seed).exported(_VERSION),
-    }
-    connections = [*_to_driver(vehicle, reverses=bool(scenario.driver.stops)), *_to_sensor(vehicle)]
-    n_steered = len(vehicle.units[last].steered_axles)
-    if n_steered:
-        components["law"] = law_of_scenario(scenario, first_step=step).exported(_VERSION)
-        connections += [*_to_law(n_steered, len(vehicle.units)), *_to_axles(n_steered)]
+    starts |= {"start_speed": opened.start_speed, **ground.at_start}
+    components = {"driver": driver_proxy(scenario).exported(_VERSION)}
+    connections = _to_driver(ground.vehicle, reverses=bool(scenario.driver.stops))
+    if not is_level(ground.surface):
+        components["ground"] = ground_proxy(scenario, seed).exported(_VERSION)
+        connections += _of_ground(ground.vehicle)
+    last = len(nominal.units) - 1
+    for unit in watched_units(nominal, scenario):
+        own = "" if unit == last else f"_{unit + 1}"
+        components[f"sensor{own}"] = sensor_proxy(scenario, seed, unit).exported(_VERSION)
+        connections += [Connection("plant", one.name, f"sensor{own}", one.name) for one in truth_signals(nominal)]
+        if nominal.units[unit].steered_axles:
+            components[f"law{own}"] = law_of_scenario(scenario, first_step=step, unit=unit).exported(_VERSION)
+            connections += _of_law(nominal, unit, own)
+    components["plant"] = _plant(ground.vehicle, starts)
     return FmuSystem(
         name=scenario.name,
         summary=f"closed loop of offtrack: {scenario.name}",
@@ -149,23 +150,19 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
     )
 
 
-def _check_ground(scenario: Scenario, surface: Surface) -> None:
+def is_level(surface: Surface) -> bool:
+    """True for level, smooth ground of one friction without wind, which stays as it is at the start."""
     level = surface.relief is None and surface.cross_fall == 0.0 and surface.grade == 0.0 and surface.is_smooth
-    if not (level and surface.is_uniform and surface.gust is None):
-        raise ValueError(
-            f"scenario {scenario.name}: a system has level, smooth ground with one friction, and no wind: nothing in "
-            "it carries the ground to the plant; leave out wind.*, surface.* except friction, and the course's relief"
-        )
+    return level and surface.is_uniform and surface.gust is None
 
 
-def _plant(vehicle: Vehicle, starts: Mapping[str, float], friction: float) -> Exported:
+def _plant(vehicle: Vehicle, starts: Mapping[str, float]) -> Exported:
     """The plant, whose start values are those of the scenario."""
     model = combination_model(vehicle)
     interface = model.interface
 
     def started(quantity: Quantity) -> Quantity:
-        start = starts.get(quantity.name, friction if quantity.name.startswith("friction_wheel_") else quantity.start)
-        return quantity._replace(start=start)
+        return quantity._replace(start=starts.get(quantity.name, quantity.start))
 
     changed = dataclasses.replace(
         interface,
@@ -186,20 +183,26 @@ def _to_driver(vehicle: Vehicle, *, reverses: bool) -> list[Connection]:
     ]
 
 
-def _to_sensor(vehicle: Vehicle) -> list[Connection]:
-    return [Connection("plant", one.name, "sensor", one.name) for one in truth_signals(vehicle)]
-
-
-def _to_law(n_steered: int, n_units: int) -> list[Connection]:
+def _of_ground(vehicle: Vehicle) -> list[Connection]:
+    poses = [f"{axis}_{k}" for axis in ("x", "y", "psi") for k in range(1, len(vehicle.units) + 1)]
     return [
-        *(Connection("sensor", one.name, "law", one.name) for one in estimate_signals(coarse=False)),
-        *(Connection("sensor", MEASURED + one.name, "law", one.name) for one in reading_signals(n_steered, n_units)),
+        *(Connection("plant", name, "ground", name) for name in poses),
+        *(Connection("ground", one.name, "plant", one.name) for one in ground_signals(vehicle)),
     ]
 
 
-def _to_axles(n_steered: int) -> list[Connection]:
+def _of_law(vehicle: Vehicle, unit: int, own: str) -> list[Connection]:
+    """Connections of the law of a unit; ``own`` ends the names of its sensor and law."""
+    sensor, law = f"sensor{own}", f"law{own}"
+    n_steered = len(vehicle.units[unit].steered_axles)
+    ahead = sum(len(one.steered_axles) for one in vehicle.units[1:unit])
     axles = range(1, n_steered + 1)
-    return [Connection("law", f"steer_demand_{k}", "plant", f"steer_trailer_{k}") for k in axles]
+    return [
+        *(Connection(sensor, one.name, law, one.name) for one in estimate_signals(coarse=False)),
+        *(Connection(sensor, MEASURED + one.name, law, one.name)
+          for one in reading_signals(n_steered, len(vehicle.units))),
+        *(Connection(law, f"steer_demand_{k}", "plant", f"steer_trailer_{ahead + k}") for k in axles),
+    ]  # fmt: skip
 
 
 def _connectors(component: Element, variables: Iterable[Variable]) -> None:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import threading
 import zipfile
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pytest
 from fmpy.fmi3 import fmi3IntermediateUpdateCallback
@@ -25,13 +23,13 @@ from scenarios.fmi_export.model import PlantModel
 from scenarios.fmi_export.plants import plant_model
 from scenarios.fmi_export.rover import rover_model
 from scenarios.fmi_export.units import base_unit
+from tests.fmu_hosts import host_here
 from tests.fmu_plants import START, Slave, c_compiler, deviations, driven_here, driven_there, weave
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.rover.description import load_rover
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 TRUCK = "rigid_truck"
-HEADERS = Path(binaries.__file__).parent / "headers"
 
 
 @pytest.fixture(scope="module")
@@ -85,24 +83,19 @@ def test_both_versions_compute_the_same_bits(fmus: dict[int, Path], vehicle: Veh
 
 
 @pytest.mark.parametrize("version", [2, 3])
-def test_a_program_in_c_loads_and_steps_it(fmus: dict[int, Path], version: int, tmp_path: Path) -> None:
-    slave = slave_of(fmus, version)
-    slave.set({"steer": 0.1})
-    slave.step()
-    (expected,) = slave.get(["yaw_rate_1"])
+def test_a_program_in_c_loads_and_steps_it(
+    fmus: dict[int, Path], version: int, vehicle: Vehicle, tmp_path: Path
+) -> None:
+    """Bitwise as in FMPy, which calls the same library."""
+    slave, drive = slave_of(fmus, version, START), weave(1.0)
+    expected = driven_there(slave, vehicle, drive)
+    names = slave.outputs
     slave.close()
-    description = fmpy.read_model_description(str(fmus[version]))
-    token = description.guid if version == 2 else description.instantiationToken
-    (library,) = fmus[version].with_suffix("").rglob("*.so")
-    host = tmp_path / "host"
-    source = Path(__file__).parents[1] / "fmu_host.c"
-    compiler = c_compiler()
-    assert compiler is not None
-    subprocess.run([compiler, "-w", f"-I{HEADERS}", str(source), "-o", str(host), "-ldl"], check=True)
-    arguments = [library, version, token, slave.reference["steer"], slave.reference["yaw_rate_1"]]
-    done = subprocess.run([host, *map(str, arguments)], capture_output=True, text=True, check=False)
+    rows = {"steer": drive.steer, "acceleration": drive.acceleration}
+    done = host_here(tmp_path).run(fmus[version], tmp_path / "x", rows=rows, outputs=names, starts=START)
     assert (done.returncode, done.stderr) == (0, "")
-    assert float(done.stdout) == expected
+    found = np.loadtxt(done.stdout.splitlines())
+    np.testing.assert_array_equal(found, np.column_stack([expected[name] for name in names]))
 
 
 @pytest.mark.parametrize("version", [2, 3])
@@ -118,6 +111,17 @@ def test_a_step_of_no_whole_ticks_is_refused_with_a_message(fmus: dict[int, Path
     with pytest.raises(Exception, match="failed"):
         slave.set({"units.0.mass": 9000.0})
     assert "fixed after the initialisation" in slave.messages[-1]
+    slave.close()
+
+
+@pytest.mark.parametrize("name", ["gear", "friction_wheel_1"])
+def test_a_zero_of_what_is_never_zero_stands_for_the_start(fmus: dict[int, Path], name: str) -> None:
+    """Importers such as FMPy's runner of systems begin with 0 on every connection."""
+    slave = slave_of(fmus, 2, START)
+    start = slave.get([name])
+    slave.set({name: 0.0})
+    slave.step()
+    assert slave.get([name]) == start
     slave.close()
 
 

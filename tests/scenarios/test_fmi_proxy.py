@@ -18,7 +18,8 @@ from typer.testing import CliRunner
 
 from controllers.trailer import Combination
 from estimators.estimates import Health, OffTracking
-from scenarios.assembly.adapters import trailer_geometry
+from scenarios.assembly.adapters import course_of, trailer_geometry, vehicle_of
+from scenarios.assembly.ground import opened_ground
 from scenarios.assembly.trailer import assemble
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.cli import app
@@ -39,17 +40,23 @@ from scenarios.fmi_import.truth_signals import truth_of, truth_signals, truth_va
 from scenarios.fmi_proxy.computation import Opening
 from scenarios.fmi_proxy.description import Proxy
 from scenarios.fmi_proxy.driver import DriverComputation, driver_proxy
+from scenarios.fmi_proxy.ground import GroundComputation, ground_proxy, in_wind_of
 from scenarios.fmi_proxy.law import law_proxy
 from scenarios.fmi_proxy.sensor import SensorComputation, sensor_proxy
 from scenarios.fmi_proxy.server import folder_of
-from scenarios.fmi_proxy.system import fmu_system
+from scenarios.fmi_proxy.system import FmuSystem, fmu_system
 from scenarios.loop.channel import InLine
 from scenarios.loop.combination import TrailerSession
 from scenarios.options.scenario import Scenario, load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_plants import Slave, c_compiler
 from tests.fmu_proxies import alive, stand_in
+from vehicle.combination.attitude import smooth_ground_sizes
 from vehicle.combination.description import load_vehicle
+from vehicle.combination.ground_inputs import SurfaceLookup
+from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.plant_inputs import command_sizes, ground_input_sizes
+from vehicle.frames import Pose2
 
 pytestmark = pytest.mark.skipif(c_compiler() is None, reason="no C compiler")
 VEHICLE = "uk_longer_semitrailer"
@@ -352,9 +359,15 @@ def test_a_first_map_connects_equal_names_first_and_lists_texts(
     assert read_map(fmu, part).parameters == {"frames": "images"}
 
 
-def test_a_system_connects_what_there_is_in_the_same_units() -> None:
-    """Valid by the schema of SSP; every input of sensor, driver and law has one source."""
-    loop = fmu_system(load_scenario("turn-90", ["off_tracking=truth", "surface.friction=0.5"]), 1)
+@pytest.fixture(scope="module")
+def loop() -> FmuSystem:
+    """Two steered trailers on a bank."""
+    settings = ["off_tracking=truth", "vehicle=b_double_steered", "surface.cross_fall=0.03", "surface.friction=0.5"]
+    return fmu_system(load_scenario("roundabout", settings), 1)
+
+
+def test_a_system_connects_what_there_is_in_the_same_units(loop: FmuSystem) -> None:
+    """Valid by the schema of SSP; every input of sensors, driver, ground and laws has one source."""
     etree = pytest.importorskip("lxml.etree")  # FMPy has it
     schema = etree.XMLSchema(etree.parse(Path(ssd.__file__).parent / "schema" / "SystemStructureDescription.xsd"))
     schema.assertValid(etree.fromstring(loop.description()))
@@ -374,11 +387,67 @@ def test_a_system_connects_what_there_is_in_the_same_units() -> None:
     assert variables["plant", "start_speed"].quantity.start > 0.0
 
 
+def test_every_steered_trailer_has_its_sensor_and_law(loop: FmuSystem) -> None:
+    """Each law gets the estimates and readings of its own trailer, and steers that trailer's axles."""
+    assert set(loop.components) == {"plant", "driver", "ground", "sensor_2", "law_2", "sensor", "law"}
+    steered = [len(unit.steered_axles) for unit in load_vehicle("b_double_steered").units]
+    sources = {one.input: (one.source, one.output) for one in loop.connections if one.target == "plant"}
+    for k in range(1, steered[1] + 1):
+        assert sources[f"steer_trailer_{k}"] == ("law_2", f"steer_demand_{k}")
+    for k in range(1, steered[2] + 1):
+        assert sources[f"steer_trailer_{steered[1] + k}"] == ("law", f"steer_demand_{k}")
+    assert {one.source for one in loop.connections if one.target == "law_2"} == {"sensor_2"}
+
+
+def test_the_plant_of_a_system_starts_on_its_ground(loop: FmuSystem) -> None:
+    """Also where a runner gives it zeros at first; all of the ground comes from a component of its own."""
+    starts, ground = (
+        {one.quantity.name: one.quantity.start for one in loop.components[name].variables if one.causality == causality}
+        for name, causality in (("plant", "input"), ("ground", "output"))
+    )
+    assert ground.items() <= starts.items()
+    assert starts["friction_wheel_1"] == 0.5
+    assert abs(starts["ground_height_1"]) > 0.0
+    given = {one.input: one.source for one in loop.connections if one.target == "plant"}
+    assert all(given[name] == "ground" for name in ground)
+
+
+UNEVEN = {
+    "bank": ["surface.cross_fall=0.03"],
+    "slope": ["surface.grade=0.02"],
+    "sides": ["surface.friction_right=0.2"],
+    "rough": ["surface.roughness=C"],
+    "gust": ["vehicle=eu_tractor_semitrailer", "trailer_steering=none", "wind.speed=10", "wind.length=20"],
+}
+
+
+@pytest.mark.parametrize("name", UNEVEN)
+def test_the_ground_of_a_system_is_that_of_the_run(name: str, tmp_path: Path) -> None:
+    """What the plant of a run looks up, wherever the units are, up to the rounding of places."""
+    scenario = load_scenario("roundabout", ["off_tracking=truth", *UNEVEN[name]])
+    proxy = ground_proxy(scenario, 5)
+    ground = GroundComputation(opening(proxy, tmp_path))
+    surface, _ = opened_ground(scenario, course_of(scenario, vehicle_of(scenario)), 5)
+    vehicle = in_wind_of(surface, vehicle_of(scenario))
+    plant = Plant(vehicle, surface)
+    state = plant.initial_state(Pose2(12.0, 3.0, 0.4), 4.0)
+    for _ in range(100):
+        state = plant.step(state, VehicleCommand(0.2, 0.5, (0.0,) * command_sizes(vehicle).trailer_steer), 10)
+    kinematics = plant._kinematics_of(state)
+    poses = plant.observe(state, 0).poses
+    inputs = {f"{axis}_{k}": x for axis, row in zip(("x", "y", "psi"), poses.T, strict=True)
+              for k, x in enumerate(row.tolist(), start=1)}  # fmt: skip
+    assert set(inputs) == {one.name for one in proxy.inputs}
+    values = np.array([*ground.step(10, 10, inputs).values()])
+    lookup, parts = SurfaceLookup(surface, vehicle), sum(ground_input_sizes(vehicle))
+    np.testing.assert_allclose(values[:parts], lookup.ground_inputs(kinematics), atol=1e-13)
+    heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
+    np.testing.assert_allclose(values[parts:], heights, atol=1e-13)
+
+
 @pytest.mark.parametrize(
     ("settings", "reason"),
     [
-        (["surface.cross_fall=0.02"], "a system has level, smooth ground"),
-        (["vehicle=b_double_steered"], "a system has one law"),
         (["off_tracking=x.fmu"], "is an FMU already"),
         (["plant.kind=constant_slip"], "a system has the plant multibody"),
     ],

@@ -28,3 +28,7 @@ int plant_advance(Data *data, long ticks, char *message) {
 void plant_observe(Data *data) {
   observe_run(1, 1, data->state, data->inputs, data->numbers + STEP_NC, data->outputs);
 }
+
+int plant_never_zero(unsigned input) {
+  return input == GEAR || (input >= FIRST_FRICTION && input < FIRST_FRICTION + N_FRICTIONS);
+}

@@ -105,7 +105,8 @@ int model_set(Model *model, unsigned reference, double value) {
     }
     data->parameters[reference - 1] = value;
   } else {
-    data->inputs[reference - FIRST_INPUT] = value;
+    unsigned input = reference - FIRST_INPUT;
+    data->inputs[input] = value == 0.0 && plant_never_zero(input) ? INPUT_STARTS_[input] : value;
   }
   if (!data->initialised) data->started = 0;
   data->current = 0;

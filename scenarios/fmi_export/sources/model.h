@@ -26,4 +26,7 @@ HIDDEN int plant_start(Data *data, char *message);
 HIDDEN int plant_advance(Data *data, long ticks, char *message);
 HIDDEN void plant_observe(Data *data);
 
+/* true for an input that is never 0, a gear or a friction: importers that begin with 0 have no value for it yet */
+HIDDEN int plant_never_zero(unsigned input);
+
 #endif

@@ -16,9 +16,15 @@
 #define MODULE "scenarios.fmi_proxy.server"
 #define VARIABLE "OFFTRACK_PYTHON"
 #ifdef _WIN32
+#define IS_WINDOWS 1
 #define DEFAULT_PYTHON "python"
+#define CURE \
+  "; offtrack runs on Linux only: on Windows this FMU has nothing that computes; use it in a tool on Linux, or an FMU of " \
+  "'offtrack fmu plant' here"
 #else
+#define IS_WINDOWS 0
 #define DEFAULT_PYTHON "python3"
+#define CURE "; the parameter 'python' or the variable " VARIABLE " names the Python of an environment with offtrack"
 #endif
 #define LONGEST_REASON 800
 #define LONGEST_ANSWER 1000000 /* of a text [bytes] */
@@ -153,7 +159,7 @@ static int ask(Process *process, char kind, const void *head, size_t n_head, con
 }
 
 /* the first request: the parameters, then every text with its size before it */
-static int started(Model *model, const char *cure) {
+static int started(Model *model) {
   Data *data = model->data;
   char reason[LONGEST_REASON] = "", *texts;
   size_t size = 0, at = 0;
@@ -170,18 +176,16 @@ static int started(Model *model, const char *cure) {
   bad = ask(data->process, 'i', data->parameters, sizeof data->parameters, texts, size,
             data->parameters[START_TIMEOUT], data->outputs, 0, NULL, reason);
   free(texts);
-  return bad ? failed(model, "start", reason, strstr(reason, "No module") ? cure : "") : 0;
+  return bad ? failed(model, "start", reason, IS_WINDOWS || strstr(reason, "No module") ? CURE : "") : 0;
 }
 
 int model_initialise(Model *model) {
   Data *data = model->data;
-  const char *cure = "; the parameter 'python' or the variable " VARIABLE " names the Python of an environment with "
-                     "offtrack";
   char reason[LONGEST_REASON] = "";
   ended(data, 0);
   data->process = process_start(python_of(data), MODULE, model->resources, reason, sizeof reason);
-  if (!data->process) return failed(model, "start", reason, cure);
-  if (started(model, cure)) return 1;
+  if (!data->process) return failed(model, "start", reason, CURE);
+  if (started(model)) return 1;
   data->initialised = 1;
   return 0;
 }

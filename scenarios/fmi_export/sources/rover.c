@@ -84,3 +84,8 @@ int plant_advance(Data *data, long ticks, char *message) {
 void plant_observe(Data *data) {
   observe_run(1, 1, data->state, data->inputs, data->numbers + STEP_NC, data->outputs);
 }
+
+int plant_never_zero(unsigned input) {
+  (void)input;
+  return 0;
+}
