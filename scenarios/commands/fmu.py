@@ -31,8 +31,8 @@ app = typer.Typer(
     help=(
         "Co-simulation with other tools by FMI: offtrack's vehicles there, their models here.\n\n"
         "offtrack fmu plant writes a truck or rover as an FMU that Simulink, Dymola, FMPy and others simulate without "
-        "Python. offtrack fmu law, sensor, driver and ground write parts of offtrack behind which a Python process computes; "
-        "offtrack fmu system writes a whole run.\n\n"
+        "Python. offtrack fmu law, sensor, driver and ground write parts of offtrack behind which a Python process "
+        "computes; offtrack fmu system writes a whole run.\n\n"
         "An FMU for co-simulation, FMI 2 or 3, is a part of a run where its file is named: trailer_steering=law.fmu. A "
         "TOML file beside it says which of its variables is which signal; offtrack fmu map writes a first one."
     ),

@@ -35,6 +35,7 @@ from vehicle.combination.truth_vectors import Kinematics, WheelTruth, kinematics
 from vehicle.engine.program import program_of
 
 _FRICTION = 0.8  # of dry asphalt, where nothing is connected [-]
+_BODY_SLOPE = "on curved ground: mean rise at the supports of {} less that under its centre of gravity: tilts its body"
 
 
 def combination_model(vehicle: Vehicle) -> PlantModel:
@@ -74,7 +75,7 @@ def combination_model(vehicle: Vehicle) -> PlantModel:
 
 
 def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
-    """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights of the ground below the bodies."""
+    """Inputs in the order of ``CommandInputs`` and ``GroundInputs``, then heights and slopes below the bodies."""
     units = [unit.name for unit in vehicle.units]
     axles = [(unit.name, k) for unit in vehicle.units[1:] for k, _ in enumerate(unit.steered_axles, start=1)]
     axle_names = [f"axle {k} of {unit.name}" for unit in vehicle.units for k, _ in enumerate(unit.axles, start=1)]
@@ -103,6 +104,8 @@ def combination_inputs(vehicle: Vehicle) -> list[Quantity]:
         *numbered(
             "ground_height", "m", [f"height of the smooth ground at the {at}: lifts its body" for at in supports]
         ),
+        *numbered("body_slope_x", "-", [f"{_BODY_SLOPE.format(name)} along x of the world" for name in units]),
+        *numbered("body_slope_y", "-", [f"{_BODY_SLOPE.format(name)} along y of the world" for name in units]),
     ]
 
 
@@ -151,12 +154,11 @@ def _observe_function(vehicle: Vehicle, n_inputs: int, n_numbers: int) -> Any:
     """Function (state, inputs, numbers) -> outputs, in the order of ``combination_outputs``."""
     N, sizes = len(vehicle.units), (*command_sizes(vehicle), *ground_input_sizes(vehicle))
     x, u, numbers = vector(sum(state_sizes(vehicle))), vector(n_inputs), vector(n_numbers)
-    plant_inputs, heights = u[: sum(sizes)], u[sum(sizes) :]
+    n_heights = smooth_ground_sizes(vehicle).height
+    plant_inputs, heights, *more = parts(u, (sum(sizes), n_heights, N, N))
     of_ground = GroundInputs(*parts(plant_inputs, sizes)[len(command_sizes(vehicle)) :])
-    assert heights.numel() == smooth_ground_sizes(vehicle).height
-    smooth = ca.vertcat(
-        heights, *(slope[k // 2] for slope in (of_ground.slope_x, of_ground.slope_y) for k in range(2 * N))
-    )
+    slopes = [at_centre + less for at_centre, less in zip((of_ground.slope_x, of_ground.slope_y), more, strict=True)]
+    smooth = ca.vertcat(heights, *(slope[k // 2] for slope in slopes for k in range(2 * N)))
     state = State(*parts(x, state_sizes(vehicle)))
     motion = Kinematics(*parts(kinematics_function(vehicle)(x, ca.SX(0, 1), numbers), kinematics_sizes(vehicle)))
     idle = ca.vertcat(ca.SX.zeros(sum(command_sizes(vehicle))), *of_ground)

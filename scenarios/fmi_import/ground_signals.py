@@ -33,6 +33,8 @@ def ground_signals(vehicle: Vehicle) -> tuple[Signal, ...]:
                    f"unit {(k + 1) // 2}")
             for k in supports
         ),
+        *(Signal(f"body_slope_x_{k}", "-", "mean of its supports less ground_slope_x") for k in units),
+        *(Signal(f"body_slope_y_{k}", "-", "mean of its supports less ground_slope_y") for k in units),
     )  # fmt: skip
 
 
@@ -43,7 +45,7 @@ class GroundUnder:
         self._lookup = SurfaceLookup(surface, vehicle)
         self._into = Kinematics(*slices(kinematics_sizes(vehicle)))
         self._parts = GroundInputs(*slices(ground_input_sizes(vehicle)))
-        self._heights = SmoothGround(*slices(smooth_ground_sizes(vehicle))).height
+        self._smooth = SmoothGround(*slices(smooth_ground_sizes(vehicle)))
         self._size = sum(kinematics_sizes(vehicle))
         units = range(len(vehicle.units))
         self._centres = np.array([(k, vehicle.units[k].cg_x, 0.0) for k in units])
@@ -58,8 +60,16 @@ class GroundUnder:
         at[into.support_x], at[into.support_y] = _places(poses, self._supports)
         inputs, smooth = self._lookup.ground_inputs(at), self._lookup.smooth_ground(at)
         columns = dict(zip(_NAMES, (inputs[part] for part in self._parts), strict=True))
-        columns[_HEIGHT] = smooth[self._heights]
+        columns[_HEIGHT] = smooth[self._smooth.height]
+        for axis, of_supports in (("x", self._smooth.slope_x), ("y", self._smooth.slope_y)):
+            columns[f"body_slope_{axis}"] = _means(smooth[of_supports]) - columns[f"ground_slope_{axis}"]
         return {f"{name}_{k}": x for name, column in columns.items() for k, x in enumerate(column.tolist(), start=1)}
+
+
+def _means(of_supports: FloatArray) -> FloatArray:
+    """Means (N,) of the front and rear support of every unit."""
+    means: FloatArray = 0.5 * (of_supports[0::2] + of_supports[1::2])
+    return means
 
 
 def _places(poses: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:

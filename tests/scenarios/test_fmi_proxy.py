@@ -442,7 +442,7 @@ def test_the_ground_of_a_system_is_that_of_the_run(name: str, tmp_path: Path) ->
     lookup, parts = SurfaceLookup(surface, vehicle), sum(ground_input_sizes(vehicle))
     np.testing.assert_allclose(values[:parts], lookup.ground_inputs(kinematics), atol=1e-13)
     heights = lookup.smooth_ground(kinematics)[: smooth_ground_sizes(vehicle).height]
-    np.testing.assert_allclose(values[parts:], heights, atol=1e-13)
+    np.testing.assert_allclose(values[parts : parts + len(heights)], heights, atol=1e-13)
 
 
 @pytest.mark.parametrize(
