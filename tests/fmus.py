@@ -13,7 +13,12 @@ from typing import Final, Literal, NamedTuple
 from fmpy.fmi3 import FMU3Slave
 
 TOKEN: Final = "{6c9f1d3e-0000-4000-8000-000000000001}"
-MISHAPS: Final = {"crash": 1, "endless": 2, "nan": 3, "error": 4, "exit": 5}  # values of the parameter ``mishap``
+STEP_MISHAPS: Final = ("crash", "endless", "nan", "error", "exit", "infinite", "discard", "fatal", "pending", "abort",
+                       "success", "recursion", "killed", "closed", "chatter", "binary")  # fmt: skip
+START_MISHAPS: Final = ("start crash", "start endless", "start nan", "start error", "start exit", "start discard")
+END_MISHAPS: Final = ("end crash", "end endless")
+MISHAPS: Final = {name: k for k, name in enumerate((*STEP_MISHAPS, *START_MISHAPS, *END_MISHAPS), start=1)}
+"""Values of the parameter ``mishap``."""
 
 
 class Quantity(NamedTuple):
@@ -33,20 +38,52 @@ _MODEL: Final = """
 #include <stdlib.h>
 #include <string.h>
 #include <stdio.h>
+#include <signal.h>
 #include <unistd.h>
 #define N %(count)d
+#define TOKEN "%(token)s"
 typedef struct { double v[N]; double x[16]; } Model;
 static double starts[N] = { %(starts)s };
+static double deep(double x) {
+    volatile char filled[4096];
+    filled[0] = (char)x;
+    return deep(x + filled[0]) + filled[0];
+}
+static void ended(Model *m) {
+    if (m->v[%(mishap)d] == 23) *(volatile int *)8 = 1;
+    if (m->v[%(mishap)d] == 24) for (;;) usleep(1000);
+    free(m);
+}
 static int computed(Model *m, double time, double dt) {
     double *v = m->v, *x = m->x;
     (void)x;
     (void)dt;
-    if (dt > 0 && v[%(mishap)d] > 0 && time >= v[%(at)d] - 1e-9) switch ((int)v[%(mishap)d]) {
+    const int due = dt > 0 && time >= v[%(at)d] - 1e-9, mishap = (int)v[%(mishap)d];
+    if (due) switch (mishap) {
         case 1: *(volatile int *)8 = 1; break;
         case 2: for (;;) usleep(1000);
         case 3: v[%(first_output)d] = NAN; return 0;
         case 4: fprintf(stderr, "the water is too cold\\n"); return 3;
         case 5: exit(7);
+        case 6: v[%(first_output)d] = INFINITY; return 0;
+        case 7: return 2;
+        case 8: return 4;
+        case 9: return 5;
+        case 10: abort();
+        case 11: exit(0);
+        case 12: return (int)deep(1.0);
+        case 13: kill(getpid(), SIGKILL);
+        case 14: for (int k = 0; k < 64; k++) close(k); for (;;) usleep(1000);
+        case 15: for (int k = 0; k < 20000; k++) printf("blah %%d\\n", k); fflush(stdout); return 3;
+        case 16: for (int k = 0; k < 256; k++) fputc(k, stderr); return 3;
+    }
+    if (dt == 0) switch (mishap) {
+        case 17: *(volatile int *)8 = 1; break;
+        case 18: for (;;) usleep(1000);
+        case 19: v[%(first_output)d] = NAN; return 0;
+        case 20: return 3;
+        case 21: exit(9);
+        case 22: return 2;
     }
     %(code)s
     return 0;
@@ -54,14 +91,15 @@ static int computed(Model *m, double time, double dt) {
 """
 _FMI2: Final = """
 void *fmi2Instantiate(const char *n, int t, const char *g, const char *r, void *c, int vis, int log) {
+    if (strcmp(g, TOKEN)) return 0;
     Model *m = calloc(1, sizeof(Model));
     memcpy(m->v, starts, sizeof starts);
     return m;
 }
-void fmi2FreeInstance(void *m) { free(m); }
+void fmi2FreeInstance(void *m) { ended(m); }
 int fmi2SetupExperiment(void *m, int a, double b, double c, int d, double e) { return 0; }
 int fmi2EnterInitializationMode(void *m) { return 0; }
-int fmi2ExitInitializationMode(void *m) { computed(m, 0, 0); return 0; }
+int fmi2ExitInitializationMode(void *m) { return computed(m, 0, 0); }
 int fmi2Terminate(void *m) { return 0; }
 int fmi2SetReal(void *m, const unsigned *r, size_t n, const double *v) {
     for (size_t i = 0; i < n; i++) ((Model *)m)->v[r[i]] = v[i];
@@ -93,9 +131,9 @@ void *fmi3InstantiateCoSimulation(const char *n, const char *t, const char *r, b
     memcpy(m->v, starts, sizeof starts);
     return m;
 }
-void fmi3FreeInstance(void *m) { free(m); }
+void fmi3FreeInstance(void *m) { ended(m); }
 int fmi3EnterInitializationMode(void *m, bool a, double b, double c, bool d, double e) { return 0; }
-int fmi3ExitInitializationMode(void *m) { computed(m, 0, 0); return 0; }
+int fmi3ExitInitializationMode(void *m) { return computed(m, 0, 0); }
 int fmi3Terminate(void *m) { return 0; }
 int fmi3SetFloat64(void *m, const unsigned *r, size_t n, const double *v, size_t nv) {
     for (size_t i = 0; i < n; i++) ((Model *)m)->v[r[i]] = v[i];
@@ -137,6 +175,7 @@ def build_fmu(
         _MODEL
         % {
             "count": len(everything),
+            "token": TOKEN,
             "starts": ", ".join(repr(one.start) for one in everything),
             "mishap": names.index("mishap"),
             "at": names.index("mishap_at"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import math
 import platform
 import re
 import shutil
@@ -18,6 +19,7 @@ from typing import Any, Final
 from vehicle.user_file import MAX_MEMBERS, FileKind, read_bytes, shown
 
 _LARGEST: Final = 1_000_000_000  # unpacked [bytes]
+_END_OF_REFERENCES: Final = 2**32
 _FMI_VERSION: Final = re.compile(rb"""fmiVersion\s*=\s*["']([^"']*)["']""")
 _REAL: Final = ("Real", "Float64", "Float32")
 _WHOLE: Final = ("Integer", "Enumeration", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64")
@@ -105,16 +107,21 @@ def open_fmu(path: Path) -> FmuFile:
     simulation = description.coSimulation
     if simulation is None:
         raise ValueError(f"{path}: is for model exchange only: export it for co-simulation")
+    if not simulation.modelIdentifier:
+        raise ValueError(f"{path}: modelDescription.xml: CoSimulation has no modelIdentifier, the name of its library")
     _check_binary(path, names, version, str(simulation.modelIdentifier))
     fixed = getattr(simulation, "fixedInternalStepSize", None)
     strict = simulation.canHandleVariableCommunicationStepSize is False and fixed is not None
     wished = fixed if fixed is not None else getattr(description.defaultExperiment, "stepSize", None)
+    step = None if wished is None else _number(wished)
+    if wished is not None and step is None:
+        raise ValueError(f"{path}: modelDescription.xml: step size = '{shown(str(wished), 40)}' must be a number")
     return FmuFile(
         path=path,
         version=version,
         token=str(description.guid if version == 2 else description.instantiationToken),
         identifier=str(simulation.modelIdentifier),
-        step=None if wished is None else float(wished),
+        step=step,
         fixed_step=strict,
         keeps_state=bool(simulation.canGetAndSetFMUstate and simulation.canSerializeFMUstate),
         variables=_variables(path, description),
@@ -152,6 +159,12 @@ def _check_binary(path: Path, names: set[str], version: int, identifier: str) ->
     folder = fmi2_platform if version == 2 else platform_tuple
     if f"binaries/{folder}/{identifier}{sharedLibraryExtension}" in names:
         return
+    library = f"{shown(identifier, 60)}{sharedLibraryExtension}"
+    others = [
+        name for name in names if name.startswith(f"binaries/{folder}/") and name.endswith(sharedLibraryExtension)
+    ]
+    if others:
+        raise ValueError(f"{path}: has no library '{library}', as its description names it, but {shown(others[0], 80)}")
     there = sorted({PurePosixPath(name).parts[1] for name in names if name.startswith("binaries/") and name[9:]})
     sources = any(name.startswith("sources/") and name[8:] for name in names)
     has = f"it has {', '.join(there)}" if there else "it has none"
@@ -162,22 +175,36 @@ def _check_binary(path: Path, names: set[str], version: int, identifier: str) ->
 
 def _variables(path: Path, description: Any) -> dict[str, Variable]:
     units = {unit.name: unit for unit in description.unitDefinitions or ()}
-    variables = {}
+    variables: dict[str, Variable] = {}
     for one in description.modelVariables:
         if getattr(one, "dimensions", None):
             continue  # arrays are of no use as signals
+        name, reference = str(one.name), int(one.valueReference)
+        if name in variables:
+            raise ValueError(f"{path}: modelDescription.xml: two variables are named '{shown(name, 60)}'")
+        if not 0 <= reference < _END_OF_REFERENCES:
+            raise ValueError(
+                f"{path}: modelDescription.xml: variable '{shown(name, 60)}': valueReference = {reference} must be from "
+                f"0 to {_END_OF_REFERENCES - 1}"
+            )
         declared = one.declaredType
         unit = str(one.unit or getattr(declared, "unit", None) or "")
         base = getattr(units.get(unit), "baseUnit", None)
-        variables[str(one.name)] = Variable(
-            name=str(one.name),
-            reference=int(one.valueReference),
+        factor, offset = (1.0, 0.0) if base is None else (float(base.factor), float(base.offset))
+        if not (math.isfinite(factor) and math.isfinite(offset) and factor != 0.0):
+            raise ValueError(
+                f"{path}: modelDescription.xml: unit '{shown(unit, 40)}': factor = {factor} and offset = {offset} "
+                "must be finite, and the factor not 0"
+            )
+        variables[name] = Variable(
+            name=name,
+            reference=reference,
             kind=str(one.type),
             causality=str(one.causality),
             start=None if one.start is None else str(one.start),
             unit=unit,
-            factor=1.0 if base is None else float(base.factor),
-            offset=0.0 if base is None else float(base.offset),
+            factor=factor,
+            offset=offset,
             exponents=_exponents(base),
             meaning=str(one.description or ""),
             low=_number(one.min),
@@ -196,7 +223,7 @@ def _exponents(base: Any) -> tuple[tuple[str, int], ...]:
 def _number(value: Any) -> float | None:
     try:
         return None if value is None else float(value)
-    except ValueError:
+    except (TypeError, ValueError):
         return None
 
 

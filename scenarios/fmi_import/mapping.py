@@ -194,6 +194,8 @@ def _of_causality(fmu: FmuFile, table: str) -> list[Variable]:
 def _likely(variable: Variable, signals: Sequence[Signal]) -> Signal | None:
     """The signal of a fitting unit whose name has most words in common with a variable's, if it is the only one."""
     scale = declared_scale(variable)
+    if scale is None and variable.unit:
+        return None
     fitting = [signal for signal in signals if scale is None or fits(scale, signal.unit)]
     likeness = {signal: _likeness(_words(variable.name), _words(signal.name)) for signal in fitting}
     best = max(likeness.values(), default=0.0)
@@ -251,7 +253,13 @@ def _link(place: str, variable: Variable, signal: Signal, link: Mapping[str, Any
     unit = link.get("unit")
     if unit is not None and unit not in UNITS:
         raise ValueError(f"{place}: unit = {unit!r}{nearest(str(unit), tuple(UNITS))}")
-    scale = (declared_scale(variable) if unit is None else UNITS[unit]) or Scale(signal.unit)
+    scale = declared_scale(variable) if unit is None else UNITS[unit]
+    if scale is None and variable.unit:
+        raise ValueError(
+            f"{place}: the FMU's unit '{shown(variable.unit, 40)}' is none of a signal; the signal {signal.name} is in "
+            f'{signal.unit}: give the variable\'s unit in the map, such as unit = "{signal.unit}"'
+        )
+    scale = scale or Scale(signal.unit)
     if not fits(scale, signal.unit):
         raise ValueError(
             f"{place}: the variable is in {unit or variable.unit}, the signal {signal.name} in {signal.unit}: "
