@@ -184,8 +184,8 @@ def _variables(path: Path, description: Any) -> dict[str, Variable]:
             raise ValueError(f"{path}: modelDescription.xml: two variables are named '{shown(name, 60)}'")
         if not 0 <= reference < _END_OF_REFERENCES:
             raise ValueError(
-                f"{path}: modelDescription.xml: variable '{shown(name, 60)}': valueReference = {reference} must be from "
-                f"0 to {_END_OF_REFERENCES - 1}"
+                f"{path}: modelDescription.xml: variable '{shown(name, 60)}': valueReference = {reference} must be "
+                f"from 0 to {_END_OF_REFERENCES - 1}"
             )
         declared = one.declaredType
         unit = str(one.unit or getattr(declared, "unit", None) or "")
