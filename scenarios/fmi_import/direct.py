@@ -11,24 +11,26 @@ _STATUS: Final = ("ok", "warning", "discard", "error", "fatal", "pending")
 _FAILED: Final = 2  # the least status of a failure
 
 
-def setter(fmu: Any, version: int, references: Sequence[int]) -> Callable[[Sequence[float]], None]:
-    """Function that sets floating-point variables."""
+def setter(fmu: Any, version: int, references: Sequence[int]) -> Callable[[bytes], None]:
+    """Function that sets floating-point variables from doubles."""
     call, values = _transfer(fmu, "Set", version, references)
+    size = ctypes.sizeof(values)
 
-    def set_values(new: Sequence[float]) -> None:
-        values[:] = new
+    def set_values(content: bytes) -> None:
+        ctypes.memmove(values, content, size)
         call()
 
     return set_values
 
 
-def getter(fmu: Any, version: int, references: Sequence[int]) -> Callable[[], Sequence[float]]:
-    """Function that gets floating-point variables."""
+def getter(fmu: Any, version: int, references: Sequence[int]) -> Callable[[], bytes]:
+    """Function that gets floating-point variables as doubles."""
     call, values = _transfer(fmu, "Get", version, references)
+    size = ctypes.sizeof(values)
 
-    def get_values() -> Sequence[float]:
+    def get_values() -> bytes:
         call()
-        return tuple(values)
+        return ctypes.string_at(values, size)
 
     return get_values
 

@@ -25,9 +25,8 @@ class Host:
         self._version = int(start["version"])
         self._fmu = _loaded(self._version, start)
         self._begin(start)
-        self._inputs = _setters(self._fmu, self._version, start["inputs"])
-        self._outputs = _getters(self._fmu, self._version, start["outputs"])
-        self._n_outputs = len(start["outputs"])
+        self._set_inputs = _setter(self._fmu, self._version, start["inputs"])
+        self._get_outputs = _getter(self._fmu, self._version, start["outputs"])
         self._do_step = direct.stepper(self._fmu, self._version)
 
     def _begin(self, start: dict[str, Any]) -> None:
@@ -45,17 +44,12 @@ class Host:
             fmu.enterInitializationMode(startTime=0.0)
         fmu.exitInitializationMode()
 
-    def step(self, time: float, length: float, values: Sequence[float]) -> list[float]:
-        """Outputs at the end of a step from ``time`` over ``length`` [s], which begins with these inputs."""
-        for indices, set_values in self._inputs:
-            set_values([values[k] for k in indices])
+    def step(self, time: float, length: float, inputs: bytes) -> bytes:
+        """Outputs at the end of a step from ``time`` over ``length`` [s], which begins with these inputs; doubles."""
+        self._set_inputs(inputs)
         if length > 0.0:
             self._do_step(time, length)
-        out = [0.0] * self._n_outputs
-        for indices, get_values in self._outputs:
-            for k, value in zip(indices, get_values(), strict=True):
-                out[k] = float(value)
-        return out
+        return self._get_outputs()
 
     def state(self) -> bytes:
         """State of the instance."""
@@ -120,27 +114,37 @@ def _by_kind(variables: Sequence[Sequence[Any]]) -> dict[str, tuple[list[int], l
     return kinds
 
 
-def _setters(
-    fmu: Any, version: int, variables: Sequence[Sequence[Any]]
-) -> list[tuple[list[int], Callable[[list[float]], object]]]:
-    def setter(kind: str, references: list[int]) -> Callable[[list[float]], object]:
-        if kind in direct.KINDS:
-            return direct.setter(fmu, version, references)
-        return lambda values: _set(fmu, kind, references, values)
+def _setter(fmu: Any, version: int, variables: Sequence[Sequence[Any]]) -> Callable[[bytes], None]:
+    """Function that sets variables [kind, reference] from doubles in their order."""
+    kinds = _by_kind(variables)
+    if not variables:
+        return lambda _: None
+    if kinds.keys() <= set(direct.KINDS):  # all at once: the usual case
+        return direct.setter(fmu, version, [reference for _, reference in variables])
+    values = struct.Struct(f"={len(variables)}d")
 
-    return [(indices, setter(kind, references)) for kind, (indices, references) in _by_kind(variables).items()]
+    def set_values(content: bytes) -> None:
+        given = values.unpack(content)
+        for kind, (indices, references) in kinds.items():
+            _set(fmu, kind, references, [given[k] for k in indices])
+
+    return set_values
 
 
-def _getters(
-    fmu: Any, version: int, variables: Sequence[Sequence[Any]]
-) -> list[tuple[list[int], Callable[[], Sequence[float]]]]:
-    def getter(kind: str, references: list[int]) -> Callable[[], Sequence[float]]:
-        if kind in direct.KINDS:
-            return direct.getter(fmu, version, references)
-        get = getattr(fmu, f"get{kind}")
-        return lambda: list(get(references))
+def _getter(fmu: Any, version: int, variables: Sequence[Sequence[Any]]) -> Callable[[], bytes]:
+    """Function that gets variables [kind, reference] as doubles in their order."""
+    kinds = _by_kind(variables)
+    if kinds.keys() <= set(direct.KINDS):
+        return direct.getter(fmu, version, [reference for _, reference in variables])
+    values, found = struct.Struct(f"={len(variables)}d"), [0.0] * len(variables)
 
-    return [(indices, getter(kind, references)) for kind, (indices, references) in _by_kind(variables).items()]
+    def get_values() -> bytes:
+        for kind, (indices, references) in kinds.items():
+            for k, value in zip(indices, getattr(fmu, f"get{kind}")(references), strict=True):
+                found[k] = float(value)
+        return values.pack(*found)
+
+    return get_values
 
 
 def main() -> None:
@@ -155,11 +159,12 @@ def main() -> None:
         wire.refuse(answers, error)
         return
     wire.answer(answers, b"")
-    _serve(host, requests, answers, len(start["inputs"]), len(start["outputs"]))
+    _serve(host, requests, answers, len(start["inputs"]))
 
 
-def _serve(host: Host, requests: BinaryIO, answers: Any, n_inputs: int, n_outputs: int) -> None:
-    step, values = struct.Struct(f"={2 + n_inputs}d"), struct.Struct(f"={n_outputs}d")
+def _serve(host: Host, requests: BinaryIO, answers: Any, n_inputs: int) -> None:
+    head = struct.Struct("=2d")
+    size_of_step = head.size + 8 * n_inputs
     while True:
         request = requests.read(1)
         if request in (b"", wire.END):
@@ -167,8 +172,9 @@ def _serve(host: Host, requests: BinaryIO, answers: Any, n_inputs: int, n_output
             return
         try:
             if request == wire.STEP:
-                time, length, *inputs = step.unpack(requests.read(step.size))
-                wire.answer(answers, values.pack(*host.step(time, length, inputs)))
+                content = requests.read(size_of_step)
+                time, length = head.unpack_from(content)
+                wire.answer(answers, host.step(time, length, content[head.size :]))
             elif request == wire.STATE:
                 wire.answer(answers, host.state())
             elif request == wire.SET_STATE:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scenarios.fmi_import.archive import FmuFile
@@ -73,12 +73,14 @@ class FmuInstance:
 
     def _called(self, ticks: int, signals: Mapping[str, float]) -> dict[str, float]:
         values = self._process.step(self.ticks * TICK, ticks * TICK, self._map.values(signals))
-        for link, value in zip(self._map.outputs, values, strict=True):
-            if not math.isfinite(value):
-                raise FmuError(
-                    f"{self._fmu.path}: at {self.ticks * TICK:g} s its output {link.variable.name} is {value}"
-                )
+        if not all(map(math.isfinite, values)):
+            raise self._not_finite(values)
         return self._map.signals(values)
+
+    def _not_finite(self, values: Sequence[float]) -> FmuError:
+        links = zip(self._map.outputs, values, strict=True)
+        name, value = next((link.variable.name, value) for link, value in links if not math.isfinite(value))
+        return FmuError(f"{self._fmu.path}: at {self.ticks * TICK:g} s its output {name} is {value}")
 
     def restart(self) -> None:
         """Begin anew."""

@@ -86,7 +86,7 @@ class FmuMap:
 
     def values(self, signals: Mapping[str, float]) -> list[float]:
         """Values of the input variables."""
-        return [link.gain * signals[link.signal] + link.shift for link in self.inputs]
+        return [gain * signals[signal] + shift for _, signal, gain, shift in self.inputs]
 
     def start_values(self, signals: Mapping[str, float]) -> dict[str, float]:
         """Values of the parameters that take signals of the start."""
@@ -94,7 +94,8 @@ class FmuMap:
 
     def signals(self, values: Sequence[float]) -> dict[str, float]:
         """Signals [SI] from the values of the output variables."""
-        return {link.signal: link.gain * value + link.shift for link, value in zip(self.outputs, values, strict=True)}
+        links = zip(self.outputs, values, strict=True)
+        return {signal: gain * value + shift for (_, signal, gain, shift), value in links}
 
 
 def map_file(fmu: Path) -> Path:

@@ -1,0 +1,95 @@
+"""What an imported FMU costs a step beyond its own computation: at most 50 microseconds."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from scenarios.fmi_export.archive import write_fmu
+from scenarios.fmi_export.plants import plant_model
+from scenarios.fmi_import.archive import open_fmu
+from scenarios.fmi_import.host import Host
+from scenarios.fmi_import.instance import FmuInstance
+from scenarios.fmi_import.law import law_signals
+from scenarios.fmi_import.mapping import PartSignals, read_map
+from scenarios.fmi_import.plant import plant_signals
+from tests.fmus import proportional_law
+from vehicle.combination.description import load_vehicle
+
+STEPS: Final = 2000
+VEHICLE: Final = "eu_tractor_semitrailer"
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A truck with some two hundred inputs and outputs."""
+    file = tmp_path_factory.mktemp("plant") / "truck.fmu"
+    write_fmu(file, plant_model(VEHICLE, None, wind=False), 3, ("linux64",))
+    return file
+
+
+@pytest.fixture(scope="module")
+def law(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A law that computes next to nothing."""
+    return proportional_law(tmp_path_factory.mktemp("law"))
+
+
+def median_us(step: Callable[[], object]) -> float:
+    """Median wall time of a call [microseconds]."""
+    times = []
+    for _ in range(STEPS):
+        begin = time.perf_counter_ns()
+        step()
+        times.append(time.perf_counter_ns() - begin)
+    return statistics.median(times) / 1e3
+
+
+class Direct:
+    """The FMU in this process, called as its own process calls it."""
+
+    def __init__(self, instance: FmuInstance) -> None:
+        self._host = Host(instance._process._start())
+        self._inputs = bytes(8 * len(instance._process._inputs))
+        self.tick = 0
+
+    def step(self) -> None:
+        """Set the inputs, step, get the outputs."""
+        self._host.step(1e-3 * self.tick, 0.01, self._inputs)
+        self.tick += 10
+
+    def library(self) -> None:
+        """The step of the library alone."""
+        self._host._do_step(1e-3 * self.tick, 0.01)
+        self.tick += 10
+
+
+@pytest.mark.parametrize("name", ["law", "plant"])
+def test_an_imported_fmu_costs_less_than_50_us_a_step(
+    benchmark: BenchmarkFixture, name: str, request: pytest.FixtureRequest
+) -> None:
+    """A step in its own process, with the map, less the step of its library: the isolation costs most of that."""
+    file: Path = request.getfixturevalue(name)
+    fmu = open_fmu(file)
+    part: PartSignals = law_signals(2, 2) if name == "law" else plant_signals(load_vehicle(VEHICLE))
+    instance = FmuInstance(fmu, read_map(fmu, part), {})
+    direct = Direct(instance)
+    signals = dict.fromkeys((one.name for one in part.inputs), 0.0)
+
+    def rounds() -> tuple[float, float, float]:
+        imported = median_us(lambda: instance.step(10, signals))
+        return imported, median_us(direct.step), median_us(direct.library)
+
+    found = [rounds() for _ in range(5)]  # in turns: the machine may be busy with other work
+    overheads = [imported - library for imported, _, library in found]
+    best = found[overheads.index(min(overheads))]
+    benchmark.extra_info |= dict(zip(("imported_us", "in_process_us", "library_us"), best, strict=True))
+    benchmark.extra_info["overhead_us"] = min(overheads)
+    benchmark.pedantic(lambda: instance.step(10, signals), rounds=100)
+    instance.close()
+    assert min(overheads) < 50.0, found
