@@ -25,13 +25,13 @@ from scenarios.fmi_export.binaries import PLATFORMS, library_path
 from scenarios.fmi_export.plants import plant_model
 from tests.fmu_plants import START, STEP, Slave, deviations, driven_here, driven_there, weave
 from vehicle.combination.attitude import smooth_ground_sizes
-from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names
 from vehicle.combination.ground_inputs import SurfaceLookup
 from vehicle.combination.plant import Plant, VehicleCommand
 from vehicle.combination.plant_inputs import GroundInputs, ground_input_sizes, slices
 from vehicle.frames import FloatArray, Pose2, rotation_zyx
 from vehicle.rover.command import RoverCommand
-from vehicle.rover.description import load_rover
+from vehicle.rover.description import load_rover, rover_names
 from vehicle.rover.plant import RoverPlant
 from vehicle.rover.soil import load_soil
 from vehicle.rover.terrain import Terrain
@@ -54,6 +54,19 @@ def test_a_truck_weaves_as_the_plant_here(name: str, version: int, tmp_path: Pat
     found = deviations(driven_here(vehicle, drive), outputs)
     assert found.pop("wheel_load") < 1e-5  # N, of some 1e5
     assert max(found.values()) < 1e-9
+
+
+@pytest.mark.parametrize("name", [*vehicle_names(), *rover_names()])
+def test_every_export_of_the_catalogue_is_valid(name: str, tmp_path: Path) -> None:
+    """FMPy's validation, in both versions; and with the inputs of the wind where the vehicle has its data."""
+    is_truck = name in vehicle_names()
+    winds = (False, True) if is_truck and any(unit.side_wind for unit in load_vehicle(name).units) else (False,)
+    for wind in winds:
+        model = plant_model(name, None if is_truck else "beach_sand", wind=wind)
+        for version in (2, 3):
+            fmu = tmp_path / f"{version}{wind}.fmu"
+            write_fmu(fmu, model, version, ())
+            assert validate_fmu(str(fmu)) == []
 
 
 def ground_under(lookup: SurfaceLookup, plant: Plant, vehicle: Vehicle, state: FloatArray) -> dict[str, float]:

@@ -18,9 +18,11 @@ import sys
 import threading
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from fmpy.fmi3 import fmi3IntermediateUpdateCallback
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.validation import validate_fmu
 
@@ -39,7 +41,7 @@ from scenarios.options.scenario import load_scenario
 from sensors.messages import CombinationSignals
 from tests.fmu_hosts import host_here
 from tests.fmu_plants import Slave
-from tests.fmu_proxies import alive
+from tests.fmu_proxies import alive, stand_in
 from tests.fmu_systems import off_tracking, run_in_order
 from vehicle.combination.description import load_vehicle
 
@@ -126,26 +128,52 @@ def children() -> set[int]:
     return {int(number) for number in Path("/proc/thread-self/children").read_text().split()}
 
 
-def test_a_hundred_instances_leave_no_process_socket_or_memory(tmp_path: Path) -> None:
-    """The first ones warm up; an instance has some 10 kB, a leaked descriptor would be one of a hundred."""
+class Usage(NamedTuple):
+    """What this process holds."""
 
-    def state() -> tuple[set[int], int, int]:
-        resident = int(re.findall(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text())[0])
-        return children(), len(os.listdir("/proc/self/fd")), resident
+    children: int
+    descriptors: int
+    threads: int
+    resident: int  # [kB]
 
-    slave = Slave(law(tmp_path, 3), tmp_path / "unpacked", {}, {"python": sys.executable})
-    before = state()
-    for cycle in range(100):
-        slave.fmu.reset()
-        slave.begin({}, {"python": sys.executable})
+
+def usage() -> Usage:
+    status = Path("/proc/self/status").read_text()
+    found = {name: int(value) for name, value in re.findall(r"(Threads|VmRSS):\s+(\d+)", status)}
+    return Usage(len(children()), len(os.listdir("/proc/self/fd")), found["Threads"], found["VmRSS"])
+
+
+@pytest.mark.parametrize(("cycles", "real"), [(1000, False), (100, True)])
+def test_instances_again_and_again_leave_nothing(cycles: int, real: bool, tmp_path: Path) -> None:
+    """No process, descriptor, thread or memory; a small program takes Python's place a thousand times.
+
+    The first ten warm up. An instance has some 10 kB, so that a thousand of them would be 10 MB.
+    """
+    python, file = sys.executable if real else stand_in(tmp_path), law(tmp_path, 3)
+    slave = Slave(file, tmp_path / "unpacked", {}, {"python": python})
+    slave.step()
+    fmu, token = slave.fmu, slave.description.instantiationToken.encode()
+    resources = str(tmp_path / "unpacked" / "resources").encode() + b"/"
+    no_update = fmi3IntermediateUpdateCallback(0)
+    before = usage()
+    for cycle in range(cycles + 10):
+        one = fmu.fmi3InstantiateCoSimulation(
+            b"x", token, resources, False, False, False, False, None, 0, None, slave._log, no_update
+        )
+        assert one
+        slave.fmu.component, kept = one, slave.fmu.component
+        slave.begin({}, {"python": python})
         slave.step()
+        fmu.fmi3FreeInstance(one)
+        slave.fmu.component = kept
         if cycle == 10:
-            before = state()
-    after = state()
+            before = usage()
+    after = usage()
     slave.close()
-    assert len(after[0]) == len(before[0]) == 1
-    assert after[1] == before[1]
-    assert after[2] - before[2] < 2000  # kB
+    sys.stdout.write(f"{cycles} cycles: {before} -> {after}\n")
+    assert after[:3] == before[:3]
+    assert after.children == 1
+    assert after.resident - before.resident < 2000
     assert children() == set()
 
 
