@@ -12,7 +12,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any, Concatenate, Generic, ParamSpec, Protocol, TypeVar, runtime_checkable
 
-from controllers.checked import misbehaviour
+from controllers.checked import LawError, misbehaviour
 from estimators.checked import check_estimate
 from estimators.protocol import Estimator
 from scenarios.loop.kept import Kept
@@ -70,6 +70,7 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         self._estimate = None if estimator is None else Stateful(estimator.init(), estimator.step)
         self._in_flight: Pipe[Future[EstimateT | None]] = Pipe()
         self._renderer, self._see = renderer, see
+        self._unseen: LawError | None = None  # what went wrong with a picture in the renderer's thread
 
     @property
     def newest(self) -> EstimateT | None:
@@ -104,16 +105,22 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
         try:
             with self._stopwatch.timed("render"):
                 message = rest()
-            if message is not None and self._see is not None:
-                self._see(message, truth)
-            if message is None or self._estimate is None:
-                promised.set_result(None)
-            else:
-                self._worker.submit(self._keep_promise, self._estimate, message, promised)
         except Exception as error:  # of a user's sensor: of any kind
-            event = f"raised {type(error).__name__}: {error}"
-            name = f"sensor {type(self.sensor).__name__}"
-            promised.set_exception(misbehaviour(name, truth.tick, event, self.sensor, error))
+            promised.set_exception(self._misbehaviour(truth.tick, error))
+            return
+        if message is None or self._estimate is None:
+            promised.set_result(None)
+        else:
+            self._worker.submit(self._keep_promise, self._estimate, message, promised)
+        if message is not None and self._see is not None:  # now: pictures must not keep the estimate waiting
+            try:
+                self._see(message, truth)
+            except Exception as error:
+                self._unseen = self._misbehaviour(truth.tick, error)
+
+    def _misbehaviour(self, tick: int, error: Exception) -> LawError:
+        event, name = f"raised {type(error).__name__}: {error}", f"sensor {type(self.sensor).__name__}"
+        return misbehaviour(name, tick, event, self.sensor, error)
 
     def _keep_promise(
         self,
@@ -131,7 +138,10 @@ class Channel(Generic[TruthT, MessageT, EstimateT]):
 
         Raises:
             TypeError: one line, if the estimator returned something else.
+            LawError: one line, if a picture could not be taken, or not be recorded, in the renderer's thread.
         """
+        if self._unseen is not None:
+            raise self._unseen
         self._in_flight, due = self._in_flight.deliver(tick)
         for future in due:
             with self._stopwatch.timed("wait"):

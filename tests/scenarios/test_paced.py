@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -96,6 +98,54 @@ def test_a_camera_that_fails_in_its_thread_is_named_at_the_delivery() -> None:
         channel.deliver(40)
         with pytest.raises(LawError, match=r"sensor BrokenCamera: at tick 30 .*raised OSError: the lens fell off"):
             channel.deliver(50)
+
+
+class Camera:
+    def sample(self, truth: Reading) -> Reading | None:
+        return truth
+
+
+class Order(ThreadPoolExecutor):
+    """A thread that notes what it is given."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.given: list[str] = []
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Note the name of the call."""
+        self.given.append(getattr(call, "__name__", ""))
+        return super().submit(call, *args, **kwargs)
+
+
+def jpeg() -> None:
+    """A picture for the report."""
+
+
+def test_pictures_wait_for_the_estimate_and_not_the_other_way_round() -> None:
+    """Both are computed by one thread, and the estimate has a deadline."""
+    with ThreadPoolExecutor(1) as renderer, Order() as worker:
+        channel = Channel(
+            Camera(), Schedule(period=10, latency=20), Nothing(), worker, Stopwatch(), renderer=renderer,
+            see=lambda *_: worker.submit(jpeg),
+        )  # fmt: skip
+        channel.sample(Reading(30), 30)
+        channel.deliver(50)
+    assert worker.given == ["_keep_promise", "jpeg"]
+    assert channel.delivered == [Reading(30)]
+
+
+def test_a_picture_that_cannot_be_recorded_ends_the_run_by_name() -> None:
+    def full(*_: object) -> None:
+        raise OSError("no space left")
+
+    with ThreadPoolExecutor(1) as renderer, ThreadPoolExecutor(1) as worker:
+        schedule = Schedule(period=10, latency=20)
+        channel = Channel(Camera(), schedule, Nothing(), worker, Stopwatch(), renderer=renderer, see=full)
+        channel.sample(Reading(30), 30)
+        renderer.submit(lambda: None).result()
+        with pytest.raises(LawError, match=r"sensor Camera: at tick 30 .*raised OSError: no space left"):
+            channel.deliver(40)
 
 
 def test_a_speed_needs_a_paced_run_and_sense() -> None:
