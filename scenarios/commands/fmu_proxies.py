@@ -11,6 +11,7 @@ from scenarios.commands.console import Quiet, one_line_errors
 
 if TYPE_CHECKING:
     from scenarios.fmi_proxy.description import Proxy
+    from scenarios.options.scenario import Scenario
 
 LAW_EXAMPLES = (
     "Examples: offtrack fmu law path_preview --vehicle uk_longer_semitrailer   "
@@ -99,10 +100,9 @@ def sensor(
     """
     with one_line_errors():
         from scenarios.fmi_proxy.sensor import sensor_proxy
-        from scenarios.options.scenario import load_scenario
 
         check_version(fmi)
-        written(sensor_proxy(load_scenario(scenario, settings or []), seed), fmi, out, platform, quiet=quiet)
+        written(sensor_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
 def driver(
@@ -116,10 +116,9 @@ def driver(
     """Write the driver of a scenario as an FMU: motion of the tractor in, steer angle and acceleration out."""
     with one_line_errors():
         from scenarios.fmi_proxy.driver import driver_proxy
-        from scenarios.options.scenario import load_scenario
 
         check_version(fmi)
-        written(driver_proxy(load_scenario(scenario, settings or [])), fmi, out, platform, quiet=quiet)
+        written(driver_proxy(of_trailer(scenario, settings)), fmi, out, platform, quiet=quiet)
 
 
 def ground(
@@ -137,10 +136,9 @@ def ground(
     """
     with one_line_errors():
         from scenarios.fmi_proxy.ground import ground_proxy
-        from scenarios.options.scenario import load_scenario
 
         check_version(fmi)
-        written(ground_proxy(load_scenario(scenario, settings or []), seed), fmi, out, platform, quiet=quiet)
+        written(ground_proxy(of_trailer(scenario, settings), seed), fmi, out, platform, quiet=quiet)
 
 
 def system(
@@ -161,11 +159,10 @@ def system(
     with one_line_errors():
         from scenarios.fmi_export.binaries import checked_platforms
         from scenarios.fmi_proxy.system import fmu_system
-        from scenarios.options.scenario import load_scenario
         from scenarios.results.files import check_new_file, replacing
 
         platforms = checked_platforms(platform or [], 2)
-        loop = fmu_system(load_scenario(scenario, settings or []), seed, step)
+        loop = fmu_system(of_trailer(scenario, settings), seed, step)
         path = out or Path(f"{loop.name}.ssp")
         if path.suffix != ".ssp":
             raise ValueError(f"--out {path}: the name must end in .ssp")
@@ -177,6 +174,23 @@ def system(
                 f"System: {path} ({', '.join(loop.components)}; {len(loop.connections)} connections): steps of "
                 f"{step:g} s, ends after {loop.stop:.1f} s"
             )
+
+
+def of_trailer(name: str, settings: list[str] | None) -> Scenario:
+    """A trailer's scenario.
+
+    Raises:
+        ValueError: one line, if there is no such scenario, or if it is a rover's.
+    """
+    from scenarios.options.scenario import Scenario, load_any_scenario
+
+    scenario = load_any_scenario(name, settings or [])
+    if isinstance(scenario, Scenario):
+        return scenario
+    raise ValueError(
+        f"scenario {name} is a rover's: its camera sees the sand that its own wheels have just shaped, which no signal "
+        "of an FMU carries; name a trailer's scenario, or write the rover itself: offtrack fmu plant"
+    )
 
 
 def check_version(fmi: int) -> None:

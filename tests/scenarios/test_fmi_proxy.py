@@ -491,3 +491,23 @@ def test_wrong_input_is_one_line(
     assert reason in result.stderr
     assert result.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["sensor", "driver", "ground", "system"])
+def test_a_rovers_scenario_is_refused_with_the_reason(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["fmu", command, "rover-craters"])
+    assert result.exit_code == 2
+    assert "is a rover's: its camera sees the sand that its own wheels have just shaped" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ground_is_written_as_an_fmu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(binaries, "_has_zig", lambda: False)
+    result = CliRunner().invoke(app, ["fmu", "ground", "roundabout", "--set", "surface.grade=0.02", "--fmi", "2"])
+    assert result.exit_code == 0, result.output
+    assert validate_fmu("roundabout_ground.fmu") == []

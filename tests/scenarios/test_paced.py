@@ -125,10 +125,12 @@ def jpeg() -> None:
 def test_pictures_wait_for_the_estimate_and_not_the_other_way_round() -> None:
     """Both are computed by one thread, and the estimate has a deadline."""
     with ThreadPoolExecutor(1) as renderer, Order() as worker:
-        channel = Channel(
-            Camera(), Schedule(period=10, latency=20), Nothing(), worker, Stopwatch(), renderer=renderer,
-            see=lambda *_: worker.submit(jpeg),
-        )  # fmt: skip
+
+        def see(*_: object) -> None:
+            worker.submit(jpeg)
+
+        schedule = Schedule(period=10, latency=20)
+        channel = Channel(Camera(), schedule, Nothing(), worker, Stopwatch(), renderer=renderer, see=see)
         channel.sample(Reading(30), 30)
         channel.deliver(50)
     assert worker.given == ["_keep_promise", "jpeg"]
