@@ -18,7 +18,10 @@ import offtrack
 from controllers.trailer import Combination, SteerCommand
 from estimators.estimates import OffTracking
 from scenarios.assembly.adapters import trailer_geometry
+from scenarios.fmi_import.archive import open_fmu
 from scenarios.fmi_import.law import law_of
+from scenarios.fmi_import.mapping import first_map, map_file, read_map
+from scenarios.fmi_import.signals import signals_of
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle
 
@@ -119,3 +122,18 @@ def test_a_model_of_pythonfmu3_steers(tmp_path: Path) -> None:
     file = fmu("FMU3Model.fmu", text, tmp_path)
     run = offtrack.run("roundabout", settings=SETTINGS | {"trailer_steering": file})
     assert run.summary["outcome"] == "completed"
+
+
+@pytest.mark.parametrize("part", ["trailer_steering", "plant"])
+def test_a_first_map_is_written_for_every_one(part: str, tmp_path: Path) -> None:
+    """It can be read; what is missing for the part is said in one line."""
+    assert _PACKAGE is not None
+    assert _PACKAGE.origin is not None
+    vehicle = load_vehicle(VEHICLE)
+    files = sorted((Path(_PACKAGE.origin).parent / "problems" / "fmu_files" / "linux").glob("*.fmu"))
+    assert len(files) == 7
+    for file in files:
+        opened, signals = open_fmu(Path(shutil.copy(file, tmp_path / file.name))), signals_of(part, vehicle)
+        map_file(opened.path).write_text(first_map(opened, signals), encoding="utf-8")
+        with pytest.raises(ValueError, match=r"no variable is connected to .*: write them into"):
+            read_map(opened, signals)
