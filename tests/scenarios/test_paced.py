@@ -134,7 +134,7 @@ def test_pictures_wait_for_the_estimate_and_not_the_other_way_round() -> None:
         channel.sample(Reading(30), 30)
         channel.deliver(50)
     assert worker.given == ["_keep_promise", "jpeg"]
-    assert channel.delivered == [Reading(30)]
+    assert list(channel.delivered) == [Reading(30)]
 
 
 def test_a_picture_that_cannot_be_recorded_ends_the_run_by_name() -> None:
