@@ -31,6 +31,8 @@ ALLOWED: Final = {
     ("scenarios/watching/server.py", "urllib"),  # splits addresses
     ("scenarios/catalogue.py", "import_module"),  # parts: own, or the user's
     ("scenarios/reproduce/catalogue.py", "import_module"),  # own figures only
+    ("scenarios/cluster/connection.py", "import_module"),  # classes of dask-jobqueue, by a table
+    ("scenarios/loop/kept.py", "pickle"),  # own rows, in a temporary file that has no name
 }
 
 
