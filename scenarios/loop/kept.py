@@ -87,14 +87,20 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     def __getitem__(self, index: slice) -> list[ItemT]: ...
     def __getitem__(self, index: int | slice) -> ItemT | list[ItemT]:
         if isinstance(index, slice):
-            return list(self)[index]
+            opened: dict[int, list[ItemT]] = {}  # chunks, each read once
+            return [self._at(place, opened) for place in range(len(self))[index]]
         place = index + len(self) if index < 0 else index
         if not 0 <= place < len(self):
             raise IndexError(index)
+        return self._at(place, {})
+
+    def _at(self, place: int, opened: dict[int, list[ItemT]]) -> ItemT:
         chunk, rest = divmod(place, self._chunk)
-        if chunk < len(self._older):
-            return _items(self._older[chunk])[rest]
-        return self._newest[place - self._chunk * len(self._older)]
+        if chunk >= len(self._older):
+            return self._newest[place - self._chunk * len(self._older)]
+        if chunk not in opened:
+            opened[chunk] = _items(self._older[chunk])
+        return opened[chunk][rest]
 
     def __deepcopy__(self, _: object) -> Kept[ItemT]:
         copied = Kept[ItemT](self._chunk)
