@@ -32,6 +32,7 @@ _S: Final = (0.3, 0.1)  # [m/s], and share of the speed
 _Y: Final = math.radians(1.0)  # [rad/s]
 _D: Final = (0.04, 0.04)  # [rad], and for each m/s2 of lateral acceleration: slip of the tractor's rear axle
 _T: Final = (0.03, 0.05)  # the same: slip of the trailer's axles
+_BEND: Final = 0.3  # lateral acceleration beyond which a lightly loaded rear axle may slip by any angle [m/s2]
 _NOISY: Final = 4.0  # noise above which the tolerances grow with it [its assumed standard deviation]
 _SLOW: Final = 0.5  # slower than this, directions of travel are noise [m/s]
 
@@ -57,6 +58,7 @@ class Parity(NamedTuple):
     values: FloatArray
     signatures: tuple[FloatArray, ...]  # (m, q) of each signal, in its unit; q: degrees of freedom of its fault
     reference: FloatArray  # (m, 3) of a wrong reference: speed, yaw rate, direction of travel
+    slip: FloatArray  # (m, 1) of slip of the tractor's rear axle beyond the tolerance; zeros on a straight
 
 
 class ParityRelations:
@@ -87,8 +89,15 @@ class ParityRelations:
         since = until - 100 if reference is None else reference.previous_tick
         mean = recent[np.searchsorted(recent[:-1, 0], since) :].mean(axis=0)
         relations = [*self._articulations(recent, level), self._tractor(mean, level)]
+        slips = [0.0] * len(relations)
         if reference is not None:
-            relations.extend(self._to_reference(mean, reference, max(1.0, level / _NOISY)))
+            to_reference = list(self._to_reference(mean, reference, max(1.0, level / _NOISY)))
+            turning = max(abs(reference.yaw_rate), abs(float(mean[self._gyro(0)])))
+            in_bend = reference.v_x * turning > _BEND
+            slips += [
+                row.get((1, 0), 0.0) if in_bend else 0.0 for _, row, _ in to_reference
+            ]  # as a hitch angle's fault
+            relations += to_reference
         n_signals = 2 * self._unit + 3
         values = np.array([value for value, _, _ in relations])
         signatures = tuple(
@@ -99,6 +108,7 @@ class ParityRelations:
             values,
             tuple(s[:, np.any(s != 0.0, axis=0) | (np.arange(2) == 0)] for s in signatures),
             np.array([own for _, _, own in relations]),
+            np.array(slips)[:, None],
         )
 
     def _articulations(self, recent: FloatArray, level: float) -> Iterator[_Relation]:

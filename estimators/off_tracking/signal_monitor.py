@@ -163,7 +163,9 @@ class SignalMonitor:
         fitting = [k for k in others if misfit(parity.values, [*known, parity.signatures[k]])[0] <= limit]
         is_evident = self._evident(memory)
         evident = [k for k in fitting if is_evident[k]]
-        doubtful = not is_alone and misfit(parity.values, [*known, parity.reference])[0] <= limit
+        doubtful = not is_alone and any(
+            misfit(parity.values, [*known, other])[0] <= limit for other in (parity.reference, parity.slip)
+        )
         if len(evident) == 1:
             return self._distrusted(memory, evident[0])
         if len(fitting) != 1 or doubtful or is_alone:
