@@ -41,7 +41,7 @@ _STD = 0.15  # assumed: of the off-tracking by dead reckoning [m]
 
 
 class Learnt(NamedTuple):
-    """What the estimates show of the signals."""
+    """Errors of the signals that the estimates show."""
 
     slip: float = 0.0  # of the tractor's rear axle, beyond the data sheet [rad]
     offset: float = 0.0  # its constant part, or the bias of the articulation [rad]
@@ -106,7 +106,7 @@ class ReckonedDriver:
         return HitchMotion(learnt.scale * v_x, learnt.scale * v_y, yaw_rate - learnt.yaw_rate)
 
     def _learnt(self, memory: ReckonedDriverMemory, estimate: OffTracking) -> Learnt:
-        """What a new estimate shows, whose velocities are means since the one before."""
+        """Errors that a new estimate shows; its velocities are means since the one before."""
         before, learnt = memory.estimate, memory.learnt
         if before is None or estimate.tick - before.tick > _LONGEST:
             return learnt

@@ -54,7 +54,7 @@ _CREEP = np.array([0.001, 0.06, 0.02])  # yaw [rad/s], x and y [m/s]
 
 
 class Prior(NamedTuple):
-    """What is known of a parameter before it is learnt: a first-order Gauss-Markov process."""
+    """Prior of a parameter that is learnt: a first-order Gauss-Markov process."""
 
     mean: float
     std: float

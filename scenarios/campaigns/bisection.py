@@ -54,7 +54,7 @@ class Search:
 
     @property
     def finding(self) -> Finding:
-        """What is known, once both ends are tried."""
+        """Finding so far, once both ends are tried."""
         if self.tried[self.table.low].failed:
             return "always fails"
         return "found" if self.tried[self.table.high].failed else "never fails"

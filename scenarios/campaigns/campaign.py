@@ -31,7 +31,7 @@ LAWS: Final = ("trailer_steering", "slip_compensation", "driver")  # axes that t
 
 
 class Accept(Options):
-    """What makes the command fail: the table ``accept``."""
+    """Probability at which the command fails: the table ``accept``."""
 
     probability: Annotated[float, Field(gt=0.0, lt=1.0)]  # largest upper limit of the interval, of each fault and law
     only: dict[str, Any] = Field(default_factory=dict)  # values of the axes that count; others: all

@@ -267,7 +267,7 @@ def found_text(search: Search) -> str:
 
 
 def note_of(search: Search) -> str:
-    """What else is to say: never or always fails, and values that contradict a threshold."""
+    """Remarks on a bisection: never or always fails, and values that contradict a threshold."""
     notes = (
         [] if search.finding == "found" else [f"{search.finding} from {search.table.low:g} to {search.table.high:g}"]
     )

@@ -1,4 +1,4 @@
-"""How often runs of a campaign failed: by fault, law and further axes, by requirement, and the worst of them."""
+"""Failures of a campaign's runs: by fault, law and further axes, by requirement, and the worst of them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Cell(NamedTuple):
 
     @property
     def failing(self) -> Exceeding:
-        """How many failed, with the interval of the probability."""
+        """Number of failures, with the interval of the probability."""
         return Exceeding(sum(run.failed for run in self.runs), len(self.runs))
 
     @property
@@ -101,7 +101,7 @@ def totals(cells: Sequence[Cell]) -> list[Cell]:
 
 
 def place_of(campaign: Campaign, run: Judgement) -> Place:
-    """Where a run belongs in the tables."""
+    """Place of a run in the tables."""
     axes = dict(run.outcome.case.axes)
     further = [axes[key] for key in campaign.further]
     return run.fault, " · ".join(further), axes.get(campaign.law, "")
@@ -116,7 +116,7 @@ def by(runs: Iterable[Judgement], key: Callable[[Judgement], KeyT]) -> dict[KeyT
 
 
 def requirement_failures(campaign: Campaign, runs: Sequence[Judgement]) -> dict[str, dict[str, Exceeding]]:
-    """How many runs with a fault broke each requirement, by its name and the law."""
+    """Number of runs with a fault that broke each requirement, by its name and the law."""
     faulty = [run for run in runs if run.fault != NONE and run.reached]
     needed = campaign.requirements
     names = [END_OF_RUN, *(limit.path for limit in needed.limits)]

@@ -36,7 +36,7 @@ class Limit(NamedTuple):
         return f"{of}: {', '.join(parts)} {unit}".strip()
 
     def severity(self, value: float) -> float:
-        """How near to the limit a value is: above 1 it is beyond it."""
+        """Value over its limit: above 1 it is beyond it."""
         above = value / self.high if self.high > 0.0 else 1.0 + value - self.high
         below = 1.0 + (self.low - value) / max(abs(self.low), 1.0)
         return max(above if self.high < math.inf else -math.inf, below if self.low > -math.inf else -math.inf)
@@ -44,7 +44,7 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirements:
-    """What each run must keep."""
+    """Requirements that each run must keep."""
 
     limits: tuple[Limit, ...] = ()
     outcomes: tuple[str, ...] = ("completed",)  # that are no failures

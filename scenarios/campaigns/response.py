@@ -57,7 +57,7 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
 
 
 class _Trailer(NamedTuple):
-    """What the signals tell of one trailer over time."""
+    """Signals of one trailer over time, as far as its response goes."""
 
     degraded: NDArray[np.bool_]  # its health is not ok, or the fallback steers
     distrusted: NDArray[np.bool_]  # the guard holds a signal to be at fault

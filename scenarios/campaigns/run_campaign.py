@@ -31,7 +31,7 @@ _RUNS: Final = "runs"  # name of the tables of runs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """What a campaign has found."""
+    """Results of a campaign."""
 
     runs: tuple[Judgement, ...]
     cells: tuple[Cell, ...]

@@ -26,14 +26,14 @@ PREFIX: Final = "offtrack-"  # of a plugin's name
 
 
 class Delivery(NamedTuple):
-    """What a worker returns of a run."""
+    """Result of a run that a worker returns."""
 
     problem: str  # of a run that failed; empty for others
     files: dict[str, bytes]  # by name; empty if they are in the study's folder
 
 
 class Place(NamedTuple):
-    """Where a process makes runs: its working directory and search path of modules."""
+    """Working directory and search path of modules of a process that makes runs."""
 
     scratch: Path
     cwd: Path
@@ -100,7 +100,7 @@ def fulfilled(order: Order, plugin: str) -> Delivery:
 
 
 def render_problem(plugin: str) -> str:
-    """What keeps this worker from rendering cameras; a task of the cluster."""
+    """Reason why this worker cannot render cameras; empty if it can. A task of the cluster."""
     problem: str = get_worker().plugins[plugin].render_problem()
     return problem
 

@@ -1,4 +1,4 @@
-"""What a run collects, row by row: the newest in memory, the rest in a temporary file."""
+"""Rows that a run collects: the newest in memory, the rest in a temporary file."""
 
 from __future__ import annotations
 

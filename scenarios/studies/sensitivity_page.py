@@ -65,7 +65,7 @@ def sensitivity_csv(design: Sensitivity, outcomes: Sequence[Outcome]) -> str:
 
 
 def remarks(design: Sensitivity, analysis: Analysis) -> str:
-    """What keeps an analysis from having indices, or from resting on all groups; empty if nothing does."""
+    """Reasons why an analysis has no indices, or does not rest on all groups; empty if there are none."""
     name = "trajectories" if design.method == "morris" else "base samples"
     if not analysis.indices and analysis.groups == design.groups:
         return "does not vary"

@@ -1,4 +1,4 @@
-"""Where trials of a tuning are kept: a journal in its directory, or a database that machines share.
+"""Storage of a tuning's trials: a journal in its directory, or a database that machines share.
 
 In a database every running trial shows signs of life. Trials that show none are failed by the other processes, and
 tried again with their parameters.
