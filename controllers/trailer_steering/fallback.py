@@ -7,6 +7,7 @@ of two yaw rates, or a wheel speed repeats itself, command steer takes over: it 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final, Literal, NamedTuple
 
@@ -96,8 +97,8 @@ class Fallback:
         if not agree(np.array(memory.rows), self._unit):
             memory = memory._replace(doubted=self._trailer.follow_distance)
         wanted = 0.0 if memory.doubted > 0.0 else 1.0
-        resumed = memory.steered_at is None or (tick - memory.steered_at) * TICK > _GAP
-        step = 1.0 if resumed else (tick - memory.steered_at) * TICK / _CHANGE_TIME  # type: ignore[operator]
+        pause = math.inf if memory.steered_at is None else (tick - memory.steered_at) * TICK
+        step = 1.0 if pause > _GAP else pause / _CHANGE_TIME
         share = memory.share + max(-step, min(step, wanted - memory.share))
         return memory._replace(share=share, steered_at=tick)
 
