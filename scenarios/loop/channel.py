@@ -20,7 +20,7 @@ from scenarios.loop.stopwatch import Stopwatch
 from sensors.sensor import Message, Sensor, Stamped
 from vehicle.clock import Pipe, Schedule
 
-_DELIVERED = 100  # estimates in memory; twice as many at most
+_DELIVERED = 20  # estimates in memory; twice as many at most
 TruthT = TypeVar("TruthT", bound=Stamped)
 MessageT = TypeVar("MessageT", bound=Message)
 EstimateT = TypeVar("EstimateT")

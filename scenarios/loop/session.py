@@ -26,7 +26,7 @@ CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
 
-_ROWS = 1000  # in memory; twice as many at most
+_ROWS = 50  # in memory, twice as many at most: writing 1000 at once makes a paced step late
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
