@@ -34,7 +34,8 @@ ENOUGH_MATCHES = 250  # with fewer matches errors grow: de Saxe 2018, section 3.
 _SHARE = np.array([1.0, 0.5, 1.0])  # variances of (u left, v, u right) relative to one coordinate; v is the mean of two
 _FEWEST_INLIERS = 25  # fewer may agree by chance
 _AGREEING = 0.5  # share of inliers below which most matches may lie on a moving object
-LONGEST_SPAN = 500  # between two frames; after that a truck no longer sees the same ground [ticks]
+LONGEST_SPAN = 500  # between two frames; after that a fast truck no longer sees the same ground [ticks]
+_SHARED_VIEW = 5.0  # travel after which much of the ground in view is the same, 5 to 20 m from the camera [m]
 
 
 class OdometryMemory(NamedTuple):
@@ -77,7 +78,7 @@ class CircularOdometry:
             return memory, lost_motion(frame.tick, reference.tick)
         corners = detect_corners(frame.left, per_bucket=PER_BUCKET)
         motion = self.motion(reference, memory.corners, frame, memory.belief.newest)
-        if motion.health is Health.LOST and is_skipped(corners, motion):
+        if motion.health is Health.LOST and is_skipped(len(corners), motion, memory.belief.newest):
             return memory, motion
         belief, motion = judged(memory.belief, motion)
         lost = motion.health is Health.LOST
@@ -129,9 +130,18 @@ class CircularOdometry:
         return _message(reference.tick, frame.tick, matches, solution)
 
 
-def is_skipped(corners: Points, lost: Motion) -> bool:
-    """True if a frame on which the odometry was lost is skipped: it has few corners, and the frame before is recent."""
-    return len(corners) < ENOUGH_MATCHES and lost.tick - lost.previous_tick < LONGEST_SPAN
+def is_skipped(corners: int, lost: Motion, last: Motion | None) -> bool:
+    """True if a frame on which the odometry was lost is skipped: it has few corners, and the frame before is near.
+
+    Near is what is recent, or what the last motion, continued, has left behind by a short way only.
+    """
+    if corners >= ENOUGH_MATCHES:
+        return False
+    ticks = lost.tick - lost.previous_tick
+    if last is None or ticks < LONGEST_SPAN:
+        return ticks < LONGEST_SPAN
+    travel = np.linalg.norm(last.X_PC[:3, 3]) * ticks / (last.tick - last.previous_tick)
+    return bool(travel < _SHARED_VIEW)
 
 
 def search_radius(ticks: int) -> float:

@@ -133,7 +133,7 @@ class KeyframeOdometry:
         corners = detect_corners(previous.left, per_bucket=PER_BUCKET)
         motion = self._circular.motion(previous, corners, frame, last)
         if motion.health is Health.LOST:
-            skipped = is_skipped(detect_corners(frame.left, per_bucket=PER_BUCKET), motion)
+            skipped = is_skipped(len(detect_corners(frame.left, per_bucket=PER_BUCKET)), motion, last)
             return (memory if skipped else self._restarted(frame, memory.X_OP, last)), motion
         pose = self._located(memory, frame, motion.X_PC, _CORRECTION)
         if pose is not None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.estimates import Health, Motion, lost_motion
-from estimators.odometry.circular import ENOUGH_MATCHES, LONGEST_SPAN
+from estimators.odometry.circular import ENOUGH_MATCHES, is_skipped
 from estimators.odometry.exposure import alike, both_alike
 from estimators.odometry.plausibility import Belief, is_implausible, judged
 from estimators.odometry.point_tracking import Matches
@@ -93,7 +93,7 @@ class Viso2Odometry:
         features = pair_features(frame)
         measured = self._motion(memory, previous, frame, features)
         lost = measured.health is Health.LOST
-        if lost and len(features.left.points) < ENOUGH_MATCHES and frame.tick - previous.tick < LONGEST_SPAN:
+        if lost and is_skipped(len(features.left.points), measured, memory.belief.newest):
             return memory, measured
         belief, motion = judged(memory.belief, measured)
         noise = memory.noise if lost or memory.noise else visible_noise(previous.left, frame.left)
