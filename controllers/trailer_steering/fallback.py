@@ -70,7 +70,7 @@ class Fallback:
         doubted = length if elapsed > _GAP else max(0.0, memory.doubted - abs(signals.speed) * elapsed)
         if reckoning.estimate is not memory.reckoning.estimate:
             doubted = 0.0
-        rows = (*(row for row in memory.rows if row[0] >= tick - _COMPARED), _row(signals, self._unit))
+        rows = (*[row for row in memory.rows if row[0] >= tick - _COMPARED], _row(signals, self._unit))
         return memory._replace(reckoning=reckoning, rows=rows, doubted=doubted)
 
     def steered(
@@ -104,8 +104,8 @@ class Fallback:
 
 
 def _are_finite(signals: CombinationSignals) -> bool:
-    read = np.concatenate([[signals.speed], signals.articulation, signals.yaw_rates, signals.angles])
-    return bool(np.isfinite(read).all())
+    read = (signals.speed, *signals.articulation.tolist(), *signals.yaw_rates.tolist(), *signals.angles.tolist())
+    return all(map(math.isfinite, read))
 
 
 def _row(signals: CombinationSignals, unit: int) -> tuple[float, ...]:

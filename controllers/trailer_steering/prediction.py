@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ from vehicle.frames import FloatArray, Pose2, wrap
 MEASURABLE: Final = 0.5  # below this speed the odometry's noise of some mm per frame hides the slip [m/s]
 
 _STEP = 0.02  # of the integration [s]; a turn of 1 deg per step, accurate to 1e-5 with the midpoint rule
+_TICK: Final = attrgetter("tick")
 
 
 class SteerReading(NamedTuple):
@@ -34,12 +37,14 @@ def recorded(history: SteerHistory, signals: CombinationSignals, span: int) -> S
     """The history of the last ``span`` ticks with a new reading."""
     if history and signals.tick <= history[-1].tick:
         return history
-    kept = tuple(reading for reading in history if reading.tick >= signals.tick - span)
+    kept = history[bisect_left(history, signals.tick - span, key=_TICK) :]
     return (*kept, SteerReading(signals.tick, tuple(signals.angles.tolist())))
 
 
 def angles_at(history: SteerHistory, ticks: FloatArray) -> FloatArray:
     """Angles (n, n_steered) [rad] read at past ticks (n,), interpolated."""
+    first = max(0, bisect_right(history, float(ticks.min()), key=_TICK) - 1)
+    history = history[first : bisect_left(history, float(ticks.max()), key=_TICK) + 1] or history[-1:]
     read_at = np.array([reading.tick for reading in history], dtype=np.float64)
     read = np.array([reading.angles for reading in history])
     return np.stack([np.interp(ticks, read_at, axle) for axle in read.T], axis=1)

@@ -7,8 +7,10 @@ part stays.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from itertools import pairwise
-from typing import NamedTuple
+from operator import attrgetter
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from vehicle.frames import FloatArray, Pose2, wrap
 _SPACING = 0.1  # of the path's points: the chord of a 10 m circle is off by 0.1 mm [m]
 _RECENT = 1500  # age of the oldest pose kept, and so of the oldest estimate that can be used [ticks]
 _KEPT = 2.0  # length of the path in follow distances; a half circle to the follow point has pi / 2
+_TICK: Final = attrgetter("tick")
 
 
 class Moment(NamedTuple):
@@ -59,7 +62,7 @@ def moved(path: ReckonedPath, tick: int, motion: HitchMotion, elapsed: float) ->
     c, s = math.cos(middle), math.sin(middle)
     dx, dy = elapsed * motion.v_x, elapsed * motion.v_y
     now = Pose2(here.x + c * dx - s * dy, here.y + s * dx + c * dy, wrap(here.psi + turn))
-    recent = (*(moment for moment in path.recent if moment.tick >= tick - _RECENT), Moment(tick, now))
+    recent = (*path.recent[bisect_left(path.recent, tick - _RECENT, key=_TICK) :], Moment(tick, now))
     path = path._replace(X_OS=now, recent=recent)
     if math.hypot(now.x - path.points[0, 0], now.y - path.points[0, 1]) < _SPACING:
         return path

@@ -6,6 +6,7 @@ import os
 import pickle
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, Generic, NamedTuple, TypeVar, cast, overload
 
 ItemT = TypeVar("ItemT")
@@ -57,9 +58,9 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     Copies share what is in the file.
     """
 
-    def __init__(self, chunk: int, items: Iterable[ItemT] = ()) -> None:
-        """A sequence of ``items`` that holds one to two ``chunk`` of the newest in memory."""
-        self._chunk = chunk
+    def __init__(self, chunk: int, items: Iterable[ItemT] = (), *, recent: int = 0) -> None:
+        """A sequence of ``items`` with the newest in memory: ``recent`` and one to two times ``chunk``."""
+        self._chunk, self._recent = chunk, recent
         self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
         self._newest: list[ItemT] = []
         self._file: _File | None = None
@@ -69,8 +70,9 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     def append(self, item: ItemT) -> None:
         """Add an item."""
         self._newest.append(item)
-        if len(self._newest) >= 2 * self._chunk:
-            oldest, self._newest = self._newest[: self._chunk], self._newest[self._chunk :]
+        if len(self._newest) >= self._recent + 2 * self._chunk:
+            oldest = self._newest[: self._chunk]
+            del self._newest[: self._chunk]
             self._older.append(self._stored(oldest))
 
     def __len__(self) -> int:
@@ -103,12 +105,12 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         return opened[chunk][rest]
 
     def __deepcopy__(self, _: object) -> Kept[ItemT]:
-        copied = Kept[ItemT](self._chunk)
+        copied = Kept[ItemT](self._chunk, recent=self._recent)
         copied._older, copied._newest = list(self._older), list(self._newest)
         return copied
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Kept, (self._chunk, list(self))
+        return partial(Kept, recent=self._recent), (self._chunk, list(self))
 
     def _stored(self, items: list[ItemT]) -> _Stored | list[ItemT]:
         try:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, Literal
+from itertools import pairwise
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,16 @@ LIFTED: Final = 0.98  # load transfer [-]
 FALLING: Final = 0.5  # least time with one side in the air [s]
 
 
+class RefereeMemory(NamedTuple):
+    """State between two steps."""
+
+    lifted: int | None = None  # tick since which one side of a unit is in the air; None if none is
+    x: float = 0.0  # pose of the tractor when its wheels were last compared with the road [m], [m], [rad]
+    y: float = 0.0
+    psi: float = 0.0
+    room: float = 0.0  # travel from there that leaves every wheel on the road [m]
+
+
 class Referee:
     """Detects mishaps of a combination; leaving the road is judged by the tractor, if a road is given.
 
@@ -45,38 +56,46 @@ class Referee:
         """
         tractor = vehicle.units[0]
         self._wheels = np.array([(axle.x, side * 0.5 * axle.track) for axle in tractor.axles for side in (1, -1)])
+        self._reach = float(np.max(np.hypot(*self._wheels.T)))  # of the wheels from the tractor's origin [m]
         self._edges = None if road is None else RoadEdges(road, road_half_width)
         reach = [0.5 * max(axle.track for axle in unit.axles) for unit in vehicle.units]
         tipping = np.arctan2(reach, [unit.cg_height for unit in vehicle.units])
         self._tipping: FloatArray = tipping if vehicle.has_springs else np.zeros(len(tipping))  # lean of a body [rad]
 
-    def init(self) -> int | None:
-        """Memory at the start: the tick since which one side of a unit is in the air; None if none is."""
-        return None
+    def init(self) -> RefereeMemory:
+        """Memory at the start: no wheel is in the air."""
+        return RefereeMemory()
 
-    def step(self, memory: int | None, truth: Truth) -> tuple[int | None, Outcome | None]:
+    def step(self, memory: RefereeMemory, truth: Truth) -> tuple[RefereeMemory, Outcome | None]:
         """New memory and outcome of the run; None if it continues."""
-        lifted = bool(np.any(np.abs(truth.load_transfer) >= LIFTED))
-        since = (truth.tick if memory is None else memory) if lifted else None
-        if np.any(np.abs(np.diff(truth.poses[:, 2])) >= FOLDED):
-            return since, "jackknifed"
+        lifted, since = any(abs(transfer) >= LIFTED for transfer in truth.load_transfer.tolist()), None
+        if lifted:
+            since = truth.tick if memory.lifted is None else memory.lifted
+        memory = memory._replace(lifted=since)
+        if any(abs(ahead - behind) >= FOLDED for ahead, behind in pairwise(truth.poses[:, 2].tolist())):
+            return memory, "jackknifed"
         if since is not None and (truth.tick - since) * TICK >= FALLING and self._tips(truth):
-            return since, "rolled over"
-        return since, "left the road" if self._off_the_road(truth) else None
+            return memory, "rolled over"
+        if self._edges is None:
+            return memory, None
+        return self._on_the_road(memory, self._edges, truth)
 
     def _tips(self, truth: Truth) -> bool:
         """True if a body leans so far that its weight does not bring it back."""
         lean = np.arctan2(truth.bodies[:, 2, 1], truth.bodies[:, 2, 2])
         return bool(np.any(np.abs(lean) >= self._tipping))
 
-    def _off_the_road(self, truth: Truth) -> bool:
-        """True if a wheel of the tractor stands beyond the road's edge."""
-        if self._edges is None:
-            return False
+    def _on_the_road(
+        self, memory: RefereeMemory, edges: RoadEdges, truth: Truth
+    ) -> tuple[RefereeMemory, Outcome | None]:
+        """The road is left if a wheel of the tractor stands beyond its edge; compared where that is possible."""
         x, y, psi = truth.poses[0].tolist()
+        if math.hypot(x - memory.x, y - memory.y) + self._reach * abs(psi - memory.psi) < memory.room:
+            return memory, None
         c, s = math.cos(psi), math.sin(psi)
         wheels = np.array([x, y]) + self._wheels @ np.array([[c, s], [-s, c]])
-        return bool(np.any(self._edges.distance(wheels)[0] < 0.0))
+        off = bool(np.any(edges.distance(wheels)[0] < 0.0))
+        return memory._replace(x=x, y=y, psi=psi, room=edges.room(wheels)), "left the road" if off else None
 
 
 def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:

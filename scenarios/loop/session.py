@@ -26,7 +26,8 @@ CommandOut = TypeVar("CommandOut", covariant=True)
 RecordT = TypeVar("RecordT")
 RecordOut = TypeVar("RecordOut", covariant=True)
 
-_ROWS = 50  # in memory, twice as many at most: writing 1000 at once makes a paced step late
+_ROWS = 50  # are written at once: 1000 would make a paced step late
+_IN_MEMORY = 5000  # rows: 50 s of some kilobytes each; writing and reading them takes as long as the judge
 _SHOWN = 200  # progress of a paced run is shown after so many ticks
 FAILED = "failed"  # begins the outcome of a run that an exception ended
 
@@ -108,7 +109,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
         self.outcome: str | None = None  # None while the run continues
         self.reason = ""  # of a run that diverged, if it is known
         self.traceback = ""  # of the exception that ended the run
-        self.rows: Kept[Row[TruthT, RecordT]] = Kept(_ROWS)
+        self.rows: Kept[Row[TruthT, RecordT]] = Kept(_ROWS, recent=_IN_MEMORY)
         self.stopwatch = stopwatch or Stopwatch()
         self._plant, self._state, self._period = plant, state, period
         self._pilot, self._judge = pilot, judge

@@ -16,6 +16,8 @@ from vehicle.polyline import rows_every
 
 _SPACING = 0.1  # of travel between the poses used; a wheel beside it is 0.1 mm further out at most, on 12 m [m]
 
+_ROUNDING = 1e-6  # far more than that of a distance [m]
+
 
 class RoadEdges:
     """Edges of a road, from the widths at the points of its centre line."""
@@ -25,7 +27,7 @@ class RoadEdges:
 
         Its half width is one number, or (n, 2) to the left and right of the points of the line [m].
         """
-        self._line, self._half_width = KDTree(road), half_width
+        self._line, self._half_width, self._narrowest = KDTree(road), half_width, float(np.min(half_width))
         along = np.gradient(road, axis=0)
         gaps = np.hypot(*along.T)[:, None]
         self._along, self._half_gap = along / np.maximum(gaps, 1e-12), 0.5 * float(gaps.max())
@@ -39,6 +41,14 @@ class RoadEdges:
         widths = np.broadcast_to(self._half_width, (len(self._along), 2))[nearest]
         inside: FloatArray = np.where(lateral > 0.0, *widths.T) - np.hypot(lateral, past)
         return inside, lateral > 0.0
+
+    def room(self, places: FloatArray) -> float:
+        """Distance [m] by which all places (m, 2) [m] may move and stay inside; negative: unknown.
+
+        A place is inside while the nearest point of the line is less than the narrowest half width away, and that
+        distance changes by no more than the place moves.
+        """
+        return self._narrowest - float(np.max(self._line.query(places)[0])) - _ROUNDING
 
 
 class Clearance(NamedTuple):

@@ -73,6 +73,7 @@ class Plant:
         self._assembly = TruthAssembly(vehicle)
         self._n_trailer = command_sizes(vehicle).trailer_steer
         self._sound_brakes = (1.0,) * command_sizes(vehicle).brake_share
+        self._known: tuple[bytes, FloatArray] = b"", _NOTHING  # state last observed, and its ground inputs
         self._idle = np.zeros(sum(command_sizes(vehicle)))
         in_state = State(*slices(state_sizes(vehicle)))
         self._velocity = [in_state.v_x.start, in_state.v_y.start]
@@ -100,7 +101,7 @@ class Plant:
         if self._constant_ground is not None:
             return self._stepped(state, np.concatenate([inputs, self._constant_ground]), ticks)
         while ticks > 0:
-            u = np.concatenate([inputs, self._ground_inputs(self._kinematics_of(state))])
+            u = np.concatenate([inputs, self._ground_under(state)])
             before_next_lookup = min(ticks, ticks_to_next_lookup(math.hypot(*state[self._velocity].tolist())))
             state = self._stepped(state, u, before_next_lookup)
             ticks -= before_next_lookup
@@ -109,7 +110,8 @@ class Plant:
     def observe(self, state: FloatArray, tick: int) -> Truth:
         """Ground truth of this state."""
         kinematics = self._kinematics_of(state)
-        inputs = np.concatenate([self._idle, self._ground_inputs(kinematics)])  # no truth depends on a command
+        self._known = state.tobytes(), self._ground_inputs(kinematics)
+        inputs = np.concatenate([self._idle, self._known[1]])  # no truth depends on a command
         bodies = self._bodies(state, self._lookup.smooth_ground(kinematics))
         return self._assembly.truth(tick, kinematics, self._wheels(state, inputs), bodies)
 
@@ -139,6 +141,11 @@ class Plant:
         """``Kinematics``; of a diverged state those at the origin, as the ground has no height elsewhere."""
         kinematics = self._kinematics(state, _NOTHING)
         return kinematics if is_sane(kinematics) else np.zeros_like(kinematics)
+
+    def _ground_under(self, state: FloatArray) -> FloatArray:
+        """Ground inputs of a state, looked up once where it is observed and then stepped from."""
+        of_state, ground = self._known
+        return ground if state.tobytes() == of_state else self._ground_inputs(self._kinematics_of(state))
 
     def _ground_inputs(self, kinematics: FloatArray) -> FloatArray:
         return self._lookup.ground_inputs(kinematics) if self._constant_ground is None else self._constant_ground

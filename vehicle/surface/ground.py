@@ -77,10 +77,15 @@ class Surface:
     def _even_gradient(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Slope of the plane or cone."""
         if self.centre is None:
-            return np.stack([np.full_like(x, self.grade), np.full_like(x, self.cross_fall)], axis=-1)
+            slope = np.empty((*x.shape, 2))
+            slope[..., 0], slope[..., 1] = self.grade, self.cross_fall
+            return slope
         d_x, d_y = x - self.centre[0], y - self.centre[1]
         distance = np.sqrt(d_x**2 + d_y**2 + _APEX_RADIUS**2)
-        return np.stack([self.grade - self.cross_fall * d_x / distance, -self.cross_fall * d_y / distance], axis=-1)
+        slope = np.empty((*distance.shape, 2))  # np.stack takes four times as long for one vehicle
+        slope[..., 0] = self.grade - self.cross_fall * d_x / distance
+        slope[..., 1] = -self.cross_fall * d_y / distance
+        return slope
 
     def friction_at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Friction coefficient [-] at x, y [m], of their common shape."""
