@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vehicle.frames import FloatArray
 
 FaceArray = NDArray[np.int32]
+_ROUNDING = 1e-6  # of positions [m]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +66,7 @@ def massed(*lumps: Mesh) -> Mesh:
         hidden = np.zeros(places.shape[:2], dtype=bool)
         for other in lumps:
             if other is not lump:
-                hidden |= inside(other, places.reshape(-1, 3)).reshape(hidden.shape)
+                hidden[~hidden] = inside(other, places[~hidden])
         kept = lump.faces[(area > 0.0) & ~hidden.all(axis=1)]
         used, faces = np.unique(kept, return_inverse=True)
         outside.append(
@@ -81,7 +82,15 @@ def massed(*lumps: Mesh) -> Mesh:
 
 
 def inside(mesh: Mesh, points: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the points (n, 3) inside a closed mesh: its solid angle as seen from there is the whole sphere.
+    """Mask of the points (n, 3) inside a closed mesh; those outside its bounding box are sorted out first."""
+    low, high = mesh.vertices.min(axis=0) - _ROUNDING, mesh.vertices.max(axis=0) + _ROUNDING
+    within: NDArray[np.bool_] = ((points >= low) & (points <= high)).all(axis=1)
+    within[within] = _enclosed(mesh, points[within])
+    return within
+
+
+def _enclosed(mesh: Mesh, points: FloatArray) -> NDArray[np.bool_]:
+    """Mask of the points (n, 3) from which the solid angle of a closed mesh is the whole sphere.
 
     Solid angle of a triangle after Van Oosterom and Strackee (1983).
     """
