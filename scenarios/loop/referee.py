@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from scenarios.results.log import Log
 from scenarios.results.road_edges import RoadEdges
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
@@ -98,14 +98,13 @@ class Referee:
         return memory._replace(x=x, y=y, psi=psi, room=edges.room(wheels)), "left the road" if off else None
 
 
-def lift_warnings(vehicle: Vehicle, truths: Sequence[Truth]) -> tuple[str, ...]:
+def lift_warnings(vehicle: Vehicle, log: Log) -> tuple[str, ...]:
     """A line for every unit that had one side in the air for ``FALLING`` or longer, fallen or not."""
-    ticks = np.array([truth.tick for truth in truths])
     lines = []
-    for k, unit in enumerate(vehicle.units):
-        lifted = np.array([abs(truth.load_transfer[k]) >= LIFTED for truth in truths], dtype=np.int8)
+    for unit in vehicle.units:
+        lifted = (np.abs(log[f"load_transfer_{unit.name}"]) >= LIFTED).astype(np.int8)
         edges = np.flatnonzero(np.diff(np.concatenate([[0], lifted, [0]])))
-        for start, end in zip(ticks[edges[::2]] * TICK, ticks[edges[1::2] - 1] * TICK, strict=True):
+        for start, end in zip(log["time"][edges[::2]], log["time"][edges[1::2] - 1], strict=True):
             if end - start >= FALLING:
                 lines.append(f"{unit.name}: the wheels of one side carry nothing from {start:.1f} to {end:.1f} s")
                 break

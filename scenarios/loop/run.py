@@ -28,10 +28,9 @@ from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
 from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.friction_picture import friction_picture
-from scenarios.results.load_signals import load_columns
 from scenarios.results.log import Log
 from scenarios.results.outside import Outside
-from scenarios.results.reference_unit import reference_off_tracking
+from scenarios.results.reference_unit import ReferenceOffTracking
 from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_inputs import RunInputs, run_inputs
@@ -41,7 +40,6 @@ from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
 from vehicle.clock import TICK
 from vehicle.combination.data_sheet import data_sheet
-from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
 ResultT = TypeVar("ResultT", RunResult, RoverResult)
@@ -201,7 +199,7 @@ def rover_result(session: RoverSession, seed: int, inputs: RunInputs) -> RoverRe
         scenario_toml=scenario.to_toml(),
         seed=seed,
         outcome=session.outcome or "unfinished",
-        log=rover_log(parts.rig, list(session.rows), list(session.estimates), parts.path),
+        log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
         rover=parts.rover.name,
         path=parts.path.points(_SPACING),
         rig=parts.rig,
@@ -226,14 +224,9 @@ def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: boo
     vehicle = parts.vehicle
     outside = session.bench.report() if session.bench else None
     scenario, inputs = with_record(parts.scenario, inputs, outside)
-    rows = list(session.rows)
-    truths, with_unit = [row.truth for row in rows], reference and scenario.reference_unit
-    log = run_log(
-        rows,
-        [_track(session, trailer, truths if with_unit else None) for trailer in session.trailers],
-        units=[unit.name for unit in vehicle.units],
-        n_front=len(vehicle.units[0].steered_axles),
-    ).with_columns(load_columns(truths, vehicle))
+    with_unit = reference and scenario.reference_unit
+    tracks = [_track(session, trailer, with_unit=with_unit) for trailer in session.trailers]
+    log = run_log(session.rows, tracks, vehicle)
     return RunResult(
         scenario=scenario.name,
         scenario_toml=scenario.to_toml(),
@@ -275,7 +268,7 @@ def trailer_result(session: TrailerSession, inputs: RunInputs, *, reference: boo
             *_steer_warnings(parts, log),
             *_camera_warnings(session),
             *_signal_warnings(session),
-            *lift_warnings(vehicle, truths),
+            *lift_warnings(vehicle, log),
         ),
         traceback=session.traceback,
         inputs=inputs,
@@ -317,7 +310,7 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
     return tuple(
         f"{trailer.trailer.name}: {line}"
         for trailer in session.trailers
-        for line in calibration_warnings([e.motion for e in trailer.estimates], "set rig.self_calibration=true")
+        for line in calibration_warnings((e.motion for e in trailer.estimates), "set rig.self_calibration=true")
     )
 
 
@@ -328,8 +321,8 @@ def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
     )
 
 
-def _track(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth] | None) -> TrailerTrack:
-    """A trailer's estimates; with ``truths`` the reference unit's signals too."""
+def _track(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool) -> TrailerTrack:
+    """A trailer's estimates, and the reference unit on it if there is one."""
     watched, cameras = trailer.trailer, trailer.trailer.sensing.cameras
     return TrailerTrack(
         name=watched.name,
@@ -340,7 +333,7 @@ def _track(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Tr
         n_steered=watched.n_steered,
         estimates=trailer.estimates,
         X_SC=cameras.calibration.X_SC if cameras else None,
-        reference=None if truths is None else _reference(session, trailer, truths),
+        reference=_reference(session, trailer) if with_unit else None,
         fallback=_fallback(session, trailer) if session.parts.scenario.faults else None,
         distrusted=_distrusted(session, trailer) if session.parts.scenario.faults else None,
     )
@@ -361,10 +354,9 @@ def _distrusted(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
     return counts[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
 
 
-def _reference(session: TrailerSession, trailer: SteeredTrailer, truths: Sequence[Truth]) -> FloatArray:
+def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOffTracking:
     parts, watched = session.parts, trailer.trailer
-    return reference_off_tracking(
-        truths,
+    return ReferenceOffTracking(
         unit=watched.unit,
         follow_distance=watched.geometry.follow_distance,
         path_height=watched.path_height,

@@ -32,8 +32,8 @@ from scenarios.options.scenario import load_scenario
 from scenarios.processes import as_finished, default_jobs
 from scenarios.progress import Progress, no_progress, part_of
 from scenarios.randomness import stream
-from scenarios.results.reference_unit import reference_off_tracking
-from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log, true_values
+from scenarios.results.reference_unit import ReferenceOffTracking
+from scenarios.results.trailer_signals import Estimate, TrailerTrack, run_log
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
@@ -169,9 +169,6 @@ def _result(case: Case, session: TrailerSession, sources: ParallelSources, camer
     last = parts.trailers[-1]
     unit, follow = last.unit, last.geometry.follow_distance
     bodies = np.array([truth.bodies[unit] for truth in truths])
-    true = true_values(truths, unit, follow, last.path_height)
-    rng = stream(case.seed, "reference unit")
-    reference = reference_off_tracking(truths, unit=unit, follow_distance=follow, path_height=last.path_height, rng=rng)
     tracks: dict[str, Track] = {}
     at = np.array([], dtype=np.intp)
     for odometry, estimates in zip(case.odometries, sources.kept, strict=True):
@@ -184,17 +181,18 @@ def _result(case: Case, session: TrailerSession, sources: ParallelSources, camer
             n_steered=last.n_steered,
             estimates=estimates,
             X_SC=cameras.calibration.X_SC,
+            reference=ReferenceOffTracking(
+                unit=unit, follow_distance=follow, path_height=last.path_height, rng=stream(case.seed, "reference unit")
+            ),
         )
-        units = parts.vehicle.units
-        n_front = len(units[0].steered_axles)
-        log = run_log(rows, [track], units=[unit.name for unit in units], n_front=n_front)
+        log = run_log(rows, [track], parts.vehicle)
         at = at if len(at) else np.flatnonzero(np.isfinite(log["health"]))  # the same images for all odometries
         tracks[odometry] = Track(*(log[signal][at] for signal in _SIGNALS))
     return Drive(
         case=case,
         time=np.array([truth.tick * TICK for truth in truths])[at],
-        true=true[at],
-        reference=reference[at],
+        true=log["off_tracking_true"][at],
+        reference=log["off_tracking_reference"][at],
         lateral=_lateral(bodies, at),
         speed=np.array([truth.velocities[unit][0] for truth in truths])[at],
         tracks=tracks,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Final
+from typing import Final, NamedTuple
 
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
 from estimators.estimates import Motion
@@ -21,24 +21,38 @@ def calibration_warnings(motions: Iterable[Motion | None], remedy: str) -> tuple
         motions: of one pair of cameras, in order; None where there is none.
         remedy: what turns on self-calibration, in words.
     """
-    watched = [motion for motion in motions if isinstance(motion, SelfCalibratedMotion)]
-    return (*_of_rotation(watched, remedy), *_of_delay(watched))
+    watched, refuted, late = 0, _Found(), _Found()  # an hour of motions is not held in memory
+    for motion in motions:
+        if isinstance(motion, SelfCalibratedMotion):
+            watched += 1
+            refuted = refuted.with_motion(motion) if motion.miscalibrated else refuted
+            late = late.with_motion(motion) if abs(motion.right_delay) > _limit(motion) else late
+    return (*_of_rotation(refuted, watched, remedy), *_of_delay(late))
 
 
-def _of_rotation(watched: list[SelfCalibratedMotion], remedy: str) -> Iterator[str]:
-    refuted = [motion for motion in watched if motion.miscalibrated]
-    if len(refuted) >= _FEWEST:
-        angles = ", ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in refuted[-1].right_rotation.named())
+class _Found(NamedTuple):
+    """Motions of one kind: how many, and the last of them."""
+
+    number: int = 0
+    last: SelfCalibratedMotion | None = None
+
+    def with_motion(self, motion: SelfCalibratedMotion) -> _Found:
+        """One more."""
+        return _Found(self.number + 1, motion)
+
+
+def _of_rotation(refuted: _Found, watched: int, remedy: str) -> Iterator[str]:
+    if refuted.last is not None and refuted.number >= _FEWEST:
+        angles = ", ".join(f"{name} {math.degrees(angle):.2f}" for name, angle in refuted.last.right_rotation.named())
         yield (
-            f"the right camera is turned against its calibration by {angles} deg, which makes {len(refuted)} of "
-            f"{len(watched)} motions degraded or lost; calibrate the cameras anew, or {remedy}"
+            f"the right camera is turned against its calibration by {angles} deg, which makes {refuted.number} of "
+            f"{watched} motions degraded or lost; calibrate the cameras anew, or {remedy}"
         )
 
 
-def _of_delay(watched: list[SelfCalibratedMotion]) -> Iterator[str]:
-    late = [motion for motion in watched if abs(motion.right_delay) > _limit(motion)]
-    if len(late) >= _FEWEST:
-        delay, std = late[-1].right_delay, late[-1].right_delay_std
+def _of_delay(late: _Found) -> Iterator[str]:
+    if late.last is not None and late.number >= _FEWEST:
+        delay, std = late.last.right_delay, late.last.right_delay_std
         yield (
             f"the right image is taken {1e3 * abs(delay):.1f} ms {'after' if delay > 0.0 else 'before'} the left one "
             f"(standard deviation {1e3 * std:.1f} ms); trigger both cameras together"

@@ -2,47 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from scenarios.results.log import Column, Signal
-from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import wheels
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
 
 
-def load_columns(truths: Sequence[Truth], vehicle: Vehicle) -> Iterator[Column]:
-    """Columns over time; the rows are evenly spaced."""
-    units = vehicle.units
-    poses, velocities = (
-        np.array([getattr(truth, name) for truth in truths]).reshape(-1, len(units), 3)
-        for name in ("poses", "velocities")
-    )
-    for k, (ahead, unit) in enumerate(pairwise(units)):
+def motion_columns(signals: Mapping[str, FloatArray], vehicle: Vehicle) -> Iterator[Column]:
+    """Articulations and accelerations from the time and the motions of all units; the rows are evenly spaced."""
+    for k, (ahead, unit) in enumerate(pairwise(vehicle.units), start=1):
         meaning = f"yaw of {ahead.name} minus yaw of {unit.name}"
-        yield Signal(f"articulation_{k + 1}", "rad", meaning), poses[:, k, 2] - poses[:, k + 1, 2]
-    times = np.array([truth.tick for truth in truths]) * TICK
-    for k, unit in enumerate(units):
+        yield Signal(f"articulation_{k}", "rad", meaning), signals[f"psi_{ahead.name}"] - signals[f"psi_{unit.name}"]
+    for unit in vehicle.units:
         meaning = f"{unit.name}: of the centre of gravity along the ground, + left, without gravity"
-        yield (
-            Signal(f"lateral_acceleration_{unit.name}", "m/s2", meaning),
-            _lateral_acceleration(times, velocities[:, k], unit.cg_x),
-        )
-    for k, unit in enumerate(units):
+        forward, left, yaw_rate = (signals[f"{quantity}_{unit.name}"] for quantity in ("v_x", "v_y", "yaw_rate"))
+        values = _lateral_acceleration(signals["time"], forward, left, yaw_rate, unit.cg_x)
+        yield Signal(f"lateral_acceleration_{unit.name}", "m/s2", meaning), values
+
+
+def load_columns(truths: Sequence[Truth], vehicle: Vehicle) -> Iterator[Column]:
+    """Load transfers and use of friction in some rows."""
+    for k, unit in enumerate(vehicle.units):
         meaning = f"{unit.name}: right less left wheel loads over their sum; at 1 or -1 one side carries nothing"
         yield Signal(f"load_transfer_{unit.name}", "-", meaning), [truth.load_transfer[k] for truth in truths]
     yield from _friction_columns(truths, vehicle)
 
 
-def _lateral_acceleration(times: FloatArray, velocities: FloatArray, x: float) -> FloatArray:
-    """Of a point (x, 0) of a unit whose origin has these velocities (n, 3), along the unit's y axis [m/s2]."""
+def _lateral_acceleration(
+    times: FloatArray, forward: FloatArray, left: FloatArray, yaw_rate: FloatArray, x: float
+) -> FloatArray:
+    """Of a point (x, 0) of a unit whose origin has these velocities (n,), along the unit's y axis [m/s2]."""
     if len(times) < 2:
         return np.full(len(times), np.nan)
-    forward, left, yaw_rate = velocities.T
     acceleration: FloatArray = np.gradient(left + x * yaw_rate, times) + forward * yaw_rate
     return acceleration
 

@@ -14,6 +14,7 @@ from typing import Final, Generic, TypeVar
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from estimators.estimates import Health
 from scenarios.results.parquet_file import read_table
@@ -22,6 +23,8 @@ from vehicle.user_file import shown
 
 HEALTH: Final = {Health.OK: 0.0, Health.DEGRADED: 1.0, Health.LOST: 2.0}  # values of a signal
 HEALTH_WORDS: Final = {value: health.value for health, value in HEALTH.items()}
+_NAN: Final = np.float64(np.nan).view(np.uint64)  # bits of every NaN in a log
+_HASHED: Final = 1000  # rows that are hashed at once
 OK: Final = HEALTH[Health.OK]
 LOST: Final = HEALTH[Health.LOST]
 
@@ -74,10 +77,8 @@ class Log:
             raise ValueError(f"signal names must differ from each other, got {self.names}")
         if self.rows.ndim != 2 or self.rows.shape[1] != len(self.signals):
             raise ValueError(f"rows of shape {self.rows.shape} do not fit {len(self.signals)} signals")
-        # One bit pattern for every NaN, so that equal logs have equal hashes; columns contiguous, as they are read.
-        table = np.where(np.isnan(self.rows), np.nan, self.rows).copy(order="F")
-        table.flags.writeable = False
-        object.__setattr__(self, "rows", table)
+        if not _is_canonical(self.rows):
+            object.__setattr__(self, "rows", _canonical(len(self.rows), list(self.rows.T)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -101,25 +102,61 @@ class Log:
         """Same signals and bitwise the same values (NaN equals NaN)."""
         if not isinstance(other, Log):
             return NotImplemented
-        return self.signals == other.signals and self.rows.tobytes() == other.rows.tobytes()
+        return self.signals == other.signals and np.array_equal(_bits(self.rows), _bits(other.rows))
 
     __hash__ = None  # type: ignore[assignment]  # mypy has no notion of an unhashable dataclass with its own __eq__
 
     @classmethod
     def of(cls, columns: Iterable[Column]) -> Log:
-        """The log of these columns."""
-        signals, values = zip(*columns, strict=True)
-        return cls(signals, np.column_stack(values))
+        """The log of these columns; each is let go of as soon as it is copied."""
+        signals, values = list[Signal](), list[Sequence[float] | FloatArray]()
+        for signal, column in columns:
+            signals.append(signal)
+            values.append(column)
+        return cls(tuple(signals), _canonical(len(values[0]), values))
 
     def with_columns(self, columns: Iterable[Column]) -> Log:
         """The log with further columns."""
-        signals, values = zip(*columns, strict=True)
-        return Log((*self.signals, *signals), np.column_stack([self.rows, *values]))
+        return Log.of([*((signal, self[signal.name]) for signal in self.signals), *columns])
 
     def sha256(self) -> str:
         """Hash of the signals' names, units and values; it does not depend on the file."""
         header = repr([(signal.name, signal.unit) for signal in self.signals]).encode()
-        return hashlib.sha256(header + self.rows.tobytes()).hexdigest()
+        digest = hashlib.sha256(header)
+        for begin in range(0, len(self), _HASHED):
+            digest.update(self.rows[begin : begin + _HASHED].tobytes())
+        return digest.hexdigest()
+
+
+def _canonical(n_rows: int, columns: list[Sequence[float] | FloatArray]) -> FloatArray:
+    """Read-only table (n_rows, n_columns) of the columns, which are taken out of their list one by one.
+
+    Columns are contiguous, as they are read; NaN has one bit pattern, so that equal logs have equal hashes.
+    """
+    table = np.empty((n_rows, len(columns)), order="F")
+    for k in reversed(range(len(columns))):
+        values = np.asarray(columns.pop(), dtype=np.float64)
+        if values.shape != (n_rows,):
+            raise ValueError(f"a column of shape {values.shape} does not fit {n_rows} rows")
+        table[:, k] = values
+        table[np.isnan(values), k] = np.nan
+    table.flags.writeable = False
+    return table
+
+
+def _is_canonical(table: FloatArray) -> bool:
+    """True for a table of :func:`_canonical`, which needs no copy, as nobody can change it."""
+    return (
+        table.dtype == np.float64
+        and table.base is None
+        and table.flags.f_contiguous
+        and not table.flags.writeable
+        and all((_bits(column[np.isnan(column)]) == _NAN).all() for column in table.T)
+    )
+
+
+def _bits(values: FloatArray) -> NDArray[np.uint64]:
+    return values.view(np.uint64)
 
 
 def write_log(log: Log, path: Path) -> None:

@@ -19,24 +19,28 @@ _LATERAL, _FLOOR = 0.8, 1.2  # the unit stood off the middle of the trailer's fl
 _EVERY = 100  # every tenth message, at the rate of the cameras it is compared with [ticks]
 
 
-def reference_off_tracking(
-    truths: Sequence[Truth], *, unit: int, follow_distance: float, path_height: float, rng: np.random.Generator
-) -> FloatArray:
-    """The reference unit's off-tracking [m] at every truth of a run (n,), NaN where it has none.
+class ReferenceOffTracking:
+    """Off-tracking by the reference unit on a run whose truths are shown to it part by part, in order."""
 
-    Paths are those of points at ``path_height`` [m] in the body. The truths come at the unit's 100 Hz; the buffer takes
-    every tenth message.
-    """
-    p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
-    sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
-    source = ReferenceUnitOffTracking(p_SU, follow_distance, path_height=path_height)
-    memory, values = source.init(), np.full(len(truths), np.nan)
-    for row, truth in enumerate(truths):
-        if truth.tick % PERIOD:
-            continue
-        message = sensor.sample(truth)
-        if truth.tick % _EVERY == 0:
-            memory, estimate = source.step(memory, message)
-            if estimate is not None and estimate.health is not Health.LOST:
-                values[row] = estimate.value
-    return values
+    def __init__(self, *, unit: int, follow_distance: float, path_height: float, rng: np.random.Generator) -> None:
+        """Paths are those of points at ``path_height`` [m] in the body of a unit of the vehicle."""
+        p_SU = np.array([-0.5 * follow_distance, _LATERAL, _FLOOR])
+        self._sensor = ReferenceUnit(unit=unit, p_BU=p_SU, rng=rng)
+        self._source = ReferenceUnitOffTracking(p_SU, follow_distance, path_height=path_height)
+        self._memory = self._source.init()
+
+    def values(self, truths: Sequence[Truth]) -> FloatArray:
+        """Off-tracking [m] at the next truths (n,), NaN where the unit has none.
+
+        The truths come at the unit's 100 Hz; the buffer takes every tenth message.
+        """
+        values = np.full(len(truths), np.nan)
+        for row, truth in enumerate(truths):
+            if truth.tick % PERIOD:
+                continue
+            message = self._sensor.sample(truth)
+            if truth.tick % _EVERY == 0:
+                self._memory, estimate = self._source.step(self._memory, message)
+                if estimate is not None and estimate.health is not Health.LOST:
+                    values[row] = estimate.value
+        return values

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from controllers.path import Path
 from estimators.estimates import Health, SlipAngle
 from estimators.slip.rover_odometry import RoverPose
 from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
+from scenarios.results.parts import columns_by_parts
 from sensors.messages import RoverReadings
 from sensors.sand.trace_rig import TraceRig
 from vehicle.clock import TICK
@@ -60,13 +62,20 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
     return station, math.cos(on_path.psi) * (y - on_path.y) - math.sin(on_path.psi) * (x - on_path.x)
 
 
-def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Sequence[SlipAngle], path: Path) -> Log:
-    """The log of a run along a path."""
-    return Log.of([*_true_columns(rig, rows, path), *_estimate_columns(rows, estimates)])
+def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path) -> Log:
+    """The log of a run along a path; the rows are read once, in order, and few of them are in memory at a time."""
+    return Log.of(_columns(rig, rows, estimates, path))
 
 
-def _true_columns(rig: TraceRig, rows: Sequence[RoverRow], path: Path) -> Iterator[Column]:
-    """Truth, commands and readings of every row."""
+def _columns(rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path) -> Iterator[Column]:
+    (columns,) = columns_by_parts(rows, partial(_true_columns, rig, _Along(path)))
+    yield from columns
+    (ticks,) = (values for signal, values in columns if signal.name == "tick")
+    yield from _estimate_columns(ticks, estimates)
+
+
+def _true_columns(rig: TraceRig, path: _Along, rows: Sequence[RoverRow]) -> Iterator[Column]:
+    """Truth, commands and readings of some rows, which come in order."""
     truths, records = [row.truth for row in rows], [row.record for row in rows]
     yield Signal("tick", "ms", "time in whole ticks"), [truth.tick for truth in truths]
     yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
@@ -76,7 +85,7 @@ def _true_columns(rig: TraceRig, rows: Sequence[RoverRow], path: Path) -> Iterat
     yield Signal("slip_angle_true", "rad", direction), [truth.slip_angle for truth in truths]
     direction = "direction of travel of the left rear wheel against its heading, + left"
     yield Signal("wheel_slip_true", "rad", direction), [truth.slip_angles[rig.watched] for truth in truths]
-    along = _along(path, truths)
+    along = path.coordinates(truths)
     yield Signal("station", "m", "distance along the path"), along[:, 0]
     for k, wheel in enumerate(place.name for place in rig.wheels):
         for name, unit, meaning, values in (
@@ -103,19 +112,25 @@ def _true_columns(rig: TraceRig, rows: Sequence[RoverRow], path: Path) -> Iterat
     yield Signal("cross_track_true", "m", "lateral offset of R's origin from the path, + left"), along[:, 1]
 
 
-def _along(path: Path, truths: Sequence[RoverTruth]) -> FloatArray:
-    """Station and lateral offset over time, (n, 2) [m]."""
-    station, coordinates = 0.0, []
-    for truth in truths:
-        station, offset = path_coordinates(path, truth, station)
-        coordinates.append((station, offset))
-    return np.array(coordinates).reshape(-1, 2)
+class _Along:
+    """A rover's way along its path, whose truths come part by part, in order."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._station = path, 0.0
+
+    def coordinates(self, truths: Sequence[RoverTruth]) -> FloatArray:
+        """Station and lateral offset at the next truths, (n, 2) [m]."""
+        coordinates = []
+        for truth in truths:
+            self._station, offset = path_coordinates(self._path, truth, self._station)
+            coordinates.append((self._station, offset))
+        return np.array(coordinates).reshape(-1, 2)
 
 
-def _estimate_columns(rows: Sequence[RoverRow], estimates: Sequence[SlipAngle]) -> Iterator[Column]:
+def _estimate_columns(ticks: FloatArray, estimates: Iterable[SlipAngle]) -> Iterator[Column]:
     """Estimates in the rows of their captures; NaN in the others."""
-    index = {row.truth.tick: k for k, row in enumerate(rows)}
-    table = np.full((len(rows), len(_ESTIMATE) + len(_LAGGED)), np.nan)
+    index = {tick: row for row, tick in enumerate(ticks.tolist())}
+    table = np.full((len(ticks), len(_ESTIMATE) + len(_LAGGED)), np.nan)
     for estimate in estimates:
         if estimate.tick in index:
             table[index[estimate.tick], : len(_ESTIMATE)] = list(_estimate_values(estimate))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -12,8 +13,12 @@ from controllers.trailer import SteerCommand
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion
 from estimators.estimates import Health, Motion, OffTracking
 from scenarios.results import metrics
+from scenarios.results.load_signals import load_columns, motion_columns
 from scenarios.results.log import HEALTH, MOTION, Column, Log, Row, Signal
+from scenarios.results.parts import columns_by_parts
+from scenarios.results.reference_unit import ReferenceOffTracking
 from vehicle.clock import TICK
+from vehicle.combination.description import Vehicle
 from vehicle.combination.path_point import plan_pose
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray, inverse, planar
@@ -31,6 +36,12 @@ _ESTIMATE = (
 )
 _OF_MOTION = 3  # first signal of the motion
 _BRIDGED = Signal("bridged", "s", "time that the off-tracking is bridged by dead reckoning, without a camera motion")
+_POSE = (  # of the hitch of a trailer, at the height of its path; not in the log
+    Signal("hitch_x", "m", "position east"),
+    Signal("hitch_y", "m", "position north"),
+    Signal("hitch_psi", "rad", "heading"),
+)
+_REFERENCE = Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit")
 _ROTATIONS = ("roll about its optical axis", "yaw about its y (down)", "pitch about its x")
 
 
@@ -65,34 +76,42 @@ class TrailerTrack:
     n_steered: int
     estimates: Iterable[Estimate]  # delivered ones, in order; captures coincide with rows
     X_SC: FloatArray | None  # pose of its left camera in its body (4, 4); None without cameras
-    reference: FloatArray | None = None  # off-tracking by a reference unit in each row [m]
+    reference: ReferenceOffTracking | None = None  # a reference unit on it that has seen nothing yet
     fallback: FloatArray | None = None  # 1 in rows in which the fallback steers, 0 in others; None: not asked for
     distrusted: FloatArray | None = None  # number of signals at fault, as the guard holds, in each row; None: likewise
 
 
-def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], *, units: Sequence[str], n_front: int) -> Log:
+def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], vehicle: Vehicle) -> Log:
     """The log of a run with the true off-tracking; each estimate is in the row of its capture.
 
-    Every signal of a trailer ends with its name. The last trailer's signals appear a second time without it.
+    Every signal of a trailer ends with its name. The last trailer's signals appear a second time without it. The rows
+    are read once, in order; few of them are in memory at a time.
 
     Args:
         rows: one every log period, in order.
         trailers: trailers that are judged, front to rear; the last is the last unit.
-        units: names of the units, tractor first.
-        n_front: number of steered axles of the tractor.
+        vehicle: the vehicle.
     """
-    log = Log.of(_common_columns(rows, units, n_front))
-    index = {row.truth.tick: k for k, row in enumerate(rows)}
-    for place, trailer in enumerate(trailers):
-        columns = [
-            *_steer_columns(rows, place, trailer),
-            *_estimate_columns(index, trailer),
-            *_true_columns(rows, trailer),
-        ]
-        log = log.with_columns((_of(trailer.name, signal), values) for signal, values in columns)
-        if place == len(trailers) - 1:
-            log = log.with_columns(columns)
-    return log
+    return Log.of(_columns(rows, trailers, vehicle))
+
+
+def _columns(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], vehicle: Vehicle) -> Iterator[Column]:
+    common, loads, *of_trailers = columns_by_parts(
+        rows,
+        partial(_common_columns, vehicle=vehicle),
+        lambda part: load_columns([row.truth for row in part], vehicle),
+        *(partial(_trailer_columns, place, trailer) for place, trailer in enumerate(trailers)),
+    )
+    yield from common
+    signals = {signal.name: values for signal, values in common}
+    index = {tick: row for row, tick in enumerate(signals["tick"].tolist())}
+    for trailer, by_rows in zip(trailers, of_trailers, strict=True):
+        columns = list(_all_trailer_columns(trailer, by_rows, index))
+        yield from ((_of(trailer.name, signal), values) for signal, values in columns)
+        if trailer is trailers[-1]:
+            yield from columns
+    yield from motion_columns(signals, vehicle)
+    yield from loads
 
 
 def _of(trailer: str, signal: Signal) -> Signal:
@@ -115,15 +134,15 @@ def tyre_columns(truths: Sequence[Truth]) -> Iterator[Column]:
     yield Signal("wheel_load_min", "N", "smallest vertical load of any wheel"), [t.wheel_loads.min() for t in truths]
 
 
-def _common_columns(rows: Sequence[TrailerRow], units: Sequence[str], n_front: int) -> Iterator[Column]:
+def _common_columns(rows: Sequence[TrailerRow], vehicle: Vehicle) -> Iterator[Column]:
     truths, drivers = [row.truth for row in rows], [row.record.driver for row in rows]
     yield Signal("tick", "ms", "time in whole ticks"), [truth.tick for truth in truths]
     yield Signal("time", "s", "time"), [truth.tick * TICK for truth in truths]
-    for k, unit in enumerate(units):
-        yield from unit_columns(truths, k, unit)
-        pitch = Signal(f"pitch_{unit}", "rad", f"{unit}: pitch of the body in W")
+    for k, unit in enumerate(vehicle.units):
+        yield from unit_columns(truths, k, unit.name)
+        pitch = Signal(f"pitch_{unit.name}", "rad", f"{unit.name}: pitch of the body in W")
         yield pitch, [-np.arcsin(truth.bodies[k][2, 0]) for truth in truths]
-    for k in range(n_front):
+    for k in range(len(vehicle.units[0].steered_axles)):
         ending, axle = (f"_{k + 1}", f"steered axle {k + 1}") if k else ("", "the foremost axle")
         steer = Signal(f"steer_tractor{ending}", "rad", f"tractor: road-wheel angle of {axle}, + left")
         yield steer, [truth.steer[k] for truth in truths]
@@ -135,21 +154,41 @@ def _common_columns(rows: Sequence[TrailerRow], units: Sequence[str], n_front: i
     yield from tyre_columns(truths)
 
 
-def _steer_columns(rows: Sequence[TrailerRow], place: int, trailer: TrailerTrack) -> Iterator[Column]:
+def _trailer_columns(place: int, trailer: TrailerTrack, rows: Sequence[TrailerRow]) -> Iterator[Column]:
+    """Columns of a trailer in some rows: of steering, of the reference unit, and where it is."""
+    truths = [row.truth for row in rows]
+    bodies = np.array([truth.bodies[trailer.unit] for truth in truths]).reshape(-1, 4, 4)
+    yield from zip(_POSE, plan_pose(bodies, trailer.path_height).T, strict=True)
+    if trailer.reference is not None:
+        yield _REFERENCE, trailer.reference.values(truths)
     for k in range(trailer.n_steered):
         angles = np.array([row.truth.steer[trailer.steers_ahead + k] for row in rows])
         demands = np.array([row.record.steering[place].angles[k] for row in rows])
         name = f"steer_trailer_{k + 1}"
         yield Signal(name, "rad", f"road-wheel angle of steered axle {k + 1}, + left"), angles
         yield Signal(f"{name}_command", "rad", "the controller's demand for that angle"), demands
+
+
+def _all_trailer_columns(
+    trailer: TrailerTrack, by_rows: Sequence[tuple[Signal, FloatArray]], index: Mapping[float, int]
+) -> Iterator[Column]:
+    """Columns of a trailer over the whole run, from those of its rows and its estimates."""
+    pose = [values for _, values in by_rows[: len(_POSE)]]
+    reference = [column for column in by_rows if column[0] is _REFERENCE]
+    yield from by_rows[len(_POSE) + len(reference) :]
     if trailer.fallback is not None:
         yield Signal("fallback", "-", "1 while the fallback steers in place of the law, else 0"), trailer.fallback
     if trailer.distrusted is not None:
         meaning = "number of signals of the combination that the guard holds to be at fault"
         yield Signal("distrusted", "-", meaning), trailer.distrusted
+    yield from _estimate_columns(index, trailer)
+    x, y, psi = pose
+    true = metrics.true_off_tracking(x, y, np.unwrap(psi), trailer.follow_distance)
+    yield Signal("off_tracking_true", "m", "lateral distance from the follow point to the hitch's path, + left"), true
+    yield from reference
 
 
-def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterator[Column]:
+def _estimate_columns(index: Mapping[float, int], trailer: TrailerTrack) -> Iterator[Column]:
     table, bridged = np.full((len(index), len(_ESTIMATE)), np.nan), np.full(len(index), np.nan)
     rotations, delays, calibrated = np.full((len(index), 6), np.nan), np.full((len(index), 2), np.nan), False
     for estimate in trailer.estimates:
@@ -171,24 +210,6 @@ def _estimate_columns(index: Mapping[int, int], trailer: TrailerTrack) -> Iterat
     if calibrated:
         yield Signal("right_camera_delay", "s", "right camera: exposure after the left one"), delays[:, 0]
         yield Signal("right_camera_delay_std", "s", "its standard deviation"), delays[:, 1]
-
-
-def true_values(truths: Sequence[Truth], unit: int, follow_distance: float, path_height: float) -> FloatArray:
-    """True off-tracking (n,) [m] of a unit, NaN where its path is too short (see ``vehicle.combination.path_point``).
-
-    ``follow_distance`` [m] is that from hitch to follow point, ``path_height`` [m] that of both in the body.
-    """
-    bodies = np.array([truth.bodies[unit] for truth in truths]).reshape(-1, 4, 4)
-    x, y, psi = plan_pose(bodies, path_height).T
-    return metrics.true_off_tracking(x, y, np.unwrap(psi), follow_distance)
-
-
-def _true_columns(rows: Sequence[TrailerRow], trailer: TrailerTrack) -> Iterator[Column]:
-    truths = [row.truth for row in rows]
-    true = true_values(truths, trailer.unit, trailer.follow_distance, trailer.path_height)
-    yield Signal("off_tracking_true", "m", "lateral distance from the follow point to the hitch's path, + left"), true
-    if trailer.reference is not None:
-        yield Signal("off_tracking_reference", "m", "off-tracking by a GNSS-aided inertial unit"), trailer.reference
 
 
 def _off_tracking_values(e: OffTracking) -> tuple[float, ...]:

@@ -11,7 +11,7 @@ from scenarios.assembly.ground_cameras import wheels_near
 from scenarios.loop.run import run
 from scenarios.options.scenario import load_scenario
 from scenarios.results.numbers import number_at
-from scenarios.results.reference_unit import reference_off_tracking
+from scenarios.results.reference_unit import ReferenceOffTracking
 from scenarios.results.run_result import RunResult, error_of_estimate
 from scenarios.results.summary import summary
 from vehicle.combination.description import load_vehicle
@@ -84,9 +84,8 @@ def test_the_reference_units_off_tracking_is_within_30_mm() -> None:
     exact = 20.0 - np.sqrt(20.0**2 - 14.0**2)  # the circle beside the follow point, left of the axis
     rms = []
     for seed in range(4):
-        values = reference_off_tracking(
-            truths, unit=0, follow_distance=14.0, path_height=0.0, rng=np.random.default_rng(seed)
-        )
+        unit = ReferenceOffTracking(unit=0, follow_distance=14.0, path_height=0.0, rng=np.random.default_rng(seed))
+        values = unit.values(truths)
         assert np.isfinite(values[400::10]).all()
         assert np.isnan(values[405])
         rms.append(np.sqrt(np.nanmean((values - exact) ** 2)))

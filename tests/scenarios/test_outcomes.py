@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from scenarios.loop.referee import Outcome, Referee, lift_warnings
+from scenarios.results.load_signals import load_columns
+from scenarios.results.log import Log, Signal
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.truth import Truth
@@ -100,8 +102,10 @@ def test_a_unit_that_was_on_one_sides_wheels_is_warned_of() -> None:
     """0.8 s of the trailer; 0.4 s are a wheel that skips over a bump."""
     transfers = [(0.1, 1.0 if 1000 <= tick <= 1800 or 3000 <= tick <= 3400 else 0.2) for tick in range(0, 5000, 10)]
     truths = [truth(10 * k, transfer=transfer) for k, transfer in enumerate(transfers)]
+    time = (Signal("time", "s", "time"), [truth.tick * TICK for truth in truths])
+    log = Log.of([time, *load_columns(truths, VEHICLE)])
     name = VEHICLE.units[1].name
-    assert lift_warnings(VEHICLE, truths) == (f"{name}: the wheels of one side carry nothing from 1.0 to 1.8 s",)
+    assert lift_warnings(VEHICLE, log) == (f"{name}: the wheels of one side carry nothing from 1.0 to 1.8 s",)
 
 
 def test_a_wheel_that_comes_back_in_time_is_no_roll_over() -> None:
