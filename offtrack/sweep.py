@@ -11,6 +11,7 @@ from offtrack.run import checked_seed
 from offtrack.settings import text_of
 from offtrack.tables import pandas
 from scenarios.processes import default_jobs
+from scenarios.studies.run_options import RunOptions
 from scenarios.studies.run_study import run_study
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import Row, shown_quantities
@@ -84,7 +85,7 @@ def sweep(
         study = Study(scenario=name, fixed=fixed, axes=axes, seeds=tuple(checked_seed(seed) for seed in seeds))
     title = f"sweep-{Path(name).stem}"
     directory = Path("runs") / title if out is None else Path(out)
-    _, rows = run_study(title, study, directory, jobs=jobs or default_jobs())
+    _, rows = run_study(title, study, directory, RunOptions(jobs=jobs or default_jobs()))
     return Sweep(rows, directory)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,10 +17,9 @@ from scenarios.campaigns.campaign import Campaign
 from scenarios.campaigns.campaign_page import campaign_page
 from scenarios.campaigns.failures import Cell, badness, by, cells_of, place_of
 from scenarios.campaigns.verdict import Judgement
-from scenarios.progress import Progress, no_progress
 from scenarios.results.files import replaced, replacing
-from scenarios.studies.case import Outcome, Settings
-from scenarios.studies.pool import Executor
+from scenarios.studies.case import Outcome
+from scenarios.studies.run_options import RunOptions
 from scenarios.studies.run_pages import write_run_pages
 from scenarios.studies.run_study import MakeMore, run_study
 from scenarios.studies.runs_table import runs_table
@@ -38,19 +37,7 @@ class Results:
     searches: tuple[Search, ...]
 
 
-def run_campaign(
-    title: str,
-    campaign: Campaign,
-    directory: Path,
-    *,
-    jobs: int,
-    timeout: float | None = None,
-    join: float | None = None,
-    executor: Executor | None = None,
-    again: Settings = (),
-    progress: Progress = no_progress,
-    remark: Callable[[str], None] = lambda line: None,
-) -> Results:
+def run_campaign(title: str, campaign: Campaign, directory: Path, options: RunOptions) -> Results:
     """Run what the directory does not hold yet of a campaign, and write its tables and report; see `run_study`.
 
     Raises:
@@ -69,19 +56,7 @@ def run_campaign(
         _write(title, campaign, found, directory)
         results.append(found)
 
-    run_study(
-        title,
-        campaign,
-        directory,
-        jobs=jobs,
-        timeout=timeout,
-        join=join,
-        executor=executor,
-        again=again,
-        progress=progress,
-        remark=remark,
-        finish=finish,
-    )
+    run_study(title, campaign, directory, options, finish=finish)
     return results[0]
 
 

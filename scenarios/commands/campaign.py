@@ -9,32 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from scenarios.commands.console import (
-    BAD_INPUT,
-    CHECK_FAILED,
-    PlainConsole,
-    Quiet,
-    check_number,
-    one_line_errors,
-    progress_bar,
-    progress_display,
-    remark,
-)
-from scenarios.commands.study import (
-    Cluster,
-    JobQueue,
-    Jobs,
-    Join,
-    Lease,
-    Out,
-    Patience,
-    Scheduler,
-    Status,
-    Timeout,
-    Where,
-    print_status,
-)
-from scenarios.processes import MOST_JOBS
+from scenarios.commands.console import BAD_INPUT, CHECK_FAILED, PlainConsole, one_line_errors
+from scenarios.commands.study_options import StudyOptions, takes_study_options
+from scenarios.commands.study_status import print_status
 
 if TYPE_CHECKING:
     from scenarios.campaigns.bisection import Search
@@ -54,6 +31,7 @@ EXAMPLES = (
 )
 
 
+@takes_study_options
 def campaign(
     target: Annotated[
         str | None,
@@ -79,18 +57,8 @@ def campaign(
         ),
     ] = None,
     listed: Annotated[bool, typer.Option("--list", help="List the campaigns that come with offtrack.")] = False,
-    jobs: Jobs = None,
-    timeout: Timeout = None,
-    scheduler: Scheduler = None,
-    job_queue: JobQueue = None,
-    patience: Patience = 60.0,
-    join: Join = False,
-    lease: Lease = 30.0,
-    status: Status = False,
-    where: Where = None,
-    out: Out = None,
-    quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")] = False,
+    *,
+    options: StudyOptions,
 ) -> None:
     """Run a fault campaign: the probability that a loop fails its requirements, for each fault and law.
 
@@ -101,44 +69,23 @@ def campaign(
     from scenarios.campaigns.failures import unaccepted
     from scenarios.campaigns.results_json import results_json
     from scenarios.campaigns.run_campaign import run_campaign
-    from scenarios.processes import default_jobs
-    from scenarios.studies.study import settings_of
 
     with one_line_errors():
         if listed or target is None:
-            _list(as_json=as_json)
+            _list(as_json=options.as_json)
             raise typer.Exit(0 if listed else BAD_INPUT)
-        check_number("--lease", lease, 1.0, 1e5)
-        check_number("--jobs", jobs, 1, MOST_JOBS)
-        check_number("--timeout", timeout, 1.0, 1e6)
         chosen = _campaign(target, settings or [], seeds, controllers)
         title = f"campaign-{Path(target).stem if target.endswith('.toml') else target}"
-        directory = out or Path("runs") / title
-        if status:
-            print_status(chosen, directory, as_json=as_json)
+        directory = options.directory(title)
+        if options.status:
+            print_status(chosen, directory, as_json=options.as_json)
             return
-        cluster = Cluster(scheduler, job_queue, patience)
-        cluster.check(jobs, join=join)
-        with (
-            progress_display(shown=not (quiet or as_json)) as bar,
-            cluster.executor(jobs or default_jobs(), timeout) as executor,
-        ):
-            found = run_campaign(
-                title,
-                chosen,
-                directory,
-                jobs=jobs or default_jobs(),
-                timeout=timeout,
-                join=lease if join else None,
-                executor=executor,
-                again=settings_of(where or [], "--where"),
-                progress=progress_bar(bar, title),
-                remark=remark,
-            )
+        with options.opened(title) as run_options:
+            found = run_campaign(title, chosen, directory, run_options)
     broken = unaccepted(chosen, found.cells)
-    if as_json:
+    if options.as_json:
         typer.echo(json.dumps(results_json(chosen, found), indent=2, allow_nan=False))
-    elif not quiet:
+    elif not options.quiet:
         _print(chosen, found, broken, directory)
     if broken:
         raise typer.Exit(CHECK_FAILED)

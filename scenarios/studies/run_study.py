@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from scenarios.progress import Progress, no_progress
 from scenarios.studies.case import Case, Outcome, Settings, identities
 from scenarios.studies.files import CELLS, check_study_directory, opened_study, study_text, write_study
 from scenarios.studies.join import PLAN, forget, forget_failures, join_cases, planned
-from scenarios.studies.pool import Executor, run_cases
+from scenarios.studies.pool import run_cases
+from scenarios.studies.run_options import RunOptions
 from scenarios.studies.stopping import made_in_batches
 from scenarios.studies.study import Study
 from scenarios.studies.table import Row, rows_of
@@ -22,22 +22,14 @@ def run_study(
     title: str,
     study: Study,
     directory: Path,
+    options: RunOptions,
     *,
-    jobs: int,
-    timeout: float | None = None,
-    join: float | None = None,
-    executor: Executor | None = None,
-    again: Settings = (),
-    progress: Progress = no_progress,
-    remark: Callable[[str], None] = lambda line: None,
     finish: Finish | None = None,
 ) -> tuple[list[Outcome], list[Row]]:
     """Run what the directory does not hold yet of a study, and write its tables and report.
 
-    A run that takes longer than ``timeout`` [s] fails; None: any time. With ``join``, other commands may work in the
-    directory at the same time; it is the time without a sign of life after which their runs are taken over [s]. An
-    ``executor`` makes the runs elsewhere. Runs whose axes have the values ``again`` are made again. ``finish`` writes
-    what is made of the runs, in place of `write_study`.
+    With ``options.join``, other commands may work in the directory at the same time. ``finish`` writes what is made of
+    the runs, in place of `write_study`.
 
     Raises:
         ValueError: one line, for an invalid scenario or directory, before anything is written.
@@ -45,6 +37,7 @@ def run_study(
     """
     check_study_directory(directory, study.file)
     cases = study.cases()
+    again, join = options.again, options.join
     known = identities(cases)  # refuses invalid scenarios before anything is written
     if again and not any(set(again) <= set(case.axes) for case in cases):
         raise ValueError(f"--where {' '.join('='.join(pair) for pair in again)}: no run of the study has these values")
@@ -52,38 +45,18 @@ def run_study(
         planned(cases, directory)  # refuses another study before its file is replaced
     with opened_study(directory, study.file, study_text(study, directory), shared=join is not None):
         names = known if join is None else planned(cases, directory)
-        for name, case in zip(names, cases, strict=True):
-            if again and set(again) <= set(case.axes):
-                forget(directory, name)
+        _forget(cases, names, directory, again)
+        forgotten = set(names)
 
         def make(chosen: Sequence[int]) -> list[Outcome]:
-            return make_named([cases[k] for k in chosen], [names[k] for k in chosen])
+            return _made([cases[k] for k in chosen], [names[k] for k in chosen], directory, options)
 
         def make_more(some: Sequence[Case]) -> list[Outcome]:
-            return make_named(some, identities(some, portable=join is not None))
-
-        def make_named(some: Sequence[Case], own: Sequence[str]) -> list[Outcome]:
-            if join is None:
-                return run_cases(
-                    some,
-                    directory / CELLS,
-                    jobs=jobs,
-                    known=own,
-                    timeout=timeout,
-                    executor=executor,
-                    progress=progress,
-                    remark=remark,
-                )
-            return join_cases(
-                some,
-                own,
-                directory / CELLS,
-                jobs=jobs,
-                lease=join,
-                timeout=timeout,
-                progress=progress,
-                remark=remark,
-            )
+            own = identities(some, portable=join is not None)
+            new = {name: case for name, case in zip(own, some, strict=True) if name not in forgotten}
+            _forget(list(new.values()), list(new), directory, again)
+            forgotten.update(new)
+            return _made(some, own, directory, options)
 
         if study.stop is None:
             outcomes = make(range(len(cases)))
@@ -97,3 +70,35 @@ def run_study(
         else:
             finish(outcomes, rows, make_more)
     return outcomes, rows
+
+
+def _forget(cases: Sequence[Case], names: Sequence[str], directory: Path, again: Settings) -> None:
+    """Forget the runs whose axes have the values ``again``, so that they are made again; no values: none."""
+    for name, case in zip(names, cases, strict=True):
+        if again and set(again) <= set(case.axes):
+            forget(directory, name)
+
+
+def _made(cases: Sequence[Case], names: Sequence[str], directory: Path, options: RunOptions) -> list[Outcome]:
+    """Outcomes of runs that are saved in the directory or made now, alone or together with other commands."""
+    if options.join is None:
+        return run_cases(
+            cases,
+            directory / CELLS,
+            jobs=options.jobs,
+            known=names,
+            timeout=options.timeout,
+            executor=options.executor,
+            progress=options.progress,
+            remark=options.remark,
+        )
+    return join_cases(
+        cases,
+        names,
+        directory / CELLS,
+        jobs=options.jobs,
+        lease=options.join,
+        timeout=options.timeout,
+        progress=options.progress,
+        remark=options.remark,
+    )

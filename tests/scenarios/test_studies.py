@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import offtrack
 from scenarios.cli import app
-from scenarios.commands import study as study_command
+from scenarios.commands.study_table import fitting, least_width
 from scenarios.results.files import digest
 from scenarios.studies.case import Case, Outcome, listed, seeds_of
 from scenarios.studies.files import check_study_directory, opened_study, study_text
@@ -292,8 +292,8 @@ def test_finished_runs_are_compared_by_their_names(tmp_path: Path) -> None:
 def test_a_table_keeps_its_numbers_whole_on_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     columns = [("trailer_steering", ["path_preview@tuned.toml"]), ("done", ["1/1"])]
     numbers = [(f"error {k} [m]", [f"{10.0**k:.3f}"]) for k in range(9)]
-    fitting = study_command._fitting(columns, numbers, 80)
-    assert 1 <= len(fitting) < len(numbers)
-    widths = [study_command._least(heading, cells) for heading, cells in (*columns, *fitting)]
+    fit = fitting(columns, numbers, 80)
+    assert 1 <= len(fit) < len(numbers)
+    widths = [least_width(heading, cells) for heading, cells in (*columns, *fit)]
     assert sum(width + 1 for width in widths) + 1 <= 80
-    assert widths[-1] >= len(fitting[-1][1][0])
+    assert widths[-1] >= len(fit[-1][1][0])
