@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import offtrack
+from tests.in_process import make_runs_here
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = {"course.length": 20, "off_tracking": "truth", "surface.roughness": "none", "reference_unit": False}
@@ -104,6 +105,7 @@ def test_a_rover_is_stepped_too() -> None:
 
 def test_a_sweep_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    make_runs_here(monkeypatch)
     done = offtrack.sweep("cambered-road", {"surface.cross_fall": [0.0, 0.02]}, settings=SHORT, jobs=1)
     table = done.to_pandas()
     assert table["surface.cross_fall"].tolist() == ["0.0", "0.02"]

@@ -21,6 +21,7 @@ from scenarios.results.run_result import CameraFrame, JudgedTrailer, RunResult
 from scenarios.results.swept_path import UnitOutline
 from scenarios.results.timing import Timing
 from sensors.world.world import World, build_world
+from tests.in_process import make_runs_here
 from tests.scenarios.browser import running_browser
 from vehicle.frames import FloatArray
 
@@ -177,6 +178,12 @@ def browser() -> Iterator[Any]:
     """Chromium, without a window."""
     with running_browser() as started:
         yield started
+
+
+@pytest.fixture
+def runs_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the runs of studies in this process."""
+    make_runs_here(monkeypatch)
 
 
 class Worlds:

@@ -48,6 +48,7 @@ def invoked(*arguments: str) -> Result:
     return CliRunner().invoke(app, ["campaign", *arguments])
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ from scenarios.studies.case import Case
 from scenarios.studies.identity import installed
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import load_study
+from tests.in_process import make_runs_here
 
 STUDY = """scenario = "cambered-road"
 set.course.length = 20
@@ -72,9 +73,12 @@ def scheduler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_runs_on_a_cluster_are_those_of_the_pool(study: Path, tmp_path: Path, scheduler: Any) -> None:
+def test_runs_on_a_cluster_are_those_of_the_pool(
+    study: Path, tmp_path: Path, scheduler: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Bitwise the same; what is there is not made again; a cluster without workers is given up in time."""
     cases, cells = load_study(study).cases(), tmp_path / "dask-runs"
+    make_runs_here(monkeypatch)  # of the pool: those of the cluster are in processes of their own
     connect = partial(connected, scheduler.scheduler_address)
     with DaskExecutor(connect, timeout=60.0, patience=0.5, waits=False, remark=print) as executor:
         made = run_cases(cases, cells, jobs=1, executor=executor)

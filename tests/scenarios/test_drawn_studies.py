@@ -78,6 +78,7 @@ def test_the_interval_of_the_mean_holds_as_often_as_it_says() -> None:
     assert held / 2000 == pytest.approx(0.95, abs=0.015)
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_drawn_study_runs_and_reports(tmp_path: Path) -> None:
     """A row for each point of the grid over all draws; runs with their values; the page names what was drawn."""
     text = HEAD.replace("[set]", '[set]\nsurface.roughness = "none"') + SAMPLE.format(count=2, method="latin")
@@ -148,6 +149,7 @@ def test_a_point_ends_when_its_interval_is_narrow(tmp_path: Path) -> None:
     assert [outcome.case for outcome in outcomes] == [cases[k] for k in sorted(asked)]
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_study_that_stops_runs_what_it_needs(tmp_path: Path) -> None:
     """Everything is beyond an impossible limit: six draws are enough for 25 %; repeated, nothing more is run."""
     text = HEAD + SAMPLE.format(count=40, method="random") + "[draw]\nsurface.friction.uniform = [0.3, 0.9]\n"

@@ -78,6 +78,7 @@ def test_a_claim_that_shows_no_life_is_taken_over_and_a_kept_one_is_not(tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_runs_of_a_command_that_ended_are_made_by_another(study: Path, tmp_path: Path) -> None:
     """All runs and tables are there; the state before, and who made what; the value asked for is made again."""
     out = tmp_path / "out"

@@ -60,6 +60,7 @@ def test_a_rover_and_its_recording_play_with_their_images(browser: Any, tmp_path
             assert opened.messages == []
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_study_leads_to_the_pages_of_its_runs(browser: Any, tmp_path: Path) -> None:
     """A click on a line of the drawing opens the page that plays the run; the first seed's runs play together."""
     out = tmp_path / "study"

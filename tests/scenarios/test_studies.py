@@ -6,6 +6,7 @@ import csv
 import hashlib
 import json
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -57,6 +58,7 @@ def saved(cells: Path, case: Case, outcome: str) -> Path:
     return signals.with_suffix(".json")
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
     """A summary in the folder stands for its run: its numbers are taken, and only the others are made."""
     cases = study(speed_kmh=("60",)).cases()
@@ -67,6 +69,7 @@ def test_finished_runs_are_kept_and_not_made_again(tmp_path: Path) -> None:
     assert not list(tmp_path.glob(".*"))
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_damaged_runs_are_named_and_made_again(tmp_path: Path) -> None:
     """Half a summary, one that is no summary, signals that are cut off: a line on each, and its run is repeated."""
     cases = study(speed_kmh=("60", "50")).cases()
@@ -109,6 +112,7 @@ def test_what_a_killed_study_left_does_not_stop_the_next(tmp_path: Path) -> None
         check_study_directory(tmp_path)
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
     """An own controller's error is one line in the table, and is tried again the next time."""
     (tmp_path / "broken.py").write_text(
@@ -117,6 +121,7 @@ def test_a_run_that_fails_does_not_end_the_study(tmp_path: Path) -> None:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path)
+        patch.setattr("sys.path", list(sys.path))  # the catalogue adds the working directory
         cases = study(trailer_steering=("broken:Broken",)).cases()[:1]
         (outcome,) = run_cases(cases, tmp_path / "cells", jobs=1)
     assert str(outcome.numbers["outcome"]).endswith(
@@ -212,6 +217,7 @@ def test_what_can_not_be_compared_is_one_line(arguments: list[str], said: str, t
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_compare_writes_table_and_report(tmp_path: Path) -> None:
     """Two laws on a short road: a row each, as JSON and in the directory, with a self-contained page."""
     out = tmp_path / "out"

@@ -43,18 +43,19 @@ def arguments(out: Path, trials: int) -> list[str]:
     return ["tune", "roundabout", "--trials", str(trials), *sets, *fixed, "--json", "--out", str(out)]
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_trials_are_gone_on_with_and_the_defaults_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two trials, then three in the same directory: the first two are those of before, the first has the defaults."""
+    """One trial, then two in the same directory: the first is that of before, and has the defaults."""
     monkeypatch.chdir(tmp_path)  # files of the working directory count, those of the study excepted
     out = tmp_path / "out"
-    first = CliRunner().invoke(app, arguments(out, 2))
+    first = CliRunner().invoke(app, arguments(out, 1))
     assert first.exit_code == 0, first.stderr
     kept = (out / "trials.csv").read_text().splitlines()
-    second = CliRunner().invoke(app, arguments(out, 3))
+    second = CliRunner().invoke(app, arguments(out, 2))
     assert second.exit_code == 0, second.stderr
     assert second.stderr == ""  # no trial is dropped
     assert (out / "trials.csv").read_text().splitlines()[: len(kept)] == kept
-    assert len((out / "trials.csv").read_text().splitlines()) == 4
+    assert len((out / "trials.csv").read_text().splitlines()) == 3
     assert kept[1].startswith("0,0.77,")  # the gain that path_preview ships with
     told = json.loads(second.stdout)
     assert set(told["judged"]) == {"defaults", "tuned"}
