@@ -21,21 +21,21 @@ _RENDERING: Final = 120.0  # longest time of a check [s]
 
 
 def check_software(client: Client) -> None:
-    """Refuse workers with another offtrack, Python or other libraries than here.
+    """Refuse workers with another offtrack, Python or other libraries than here; lost ones do not count.
 
     Raises:
         ValueError: one line, with the first difference.
     """
     versions = client.run(importlib.metadata.version, "offtrack", on_error="return")
     for worker, version in versions.items():
-        if isinstance(version, BaseException):
+        if isinstance(version, BaseException) and not isinstance(version, OSError):
             raise ValueError(f"worker {worker}: offtrack is not installed there")
     try:
         found: Mapping[str, Any] = client.run(installed, on_error="return")
     except Exception as error:  # whatever the import of another version leads to
         raise ValueError(f"the workers have another offtrack: {shown(str(error).splitlines()[0])}") from None
     for worker, software in found.items():
-        if software != installed():
+        if software != installed() and not isinstance(software, OSError):
             raise ValueError(f"worker {worker}: {difference(software)}; the same is needed everywhere")
 
 

@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
     from scenarios.cluster.shipment import Order, Shipment
-    from scenarios.cluster.workshop import Delivery
+    from scenarios.cluster.workshop import Delivery, Workshop
 
 _LOOK: Final = 1.0  # between two looks at the cluster [s]
 _TRIES: Final = 2  # of a run that Dask gives up, after it was lost with several workers
+_REGISTRATIONS: Final = 10  # with the workers, until one succeeds in which none is lost
 _APPEARS: Final = 60.0  # until a file of another machine is seen in a shared folder [s]
 
 
@@ -100,7 +101,7 @@ class DaskExecutor:
         from scenarios.cluster.workshop import Workshop
 
         workshop = Workshop(shipment, cells.absolute(), mark, self._timeout)
-        client.register_plugin(workshop, name=workshop.name)
+        _register(client, workshop)
         try:
             yield workshop.name
         finally:
@@ -149,6 +150,22 @@ class DaskExecutor:
             if waiting:
                 with suppress(Exception):  # the cluster may be gone
                     client.cancel(list(waiting), force=True)
+
+
+def _register(client: Client, workshop: Workshop) -> None:
+    """Give the workers of a cluster their part; one that is lost meanwhile must not end the study.
+
+    Raises:
+        OSError: if a worker was lost each time.
+    """
+    for attempt in range(1, _REGISTRATIONS + 1):
+        try:
+            client.register_plugin(workshop, name=workshop.name)
+            return
+        except OSError:
+            if attempt == _REGISTRATIONS or client.status != "running":
+                raise
+            time.sleep(_LOOK)
 
 
 class _Without:
