@@ -24,6 +24,7 @@ _REST = 5.0  # distance from a reference view that a turn took out of sight to t
 _TURNED = np.radians(15.0)  # rotation between two views at which yaw is measured: beyond it they share few points
 _SHIFTED = 0.015  # displacement of the right camera that is beyond errors of lenses [m]
 _SHIFTED_SHARE = 0.05  # the same, as a share of the displacement that is compensated
+_PROVEN = 5.0  # distance of motions after which a new estimate is no passing disturbance [m]
 _SIGNIFICANT = 8.0  # the same in standard deviations of a fit, which are half of the real ones
 
 
@@ -32,6 +33,20 @@ class Taken(NamedTuple):
 
     frame: StereoFrame
     twist: Twist
+    lost: bool = False  # True if no motion ended at it
+
+
+class Earlier(NamedTuple):
+    """Estimate from before pairs contradicted it, kept until motions have proven the new one."""
+
+    state: MountState
+    agreed: bool = False  # True if the newest pair is as before
+    proven: float = 0.0  # distance of motions with the new one [m]
+
+    def after(self, distance: float) -> Earlier | None:
+        """What is left of it after a motion of some distance [m]."""
+        proven = self.proven + distance
+        return self._replace(proven=proven) if proven < _PROVEN else None
 
 
 class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
@@ -44,6 +59,7 @@ class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
     fresh: float | None = None  # distance since the last fit to a single pair [m]; None: there is none
     previous: tuple[Taken, ...] = ()  # newest frames of the odometry, oldest first
     suspect: StereoFrame | None = None  # newest frame, if it contradicts the estimate
+    earlier: Earlier | None = None  # estimate to which a passing disturbance returns
     shift: float = 0.0  # displacement of the right camera along the optical axis, by the newest frame [m]
     assumed: float = 0.0  # the same for the first motion, as long as no velocity relates it to a delay [m]
     view: View | None = None

@@ -34,6 +34,7 @@ _SPEED_UNKNOWN = 0.2  # the same of the speed [m/s]
 _SPEED_SHARE = 0.05  # the same, as a share of the speed
 _ANY_TURN, _ANY_SPEED = np.array([0.03, 0.1, 0.03]), 15.0  # velocities before the first motion [rad/s, m/s]
 _SURPRISE = 45.0  # squared normalised innovation of four values: one in 2e8 if all is as modelled
+_EXPECTED = 18.5  # the same: exceeded once in a thousand
 
 
 class Twist(NamedTuple):
@@ -108,8 +109,18 @@ def innovation(
 
 def is_surprising(state: MountState, innovated: tuple[FloatArray, FloatArray, FloatArray]) -> bool:
     """True if a pair does not belong to cameras in this state."""
+    return _squared(state, innovated) > _SURPRISE
+
+
+def is_expected(state: MountState, innovated: tuple[FloatArray, FloatArray, FloatArray]) -> bool:
+    """True if a pair is what cameras in this state show."""
+    return _squared(state, innovated) < _EXPECTED
+
+
+def _squared(state: MountState, innovated: tuple[FloatArray, FloatArray, FloatArray]) -> float:
+    """Squared normalised innovation."""
     r, H, noise = innovated
-    return bool(r @ np.linalg.solve(H @ state.covariance @ H.T + noise, r) > _SURPRISE)
+    return float(r @ np.linalg.solve(H @ state.covariance @ H.T + noise, r))
 
 
 def with_fit(

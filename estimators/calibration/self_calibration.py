@@ -4,7 +4,8 @@ A mount bent by a tenth of a degree biases the off-tracking by decimetres (de Sa
 that exposes 10 ms late does so at 20 km/h. Both are estimated continuously: from the rows of every single pair, and yaw
 from pairs some metres apart. The right image is corrected before the odometry: by a homography for rotations (eqs 8 and
 9), point by point for the distance travelled over the delay (``estimators.displaced_right``). A pair that contradicts
-the estimate is lost; if the next one does too, mount or clock have changed, and the estimate starts anew from it.
+the estimate is lost; if the next one does too, mount or clock have changed, and the estimate starts anew from it. If
+then two pairs are as before, and no motions have proven the new estimate yet, it was a passing disturbance.
 
 Without correction (``correcting=False``) rotations are only watched: motions of a pair whose calibration is refuted are
 degraded, with the error in their covariance, or lost. The delay is compensated in any case.
@@ -23,6 +24,7 @@ from typing import Generic
 import numpy as np
 
 from estimators.calibration.calibration_memory import (
+    Earlier,
     SelfCalibrationMemory,
     Taken,
     first_look,
@@ -38,12 +40,14 @@ from estimators.calibration.epipolar import EpipolarFit, epipolar_fit
 from estimators.calibration.mount_state import (
     DELAY,
     UNKNOWN,
+    MountState,
     Twist,
     carried,
     expected_fit,
     geometry,
     initial,
     innovation,
+    is_expected,
     is_surprising,
     reopened,
     with_fit,
@@ -129,15 +133,21 @@ class SelfCalibratedOdometry(Generic[Memory]):
 
         A frame that contradicts the estimate becomes the suspect; after a second one the estimate starts anew there.
         """
-        fit, baseline, changed = self._fit(memory, frame), self._calibration.baseline, False
+        fit, baseline, changed = self._fit(memory.state, memory.twist, frame), self._calibration.baseline, False
         if fit is None:
             return memory._replace(suspect=None, shift=0.0), False
+        if memory.earlier is not None:
+            memory, changed = self._returned(memory, memory.earlier, frame)
+            fit = self._fit(memory.state, memory.twist, frame) or fit if changed else fit
         innovated = innovation(memory.state, fit, memory.twist, baseline)
         if memory.previous and is_surprising(memory.state, innovated):
             if memory.suspect is None:
                 return memory._replace(suspect=frame), False
             suspect = Taken(memory.suspect, memory.twist)
-            memory = memory._replace(state=reopened(memory.state), fresh=None, view=None, previous=(suspect,))
+            earlier = memory.earlier or Earlier(memory.state)
+            memory = memory._replace(
+                state=reopened(memory.state), earlier=earlier, fresh=None, view=None, previous=(suspect,)
+            )
             innovated, changed = innovation(memory.state, fit, memory.twist, baseline), True
         state, shift = with_fit(memory.state, innovated, memory.fresh), significant_shift(fit)
         memory = memory._replace(state=state, fresh=0.0, suspect=None, shift=shift)
@@ -145,11 +155,26 @@ class SelfCalibratedOdometry(Generic[Memory]):
             memory, changed = memory._replace(assumed=shift), True
         return memory, changed
 
-    def _fit(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> EpipolarFit | None:
+    def _returned(
+        self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: StereoFrame
+    ) -> tuple[SelfCalibrationMemory[Memory], bool]:
+        """Memory with the earlier estimate if two pairs are as before; True if so."""
+        agreed = self._is_as_before(earlier.state, memory.twist, frame)
+        if not (agreed and earlier.agreed):
+            return memory._replace(earlier=earlier._replace(agreed=agreed)), False
+        first = memory.previous[-1:]  # of the two pairs
+        return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), True
+
+    def _is_as_before(self, earlier: MountState, twist: Twist, frame: StereoFrame) -> bool:
+        """True if a single pair is what cameras in an earlier state show."""
+        fit, baseline = self._fit(earlier, twist, frame), self._calibration.baseline
+        return fit is not None and is_expected(earlier, innovation(earlier, fit, twist, baseline))
+
+    def _fit(self, state: MountState, twist: Twist, frame: StereoFrame) -> EpipolarFit | None:
         """Fit to the single pair, from what is expected of it."""
         baseline = self._calibration.baseline
-        shift = geometry(float(memory.state.mean[DELAY]), memory.twist, baseline).shift
-        guess = expected_fit(memory.state, memory.twist, baseline)
+        shift = geometry(float(state.mean[DELAY]), twist, baseline).shift
+        guess = expected_fit(state, twist, baseline)
         return epipolar_fit(self._calibration, frame, guess, np.zeros(3) if shift is None else shift)
 
     def _restarted(
@@ -169,9 +194,9 @@ class SelfCalibratedOdometry(Generic[Memory]):
         if not another:
             return memory
         odometry = self._odometry.init()  # its memory was of images with the old correction
-        for frame, twist in memory.previous:
-            then = memory._replace(twist=twist if twist.known else memory.twist)
-            odometry, _ = self._odometry.step(odometry, self._corrected(frame, then))
+        for taken in memory.previous:
+            then = memory._replace(twist=taken.twist if taken.twist.known else memory.twist)
+            odometry, _ = self._odometry.step(odometry, self._corrected(taken.frame, then))
         return memory._replace(odometry=odometry)
 
     def _corrected(self, frame: StereoFrame, memory: SelfCalibrationMemory[Memory]) -> StereoFrame:
@@ -190,8 +215,8 @@ class SelfCalibratedOdometry(Generic[Memory]):
             lost = lost_motion(motion.tick, motion.previous_tick, motion.matches)
             return memory._replace(view=None, previous=(taken,)), lost
         if motion is not None and motion.health is Health.LOST:
-            recent = [old for old in memory.previous if frame.tick - old.frame.tick < _LONGEST_LOSS]
-            return memory._replace(view=None, previous=tuple(recent) or (taken,)), motion
+            recent = [old for old in memory.previous if frame.tick - old.frame.tick < _LONGEST_LOSS and not old.lost]
+            return memory._replace(view=None, previous=(*recent[-1:], taken._replace(lost=True))), motion
         memory = memory._replace(previous=(*memory.previous[-1:], taken))
         if motion is None:
             return memory, motion
@@ -203,6 +228,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
             state=carried(memory.state, distance),
             twist=Twist(turned / seconds, so3_exp(-0.5 * turned) @ p_PC / seconds, doubt),
             fresh=None if memory.fresh is None else memory.fresh + distance,
+            earlier=memory.earlier and memory.earlier.after(distance),
             X_VC=chained(memory.X_VC, motion.X_PC),
         )
         return memory, motion
