@@ -158,11 +158,11 @@ class SelfCalibratedOdometry(Generic[Memory]):
     def _returned(
         self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: StereoFrame
     ) -> tuple[SelfCalibrationMemory[Memory], bool]:
-        """Memory with the earlier estimate if two pairs are as before; True if so."""
+        """Memory with the earlier estimate if two pairs are as before, restarted at the first of them; True if so."""
         agreed = self._is_as_before(earlier.state, memory.twist, frame)
         if not (agreed and earlier.agreed):
             return memory._replace(earlier=earlier._replace(agreed=agreed)), False
-        first = memory.previous[-1:]  # of the two pairs
+        first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
         return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), True
 
     def _is_as_before(self, earlier: MountState, twist: Twist, frame: StereoFrame) -> bool:
