@@ -14,6 +14,7 @@ from vehicle.frames import FloatArray, skew, transform
 _HYPOTHESES = 50  # de Saxe 2018, section 3.1; one in a thousand runs fails when half the matches are wrong
 _ITERATIONS = 4  # of Gauss-Newton from the prediction, for three points
 _GATE = 1.5  # largest reprojection error of an inlier with sub-pixel tracks [px]
+_MAJORITY = 0.7  # share that agrees with the prediction: no other motion can have half as many
 _SCORED = 250  # matches that score the hypotheses; more do not change the result
 _DAMPING = 1e-9  # share of the trace; keeps three collinear points from being singular
 _LONGEST_STEP = 1.0  # of an iteration; triples of wrong matches would diverge [rad, m]
@@ -38,18 +39,32 @@ def consensus(
 ) -> Consensus:
     """Best of the prediction ``X_PC`` and of the hypotheses within ``reach`` [m] of it.
 
-    The points (n, 3), n >= 3, are given in P and have images z (n, 3) in C; inliers lie within ``gate`` [px].
+    A prediction that a clear majority agrees with is the result, as in smooth travel: its remaining error is left to
+    the least squares over all inliers. The points (n, 3), n >= 3, are given in P and have images z (n, 3) in C; inliers
+    lie within ``gate`` [px].
     """
+    columns, z_columns = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
+    inliers = _agreeing(calibration, X_PC[:3, :3], X_PC[:3, 3], columns, z_columns, gate)
+    if np.count_nonzero(inliers) > _MAJORITY * len(points):
+        return Consensus(X_PC, inliers)
     triples = rng.integers(0, len(points), (_HYPOTHESES, 3))
     R, p = _from_triples(calibration, points[triples].swapaxes(1, 2), z[triples].swapaxes(1, 2), X_PC)
     R, p = np.concatenate([R, X_PC[None, :3, :3]]), np.concatenate([p, X_PC[None, :3, 3]])
-    points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
-    scored = slice(None, None, max(1, points.shape[1] // _SCORED))
-    cost = np.minimum(_squared(residuals(calibration, R, p, points[:, scored], z[:, scored])), gate**2).sum(axis=1)
+    scored = slice(None, None, max(1, len(points) // _SCORED))
+    r = residuals(calibration, R, p, columns[:, scored], z_columns[:, scored])
+    cost = np.minimum(_squared(r), gate**2).sum(axis=1)
     cost[np.linalg.norm(p - X_PC[:3, 3], axis=1) > reach] = np.inf
     best = int(np.argmin(cost))
-    inliers = _squared(residuals(calibration, R[best], p[best], points, z)) < gate**2
-    return Consensus(transform(R[best], p[best]), inliers)
+    agreeing = _agreeing(calibration, R[best], p[best], columns, z_columns, gate)
+    return Consensus(transform(R[best], p[best]), agreeing)
+
+
+def _agreeing(
+    calibration: StereoCalibration, R: FloatArray, p: FloatArray, points: FloatArray, z: FloatArray, gate: float
+) -> NDArray[np.bool_]:
+    """Mask (n,) of the columns of points and images (3, n) that agree with a motion."""
+    agreeing: NDArray[np.bool_] = _squared(residuals(calibration, R, p, points, z)) < gate**2
+    return agreeing
 
 
 def _from_triples(

@@ -108,20 +108,26 @@ def templates(patches: Float32Array) -> Templates:
 
 
 def match_patches(patches: Templates, image: Float32Array, guess: Points) -> PatchMatches:
-    """Locate each patch in the image near its guess (n, 2)."""
+    """Locate each patch in the image near its guess (n, 2).
+
+    The correlation is that before a patch's last step, which is shorter than ``_DONE`` once it has converged.
+    """
     position, active, left = guess.T.astype(np.float32), np.arange(len(guess)), patches
-    for k in range(_ITERATIONS):
-        if k:
-            left = _of(patches, active)
+    correlation = np.zeros(len(guess), np.float32)
+    for k in range(_ITERATIONS + 1):
         u, v = position.take(active, axis=1)
         grey = sampled(image, u[:, None] + _U, v[:, None] + _V)
-        residual = left.contrast / _contrast(grey) * np.vecdot(left.gradients, grey) - left.offset
+        contrast = _contrast(grey)
+        correlation[active] = np.vecdot(left.pattern, grey) / (left.contrast * contrast)
+        if k == _ITERATIONS:
+            break
+        residual = left.contrast / contrast * np.vecdot(left.gradients, grey) - left.offset
         step = (left.inverse * residual).sum(axis=1)
         position[:, active] -= step.clip(-_LONGEST_STEP, _LONGEST_STEP)
         active = active[np.abs(step).max(axis=0) > _DONE]
-    u, v = position
-    grey = sampled(image, u[:, None] + _U, v[:, None] + _V)
-    correlation = np.vecdot(patches.pattern, grey) / (patches.contrast * _contrast(grey))
+        if not len(active):
+            break
+        left = _of(patches, active)
     # the difference of two patches of equal contrast has the variance 2 contrast^2 (1 - correlation), twice that of one
     noise = np.maximum(patches.contrast * np.sqrt(np.maximum(1.0 - correlation, 0.0)), _QUIETEST)
     variance = np.float32(_NOISE_SHARE) * np.square(noise) * patches.inverse[[0, 1], [0, 1]]
@@ -129,12 +135,12 @@ def match_patches(patches: Templates, image: Float32Array, guess: Points) -> Pat
 
 
 def _of(patches: Templates, active: NDArray[np.intp]) -> Templates:
-    """Templates of the patches with these indices, without the patterns, which only the last step needs."""
+    """Templates of the patches with these indices."""
     return Templates(
         gradients=patches.gradients.take(active, axis=1),
         inverse=patches.inverse.take(active, axis=2),
         offset=patches.offset.take(active, axis=1),
-        pattern=patches.pattern,
+        pattern=patches.pattern.take(active, axis=0),
         contrast=patches.contrast.take(active),
     )
 
