@@ -72,27 +72,25 @@ def fitted_to_rays(
     if len(r) < _FEWEST:
         return None
     f, baseline, values = calibration.focal_length, calibration.baseline + shift[0], guess.copy()
-    x, y = r.T
-    across = shift[1] / baseline
+    (x, y), columns = np.ascontiguousarray(r.T), np.ascontiguousarray(q.T)
+    across, middle = shift[1] / baseline, len(r) // 2
     for _ in range(_ROUNDS):
         R, s = mount_rotation(*values[:3].tolist()), values[3] / baseline
-        turned = q @ R[:, :2].T + R[:, 2]
-        x_q, y_q = (turned[:, :2] / turned[:, 2:]).T
+        turned = R[:, :2] @ columns + R[:, 2:]
+        x_q, y_q = turned[:2] / turned[2]
         by_s = x * y_q - y * x_q
         e = y_q - y - s * by_s - across * (x_q - x)
         e_x, e_y = s * y - across, 1.0 - s * x  # derivatives by the turned ray
         # Sampson's distance: the residual over its sensitivity to all four coordinates, as that of a row difference
         size = np.sqrt(0.5 * (e_x**2 + e_y**2 + (across - s * y_q) ** 2 + (1.0 - s * x_q) ** 2))
-        by_angles = [e_y * x_q - e_x * y_q, e_x * (1.0 + x_q**2) + e_y * x_q * y_q]
-        by_angles.append(-e_x * x_q * y_q - e_y * (1.0 + y_q**2))
-        J = np.column_stack([*by_angles, -by_s / baseline]) / size[:, None]
+        along = e_x * x_q + e_y * y_q
+        J = np.stack([e_y * x_q - e_x * y_q, e_x + along * x_q, -e_y - along * y_q, -by_s / baseline]) / size
         distance = e / size
-        scale = max(_FINEST / f, float(np.median(np.abs(distance))) / _MEDIAN)
-        weight = 1.0 / np.square(1.0 + np.square(distance / (_TUNING * scale)))
-        weighted = J * weight[:, None]
-        normal = weighted.T @ J
+        scale = max(_FINEST / f, float(np.partition(np.abs(distance), middle)[middle]) / _MEDIAN)
+        weighted = J / np.square(1.0 + np.square(distance / (_TUNING * scale)))
+        normal = weighted @ J.T
         normal += _LEAST_INFORMATION * np.trace(normal) * np.eye(4)
-        step = np.asarray(np.linalg.solve(normal, weighted.T @ distance), dtype=np.float64)
+        step = np.asarray(np.linalg.solve(normal, weighted @ distance), dtype=np.float64)
         values = values - step
         if np.abs(step).max() < _DONE:
             break

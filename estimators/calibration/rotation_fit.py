@@ -15,7 +15,8 @@ from estimators.calibration.rotation_views import FEWEST, Images, bearings, imag
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, inverse, orthonormalised, so3_exp, transform
 
-_ROUNDS = 8  # of Gauss-Newton with new weights; the last ones change the result no more
+_ROUNDS = 8  # of Gauss-Newton with new weights, at most
+_CONVERGED = 0.05  # last step [standard deviations]
 _TUNING = (3.0, 3.0, 3.0, 2.0)  # residual with weight 1/4 [sigma], by round; the last one repeats
 _MEDIAN = 0.888  # median of the root mean square of three standard normal numbers: sqrt(2.366 / 3)
 _CORRELATION = 2.0  # factor on the variance for correlated errors of neighbours: measured
@@ -63,6 +64,8 @@ def from_motion(
         gradient[6:] += prior_information[6:, 6:] @ (prior - angles)
         step = np.linalg.solve(normal, gradient)
         R, t, angles = so3_exp(step[:3]) @ R, t + step[3:6], angles + step[6:]
+        if k >= len(_TUNING) - 1 and step @ normal @ step < _CONVERGED**2:
+            break
     if np.count_nonzero(error < 2.0 * scale) < FEWEST:
         return None
     # the motion eliminated: what is left is information on the angles

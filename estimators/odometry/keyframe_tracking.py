@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimators.displaced_right import image_shift, right_position, right_shift
 from estimators.odometry.keyframes import FINEST, Keyframe
 from estimators.odometry.local_planes import rays_through, warps
-from estimators.odometry.pose import Observations, own_covariance, refined
+from estimators.odometry.pose import Observations, refined
 from estimators.odometry.ransac import consensus
 from estimators.odometry.warped_matching import (
     MARGIN,
@@ -184,5 +184,5 @@ def located(
         return None
     agreeing = np.zeros(len(tracks.found), np.bool_)
     agreeing[found[solution.inliers]] = True
-    own = own_covariance(calibration, observed, solution)
-    return Located(UncertainMotion(solution.X_PC, solution.covariance), own, tracks, agreeing, solution.differences)
+    measured = UncertainMotion(solution.X_PC, solution.covariance)
+    return Located(measured, solution.own, tracks, agreeing, solution.differences)

@@ -7,19 +7,21 @@ maximum likelihood of motion and points, with the points eliminated by the Schur
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimators.odometry.self_consistency import halves_differences
-from estimators.stereo_geometry import linearised, motion_jacobian, triangulation_jacobian
+from estimators.stereo_geometry import linearised, motion_jacobian, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 
 _ITERATIONS = 40  # at most, in each round; usually four are enough, but many features near the cut make it slow
 _CONVERGED = 0.1  # step at which a round ends [standard deviations]
 _NEARLY = 0.5  # largest last step of a motion that counts as converged [standard deviations]
+_FAR = 10.0  # step beyond which the Jacobian is computed anew within a round: 1 cm at 5 m [standard deviations]
 _TUNING = (2.0, 1.0)  # residual with weight 1/4, in sigma, for the wide and the narrow round
 _CUT = 4.0  # inliers have smaller residuals [sigma]
 _CORRELATION = 1.4  # factor for correlated errors of neighbours and of the four images of a point: measured
@@ -44,6 +46,7 @@ class Solution(NamedTuple):
 
     X_PC: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6)
+    own: FloatArray  # (6, 6) part of it from the images in C alone: independent between frames that see the same points
     inliers: NDArray[np.bool_]  # (n,)
     converged: bool
     differences: FloatArray  # (2, 6) between halves of the features, as in ``self_consistency``
@@ -57,11 +60,16 @@ def refined(
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
     for tuning in _TUNING:
+        length = math.inf
         for _ in range(_ITERATIONS):
-            r, J = linearised(calibration, R, p, points, z)
+            if length > _FAR**2:
+                r, J = linearised(calibration, R, p, points, z)
+                weighted = _weighted(J, information)
+            else:
+                r = residuals(calibration, R, p, points, z)
             error, sigma = _normalised(r, information, inliers)
             weight = inliers / (1.0 + (error / (tuning * sigma)) ** 2) ** 2  # Geman-McClure
-            normal, gradient = _normal_equations(J, information, weight, r)
+            normal, gradient = _normal_equations(J, weight * weighted, r)
             step = np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
             R, p = so3_exp(step[:3]) @ R, p + step[3:]
             length = float(step @ normal @ step) / sigma**2
@@ -71,37 +79,32 @@ def refined(
         inliers = error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
-    normal, _ = _normal_equations(J, information, inliers.astype(np.float64), r)
+    J, weighted = J[:, :, inliers], weighted[:, :, inliers]
+    normal, _ = _normal_equations(J, weighted, r[:, inliers])
     variance, slope = _variance(error[inliers], sigma)
     covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
     robust = (weight * r / slope)[:, inliers]
-    J, information = J[:, :, inliers], information[:, :, inliers]
-    differences = halves_differences(J, _weighted(J, information), robust, z[:, inliers], variance)
-    return Solution(transform(orthonormalised(R), p), covariance, inliers, converged, differences)
+    differences = halves_differences(J, weighted, robust, z[:, inliers], variance)
+    own = _own_covariance(weighted, observations.variance[inliers], normal, covariance)
+    return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
 
 
-def own_covariance(calibration: StereoCalibration, observations: Observations, solution: Solution) -> FloatArray:
-    """Part (6, 6) of the solution's covariance that comes from the images in C alone, for given points.
+def _own_covariance(
+    weighted: FloatArray, variance: FloatArray, normal: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Part (6, 6) of a solution's covariance by the ``variance`` (n, 3) of the images in C alone.
 
-    This part is independent between two frames that see the same points.
+    covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal).
     """
-    R, p = solution.X_PC[:3, :3], solution.X_PC[:3, 3]
-    used = Observations(*(part[solution.inliers] for part in observations))
-    J = motion_jacobian(calibration, R, p, np.ascontiguousarray(used.points.T))
-    A = _weighted(J, _information(calibration, R, p, used))
-    normal = A.reshape(6, -1) @ J.reshape(6, -1).T
-    own = (A * used.variance.T).reshape(6, -1) @ A.reshape(6, -1).T
-    # covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal)
-    share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ solution.covariance
+    own = (weighted * variance.T).reshape(6, -1) @ weighted.reshape(6, -1).T
+    share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ covariance
     symmetric: FloatArray = 0.5 * (share + share.T)
     return symmetric
 
 
-def _normal_equations(
-    J: FloatArray, information: FloatArray, weight: FloatArray, r: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Matrix (6, 6) and right-hand side (6,) of a weighted Gauss-Newton step."""
-    A = _weighted(J, weight * information).reshape(6, -1)
+def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Matrix (6, 6) and right-hand side (6,) of a Gauss-Newton step, from the Jacobian and its weighted form."""
+    A = weighted.reshape(6, -1)
     normal = A @ J.reshape(6, -1).T
     return normal + _DAMPING * np.trace(normal) * np.eye(6), A @ r.ravel()
 

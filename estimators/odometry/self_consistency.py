@@ -59,9 +59,8 @@ def halves_differences(
         if len(half) < _FEWEST:  # all in one place
             continue
         one, along = _normal_equations(J.take(half, axis=2), weighted.take(half, axis=2), r.take(half, axis=1))
-        parts = (one, along), (normal - one, gradient - along)
-        (of_one, of_other), (variance_one, variance_other) = zip(*(_solved(*part) for part in parts), strict=True)
-        differences[k] = (of_one - of_other) / np.sqrt(variance * (variance_one + variance_other))
+        motions, variances = _solved(np.stack([one, normal - one]), np.stack([along, gradient - along]))
+        differences[k] = (motions[0] - motions[1]) / np.sqrt(variance * variances.sum(axis=0))
     return differences
 
 
@@ -72,10 +71,10 @@ def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tup
 
 
 def _solved(normal: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solution (6,) and the diagonal (6,) of the inverse matrix."""
-    damped = normal + _DAMPING * np.trace(normal) * np.eye(6)
-    inverse = np.asarray(np.linalg.inv(damped), dtype=np.float64)
-    return inverse @ gradient, np.diag(inverse)
+    """Solutions (m, 6) and the diagonals (m, 6) of the inverse matrices (m, 6, 6)."""
+    trace = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+    inverse = np.asarray(np.linalg.inv(normal + _DAMPING * trace * np.eye(6)), dtype=np.float64)
+    return np.einsum("mij,mj->mi", inverse, gradient), np.diagonal(inverse, axis1=1, axis2=2)
 
 
 def updated(consistency: SelfConsistency, differences: FloatArray) -> SelfConsistency:

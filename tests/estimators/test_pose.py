@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.odometry.point_tracking import Matches
-from estimators.odometry.pose import _CORRELATION, Observations, Solution, own_covariance, point_covariance, refined
+from estimators.odometry.pose import _CORRELATION, Observations, Solution, point_covariance, refined
 from estimators.odometry.ransac import Consensus, consensus
 from estimators.rigid_motion import rotation_vector
 from estimators.stereo_geometry import linearised, project, triangulate, triangulation_jacobian
@@ -195,6 +195,6 @@ def test_own_part_of_the_covariance_is_the_difference_between_frames(calibration
     across = np.std([error(solution.X_PC) for solution in solutions], axis=0)
     seen = observations(calibration, Matches(previous, images(calibration, moved, rng, STD)))
     solution = refined(calibration, seen, MOTION, np.ones(len(points), np.bool_))
-    own = np.sqrt(np.diag(own_covariance(calibration, seen, solution))) / _CORRELATION
+    own = np.sqrt(np.diag(solution.own)) / _CORRELATION
     assert own == pytest.approx(across, rel=0.4)  # a standard deviation of 60: 9 %, times 4
     assert np.all(own < np.sqrt(np.diag(solution.covariance)) / _CORRELATION)
