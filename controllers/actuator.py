@@ -9,7 +9,9 @@ from controllers.functions import ARRAYS, Functions, Num
 from vehicle.frames import FloatArray
 
 
-def settled(f: Functions[Num], angle: Num, demand: Num, duration: Num | float, *, lag: float, max_rate: float) -> Num:
+def settled(
+    f: Functions[Num], angle: Num, demand: Num, duration: Num | float, *, lag: float, max_rate: Num | float
+) -> Num:
     """Angle [rad] ``duration`` [s] after the demand [rad] was set: exact for d(angle)/dt = clip((demand - angle)/lag).
 
     ``lag`` [s] is the first-order time constant (zero: the rate limit alone), ``max_rate`` [rad/s] the limit.
@@ -23,7 +25,9 @@ def settled(f: Functions[Num], angle: Num, demand: Num, duration: Num | float, *
     return demand - f.sign(gap) * remaining
 
 
-def settle(angle: ArrayLike, demand: ArrayLike, duration: ArrayLike, *, lag: float, max_rate: float) -> FloatArray:
+def settle(
+    angle: ArrayLike, demand: ArrayLike, duration: ArrayLike, *, lag: float, max_rate: FloatArray | float
+) -> FloatArray:
     """`settled` for arrays."""
     angle, demand = np.asarray(angle, dtype=np.float64), np.asarray(demand, dtype=np.float64)
     duration = np.asarray(duration, dtype=np.float64)

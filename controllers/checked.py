@@ -11,7 +11,7 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.rover_driver import RoverDriverLike
-from controllers.trailer import Memory, SteerCommand, TrailerSteering
+from controllers.trailer import Actuation, Memory, SteerCommand, TrailerSteering, told_actuation
 from estimators.estimates import OffTracking
 from estimators.slip.rover_odometry import RoverPose
 from sensors.messages import CombinationSignals, EgoState
@@ -37,6 +37,10 @@ class CheckedLaw(Generic[Memory]):
     def init(self) -> Memory:
         """Memory before the first step."""
         return self.law.init()
+
+    def actuated(self, memory: Memory, actuation: Actuation) -> Memory:
+        """Memory of the law that has been told what its actuators do."""
+        return told_actuation(self.law, memory, actuation)
 
     def step(
         self, memory: Memory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals

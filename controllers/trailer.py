@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Generic, NamedTuple, Protocol, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
@@ -50,6 +53,18 @@ class TrailerGeometry:
         ratios = {a: r for linkage in self.linkages for a, r in zip(linkage.axles, linkage.ratios, strict=True)}
         return tuple(ratios.get(axle, 1.0) for axle in range(sum(self.steered)))
 
+    def actuator_angles(self, angles: FloatArray) -> FloatArray:
+        """Angles (n_actuators,) [rad] of the actuators for axles at ``angles`` (n_steered,)."""
+        own = angles / np.array(self.steer_ratios)
+        return np.array([own[list(group)].mean() for group in self.groups])
+
+    def axle_angles(self, actuators: FloatArray) -> FloatArray:
+        """Angles (n_steered,) [rad] of the axles for ``actuators`` (n_actuators,)."""
+        angles = np.array(self.steer_ratios)
+        for actuator, group in zip(actuators, self.groups, strict=True):
+            angles[list(group)] *= actuator
+        return angles
+
 
 @dataclass(frozen=True, slots=True)
 class Combination:
@@ -67,6 +82,15 @@ class SteerCommand:
     """Demanded road-wheel angles of the trailer's steered axles."""
 
     angles: FloatArray  # (n_steered,) front to rear, + left [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Actuation:
+    """State of a trailer's steering actuators, for laws that make use of it."""
+
+    goal: FloatArray  # (n_steered,) angles to which the axles are on their way [rad]
+    able: NDArray[np.bool_]  # (n_steered,) True for axles that answer to demands, be it slowly
+    max_rates: FloatArray  # (n_steered,) of these axles [rad/s]
 
 
 Memory = TypeVar("Memory")
@@ -95,3 +119,18 @@ class SteeringLaw(TrailerSteering[Memory], Protocol[Memory]):
 
     uses_off_tracking: ClassVar[bool] = True  # if so, it is guarded against bad estimates
     options: ClassVar[tuple[Option, ...]] = ()
+
+
+class ActuationAware(Protocol[Memory]):
+    """A steering law that is told what its actuators do."""
+
+    def actuated(self, memory: Memory, actuation: Actuation) -> Memory:
+        """Memory before a step, with the state of the actuators."""
+        ...
+
+
+def told_actuation(law: TrailerSteering[Memory], memory: Memory, actuation: Actuation) -> Memory:
+    """Memory of a law that has been told what its actuators do; as it was, if the law has no use for that."""
+    if not hasattr(law, "actuated"):
+        return memory
+    return cast("ActuationAware[Memory]", law).actuated(memory, actuation)

@@ -18,7 +18,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, TrailerGeometry, TrailerSteering
+from controllers.trailer import (
+    Actuation,
+    Combination,
+    SteerCommand,
+    TrailerGeometry,
+    TrailerSteering,
+    told_actuation,
+)
 from controllers.trailer_steering.fallback import Fallback, FallbackMemory, FallbackName
 from controllers.trailer_steering.hitch_motion import HitchMotion, hitch_motion
 from controllers.trailer_steering.limits import reachable
@@ -32,6 +39,7 @@ from controllers.trailer_steering.plausibility import (
     usable,
 )
 from controllers.trailer_steering.reverse_lock import ReverseLockMemory
+from controllers.trailer_steering.supervision import SupervisionMemory
 from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
@@ -130,6 +138,10 @@ class Guarded:
             monitor=self._monitor.init(),
         )
 
+    def actuated(self, memory: GuardMemory, actuation: Actuation) -> GuardMemory:
+        """Memory with the law told what its actuators do."""
+        return memory._replace(law=told_actuation(self.law, memory.law, actuation))
+
     def step(
         self, memory: GuardMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[GuardMemory, SteerCommand]:
@@ -212,10 +224,17 @@ class Guarded:
         return memory._replace(demand=tuple(demand.tolist()), difference=tuple(difference.tolist()))
 
 
+def guard_memory(memory: object) -> GuardMemory | None:
+    """Memory of the guard in that of a law with all its layers; None if it has no guard."""
+    while isinstance(memory, SupervisionMemory | ReverseLockMemory):
+        memory = memory.law
+    return memory if isinstance(memory, GuardMemory) else None
+
+
 def signal_findings(memory: object) -> tuple[Finding, ...]:
-    """Signals that the guard of a law has found at fault, by the memory of the law as `ReverseLock` or guard has it."""
-    inner = memory.law if isinstance(memory, ReverseLockMemory) else memory
-    return inner.monitor.findings if isinstance(inner, GuardMemory) else ()
+    """Signals that the guard of a law has found at fault, by the memory of the law with all its layers."""
+    guard = guard_memory(memory)
+    return () if guard is None else guard.monitor.findings
 
 
 def _for_law(memory: GuardMemory, newest: OffTracking | None) -> OffTracking | None:

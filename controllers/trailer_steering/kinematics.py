@@ -19,6 +19,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.trailer import Linkage, TrailerGeometry
 from vehicle.frames import FloatArray
@@ -91,6 +92,12 @@ class AxleGroup:
         missing = -self.first_moment * mean_slip
         return self.linked(np.arctan(self._shared(np.zeros(len(self.steered)), missing)))
 
+    def with_moment(self, angles: FloatArray, missing: float, free: NDArray[np.bool_]) -> FloatArray:
+        """Angles (n_steered,) [rad] with the ``missing`` steer moment [m] shared equally by the ``free`` axles."""
+        if not free.any():
+            return angles
+        return np.where(free, self.linked(np.arctan(self._shared(np.tan(angles), missing, free))), angles)
+
     def linked(self, angles: FloatArray) -> FloatArray:
         """Angles (n_steered,) [rad] that the linkages allow, each linkage with the steer moment of the given angles."""
         if not self.linkages:
@@ -111,10 +118,10 @@ class AxleGroup:
             angle = limited_direction(angle) - (float(distances @ tangents) - moment) / slope
         return max(-self.max_steer, min(self.max_steer, angle))
 
-    def _shared(self, tangents: FloatArray, missing: float) -> FloatArray:
-        """Tangents with the missing moment [m] shared equally by the axles that are not at the limit."""
+    def _shared(self, tangents: FloatArray, missing: float, free: NDArray[np.bool_] | None = None) -> FloatArray:
+        """Tangents with the missing moment [m] shared equally by the free axles, by default all, below the limit."""
         limit = math.tan(self.max_steer)
-        free = np.ones(len(tangents), dtype=bool)
+        free = np.ones(len(tangents), dtype=bool) if free is None else free
         for _ in tangents:
             tangents = np.where(free, tangents + missing / float(self.steered[free].sum()), tangents)
             clipped = np.clip(tangents, -limit, limit)

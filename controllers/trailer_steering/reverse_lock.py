@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import SteerCommand, TrailerGeometry, TrailerSteering
+from controllers.trailer import Actuation, SteerCommand, TrailerGeometry, TrailerSteering, told_actuation
 from controllers.trailer_steering.limits import reachable
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
@@ -39,6 +39,10 @@ class ReverseLock:
     def init(self) -> ReverseLockMemory:
         """Memory of a new run, wheels straight."""
         return ReverseLockMemory(self.law.init(), None, False, (0.0,) * len(self._trailer.steered_distances))
+
+    def actuated(self, memory: ReverseLockMemory, actuation: Actuation) -> ReverseLockMemory:
+        """Memory with the law told what its actuators do."""
+        return memory._replace(law=told_actuation(self.law, memory.law, actuation))
 
     def step(
         self, memory: ReverseLockMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals

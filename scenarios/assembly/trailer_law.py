@@ -1,4 +1,4 @@
-"""Construct trailer steering laws by name, guarded against bad estimates and reversing."""
+"""Construct trailer steering laws by name, guarded against bad estimates, reversing and actuators at fault."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from typing import Any, Final
 
 from controllers.checked import CheckedLaw
 from controllers.trailer import Combination, TrailerGeometry, TrailerSteering
-from controllers.trailer_steering.guard import Degradation, Guarded, GuardMemory
-from controllers.trailer_steering.reverse_lock import ReverseLock, ReverseLockMemory
+from controllers.trailer_steering.guard import Degradation, Guarded, guard_memory
+from controllers.trailer_steering.reverse_lock import ReverseLock
+from controllers.trailer_steering.supervision import Supervised
 from scenarios.catalogue import TRAILER_STEERING, constructed, resolve
 from scenarios.options.scenario import Scenario
 from vehicle.option import Option, Parameter, declared_options
@@ -52,7 +53,7 @@ def trailer_law(
     """Construct a trailer's law by its name in the catalogue or as ``package.module:Name``.
 
     Every step is checked. The law is guarded against bad estimates, by default as `Degradation` says, unless its
-    class has ``uses_off_tracking = False``; in reverse the axles are locked straight.
+    class has ``uses_off_tracking = False``; in reverse the axles are locked straight. The actuators are supervised.
 
     Raises:
         ValueError: one line, if there is no such law, a parameter is unknown or outside its limits, or the law cannot
@@ -63,13 +64,13 @@ def trailer_law(
         return law
     if law_uses_off_tracking(name):
         law = Guarded(law, trailer, combination, degradation or Degradation())
-    return ReverseLock(law, trailer)
+    return Supervised(ReverseLock(law, trailer), trailer)
 
 
 def fallback_steers(memory: object) -> bool:
     """True while the fallback steers in place of a law, by the memory of what `trailer_law` has constructed."""
-    guard = memory.law if isinstance(memory, ReverseLockMemory) else memory
-    return isinstance(guard, GuardMemory) and not guard.steers
+    guard = guard_memory(memory)
+    return guard is not None and not guard.steers
 
 
 def bare_law(

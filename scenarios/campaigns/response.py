@@ -60,7 +60,7 @@ class _Trailer(NamedTuple):
     """Signals of one trailer over time, as far as its response goes."""
 
     degraded: NDArray[np.bool_]  # its health is not ok, or the fallback steers
-    distrusted: NDArray[np.bool_]  # the guard holds a signal to be at fault
+    distrusted: NDArray[np.bool_]  # a signal or an axle is held to be at fault
     known: NDArray[np.bool_]  # its health is known
     off_tracking: FloatArray  # true [m]
 
@@ -72,12 +72,13 @@ class _Trailer(NamedTuple):
 
 def _trailers(log: Log) -> Iterator[_Trailer]:
     for name in (name.removeprefix(_TRUE) for name in log.names if name.startswith(_TRUE)):
-        health, fallback, distrusted = (
+        health, fallback, distrusted, axles = (
             log[f"{signal}_{name}"] if f"{signal}_{name}" in log else np.full(len(log), np.nan)
-            for signal in ("health", "fallback", "distrusted")
+            for signal in ("health", "fallback", "distrusted", "axles_at_fault")
         )
         health = _held(health)
-        yield _Trailer((health > OK) | (fallback > 0.0), distrusted > 0.0, np.isfinite(health), log[f"{_TRUE}{name}"])
+        at_fault = (distrusted > 0.0) | (axles > 0.0)
+        yield _Trailer((health > OK) | (fallback > 0.0), at_fault, np.isfinite(health), log[f"{_TRUE}{name}"])
 
 
 def _held(values: FloatArray) -> FloatArray:

@@ -13,7 +13,9 @@ import numpy as np
 
 from controllers.driver import DriverCommand, DriverLike
 from controllers.trailer import SteerCommand
+from controllers.trailer_steering.actuator_monitor import ActuatorFinding
 from controllers.trailer_steering.guard import signal_findings
+from controllers.trailer_steering.supervision import actuator_findings
 from estimators.estimates import CameraOffTracking, OffTracking
 from estimators.off_tracking.signal_monitor import Finding
 from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
@@ -76,6 +78,7 @@ class SteeredTrailer:
         self._received = 0  # estimates of the channel that were sent to the law
         self._arrived = self.demand.angles  # demand at the actuators [rad]
         self.handovers: list[tuple[int, bool]] = []  # ticks at which law and fallback change; True: to the fallback
+        self._steered_by_bench = False
         self._law = Stateful(trailer.law.init(), trailer.law.step)
 
     @property
@@ -92,6 +95,15 @@ class SteeredTrailer:
     def findings(self) -> tuple[Finding, ...]:
         """Signals that the law's guard has found at fault so far."""
         return signal_findings(self._law.memory)
+
+    @property
+    def actuator_findings(self) -> tuple[ActuatorFinding, ...]:
+        """Faults of the steering actuators that the law's supervision has found so far; none if a bench has steered."""
+        return () if self._steered_by_bench else actuator_findings(self._law.memory)
+
+    def obey(self, demand: FloatArray) -> None:
+        """Take the demand (n_steered,) [rad] of a bench in place of the law's."""
+        self.demand, self._steered_by_bench = SteerCommand(angles=demand), True
 
     def receive(self, tick: int) -> None:
         """Send the estimates delivered by this tick to the law, where faults let them through."""
@@ -165,7 +177,7 @@ class CombinationPilot:
         demands = bench.step(truth.tick, DriverPerception().sample(truth), sensed)
         for trailer in self.trailers:
             if trailer.trailer.name in demands:
-                trailer.demand = SteerCommand(angles=np.array(demands[trailer.trailer.name]))
+                trailer.obey(np.array(demands[trailer.trailer.name]))
         if DRIVER in demands:
             self._driver_demand = DriverCommand(*demands[DRIVER])
 

@@ -35,6 +35,7 @@ from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_inputs import RunInputs, run_inputs
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult
+from scenarios.results.actuator_warnings import actuator_warnings
 from scenarios.results.signal_warnings import signal_warnings
 from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log
@@ -315,9 +316,14 @@ def _camera_warnings(session: TrailerSession) -> tuple[str, ...]:
 
 
 def _signal_warnings(session: TrailerSession) -> tuple[str, ...]:
-    """Warnings about signals of all trailers."""
+    """Warnings about signals and steering actuators of all trailers."""
     return tuple(
-        f"{trailer.trailer.name}: {line}" for trailer in session.trailers for line in signal_warnings(trailer.findings)
+        f"{trailer.trailer.name}{line}"
+        for trailer in session.trailers
+        for line in (
+            *(f": {line}" for line in signal_warnings(trailer.findings)),
+            *(f", {line}" for line in actuator_warnings(trailer.actuator_findings)),
+        )
     )
 
 
@@ -336,6 +342,7 @@ def _track(session: TrailerSession, trailer: SteeredTrailer, *, with_unit: bool)
         reference=_reference(session, trailer) if with_unit else None,
         fallback=_fallback(session, trailer) if session.parts.scenario.faults else None,
         distrusted=_distrusted(session, trailer) if session.parts.scenario.faults else None,
+        axles_at_fault=_axles_at_fault(session, trailer) if session.parts.scenario.faults else None,
     )
 
 
@@ -352,6 +359,17 @@ def _distrusted(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
     counts = np.cumsum([0.0, *(1.0 if finding.at_fault else -1.0 for finding in findings)])
     ticks = [finding.tick for finding in findings]
     return counts[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+
+
+def _axles_at_fault(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
+    """Number of axles that do not follow their demands, as the supervision of a trailer's law holds, in each row."""
+    counts, findings = np.zeros(len(session.rows)), trailer.actuator_findings
+    for axles in dict.fromkeys(finding.axles for finding in findings):
+        own = [finding for finding in findings if finding.axles == axles]
+        states = np.array([0.0, *(float(len(axles) * (finding.kind != "sound")) for finding in own)])
+        ticks = [finding.tick for finding in own]
+        counts += states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+    return counts
 
 
 def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOffTracking:

@@ -79,6 +79,7 @@ class TrailerTrack:
     reference: ReferenceOffTracking | None = None  # a reference unit on it that has seen nothing yet
     fallback: FloatArray | None = None  # 1 in rows in which the fallback steers, 0 in others; None: not asked for
     distrusted: FloatArray | None = None  # number of signals at fault, as the guard holds, in each row; None: likewise
+    axles_at_fault: FloatArray | None = None  # number of axles that do not follow their demands; None: likewise
 
 
 def run_log(rows: Sequence[TrailerRow], trailers: Sequence[TrailerTrack], vehicle: Vehicle) -> Log:
@@ -181,6 +182,9 @@ def _all_trailer_columns(
     if trailer.distrusted is not None:
         meaning = "number of signals of the combination that the guard holds to be at fault"
         yield Signal("distrusted", "-", meaning), trailer.distrusted
+    if trailer.axles_at_fault is not None:
+        meaning = "number of axles that do not follow their demands, as the supervision of the actuators holds"
+        yield Signal("axles_at_fault", "-", meaning), trailer.axles_at_fault
     yield from _estimate_columns(index, trailer)
     x, y, psi = pose
     true = metrics.true_off_tracking(x, y, np.unwrap(psi), trailer.follow_distance)

@@ -14,7 +14,7 @@ from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import Combination, SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Actuation, Combination, SteerCommand, SteeringLaw, TrailerGeometry
 from controllers.trailer_steering.limits import check_steered
 from controllers.trailer_steering.mpc.friction import FrictionMemory, updated
 from controllers.trailer_steering.mpc.observer import Observer, ObserverMemory, reckoned
@@ -33,7 +33,7 @@ from vehicle.option import Option, check_options
 _CREEP: Final = 0.5  # below this speed, and in reverse, the axles keep their angles [m/s]
 _HOLD: Final = 2.0  # on signals alone after the last estimate: an error of 3 cm by their bias [s]
 _FADE_RATE: Final = 0.05  # of straightening after that: a turn ends within seconds [rad/s]
-_SLACK: Final = 0.1  # further delay of an actuator than its lag [s]
+_ROUNDING: Final = 1e-9  # of angles [rad]
 _PULL_TIME: Final = 0.5  # averaging of the side pull: longer than yaw oscillations on the tyres [s]
 
 
@@ -48,7 +48,8 @@ class MpcMemory(NamedTuple):
     deflection: FloatArray  # (n_axles,) of the tyres [-]
     side_pull: float  # lateral acceleration of the hitch beyond that of its path [m/s2]
     slow_yaw_rate: float  # of the trailer, low-passed [rad/s]
-    demand: FloatArray  # (n_actuators,) last command [rad]
+    demand: FloatArray  # (n_actuators,) last command, or where the actuators are going instead [rad]
+    max_rates: FloatArray  # (n_actuators,) at which they answer [rad/s]
     rates: FloatArray  # (n_blocks, n_actuators) last plan [rad/s]
 
 
@@ -87,7 +88,7 @@ class Mpc(SteeringLaw[MpcMemory]):
         self._max_steer = trailer.max_steer / max(1.0, *map(abs, trailer.steer_ratios))
         self._model = TrailerModel.of(trailer, combination)
         self._observer = Observer(combination)
-        limits = Limits(self._max_steer, trailer.max_steer_rate, tail_swing, cut_in)
+        limits = Limits(self._max_steer, tail_swing, cut_in)
         self._planner = Planner(self._model, trailer, -unit.rear_x, Sizes(tolerance, effort), limits)
 
     def __reduce__(self) -> tuple[Callable[..., Mpc], tuple[object, ...]]:
@@ -106,7 +107,18 @@ class Mpc(SteeringLaw[MpcMemory]):
             side_pull=0.0,
             slow_yaw_rate=0.0,
             demand=np.zeros(m),
+            max_rates=np.full(m, self._trailer.max_steer_rate),
             rates=np.zeros((len(BLOCKS), m)),
+        )
+
+    def actuated(self, memory: MpcMemory, actuation: Actuation) -> MpcMemory:
+        """Memory with the demand that the actuators follow, which is not the law's while the fallback steers."""
+        goal = self._trailer.actuator_angles(actuation.goal)
+        if np.abs(goal - memory.demand).max() > _ROUNDING:
+            memory = memory._replace(demand=goal)
+        rates = np.abs(self._trailer.actuator_angles(actuation.max_rates))
+        return memory._replace(
+            max_rates=rates if actuation.able.any() else np.full_like(rates, self._trailer.max_steer_rate)
         )
 
     def step(
@@ -119,10 +131,12 @@ class Mpc(SteeringLaw[MpcMemory]):
         if path is not None and path is not memory.path:
             corrected = self._observer.corrected(memory.observer, path.estimate, path.interval)
             memory = memory._replace(path=path, estimate_at=tick, observer=corrected)
-        steer = self._actuator_angles(signals.angles)
+        steer = self._trailer.actuator_angles(signals.angles)
+        if elapsed == 0.0:
+            memory = memory._replace(demand=steer)
         memory = self._with_tyres(memory, steer, signals.lateral_acceleration, elapsed)
         memory = self._steered(memory, steer, elapsed)
-        return memory, SteerCommand(angles=self._axle_angles(memory.demand))
+        return memory, SteerCommand(angles=self._trailer.axle_angles(memory.demand))
 
     def _with_tyres(self, memory: MpcMemory, steer: FloatArray, acceleration: float, elapsed: float) -> MpcMemory:
         """Memory with tyres, friction and side pull since the last step."""
@@ -189,29 +203,15 @@ class Mpc(SteeringLaw[MpcMemory]):
         if wanted is None:
             return None
         motion = [now.hitch_direction, now.yaw_rate]
-        # The fallback may be steering: the plan starts at the actual angles, plus the lag of the actuators.
-        lag = self._trailer.max_steer_rate * (self._trailer.actuator_lag + _SLACK)
-        demand = np.clip(memory.demand, steer - lag, steer + lag)
         return Outlook(
-            state=np.concatenate([motion, memory.deflection, steer, demand]),  # in the order of ``State``
+            state=np.concatenate([motion, memory.deflection, steer, memory.demand]),  # in the order of ``State``
+            max_rates=memory.max_rates,
             course=course,
             reference=wanted,
             side_pull=memory.side_pull,
             disturbance=memory.friction.disturbance,
             friction=memory.friction.friction,
         )
-
-    def _actuator_angles(self, angles: FloatArray) -> FloatArray:
-        """Angles (n_actuators,) [rad] of the actuators for axles at ``angles`` (n_steered,)."""
-        own = angles / np.array(self._trailer.steer_ratios)
-        return np.array([own[list(group)].mean() for group in self._trailer.groups])
-
-    def _axle_angles(self, actuators: FloatArray) -> FloatArray:
-        """Angles (n_steered,) [rad] of the axles for ``actuators`` (n_actuators,)."""
-        angles = np.array(self._trailer.steer_ratios)
-        for actuator, group in zip(actuators, self._trailer.groups, strict=True):
-            angles[list(group)] *= actuator
-        return angles
 
 
 def _rebuilt(trailer: TrailerGeometry, combination: Combination, given: Mapping[str, float]) -> Mpc:

@@ -35,10 +35,9 @@ _PEAK: Final = 2.5  # slip over friction/stiffness at which truck tyres are near
 
 
 class Limits(NamedTuple):
-    """Limits of a plan; the first two are hard."""
+    """Limits of a plan; the first is hard, as are the rates of the outlook."""
 
     max_steer: float  # of an actuator [rad]
-    max_rate: float  # [rad/s]
     tail_swing: float  # distance of the rear end from the path, soft [m]
     cut_in: float  # distance of the trailer's middle from the path, soft [m]
 
@@ -54,6 +53,7 @@ class Outlook(NamedTuple):
     """Initial state and inputs of the prediction."""
 
     state: FloatArray  # (n_x,)
+    max_rates: FloatArray  # (n_actuators,) [rad/s]
     course: HitchCourse
     reference: Reference
     side_pull: float  # as in ``Inputs``, like the rest
@@ -98,12 +98,14 @@ class Planner:
 
     def planned(self, outlook: Outlook, guess: FloatArray) -> FloatArray:
         """Rates (n_blocks, n_actuators) [rad/s] after one Gauss-Newton step from a guess, within the hard limits."""
+        limits = np.tile(outlook.max_rates, (len(guess), 1))
+        guess = np.clip(guess, -limits, limits)
         terms = list(self._terms(outlook, guess))
         r, J = np.concatenate([term.value for term in terms]), np.concatenate([term.by_rates for term in terms])
         rates = guess.ravel()
         start = np.tile(outlook.state[-self._model.n_actuators :], len(BLOCKS))
         low, high = (side * self._limits.max_steer - start for side in (-1.0, 1.0))
-        reach = np.full(rates.shape, self._limits.max_rate)
+        reach = limits.ravel()
         # in the rates themselves, not in their change, so that a plan is always within its own limits
         H = J.T @ J
         solved = _quadratic_program(rates.size)(

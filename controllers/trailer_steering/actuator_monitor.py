@@ -1,0 +1,242 @@
+"""Fault detection and isolation of steering actuators, from their demands and measured angles.
+
+The data sheet's model predicts each angle from the demands that were sent. Its difference from the measured one is tested
+by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954) against a
+shift by ``_SHIFT`` standard deviations. These contain what the model does not know, in proportion to the rate: the lag,
+and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By Lorden's bound
+the mean time between false alarms is then at least ``exp(threshold)`` lags, which gives the threshold.
+
+After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is over
+when a sound actuator explains the last half second, and the one at fault does not.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from controllers.actuator import settle
+from controllers.trailer import TrailerGeometry
+from controllers.trailer_steering.actuator_faults import Hypothesis, Kind, Window, candidates, misfits
+from estimators.off_tracking.signal_quality import STEER_NOISE
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_CONTROL_ERROR: Final = math.radians(0.2)  # assumed: of a sound actuator at rest, 1 sigma
+_LAG_DOUBT: Final = 0.3  # assumed: 1 sigma of the lag over that of the data sheet [-]
+_MESSAGE_TIME: Final = 0.03  # assumed: 1 sigma of the time that a demand is under way [s]
+_SHIFT: Final = 6.0  # of the residual, that the test finds soonest [its standard deviations]
+_BETWEEN_ALARMS: Final = 3.6e7  # mean time between false alarms of an actuator: 10 000 h [s]
+_LEAST_LAG: Final = 0.05  # for which errors are correlated: of messages, if the actuator has none [s]
+_KEPT: Final = 3000  # history [ticks]
+_FITTED: Final = 2000  # window in which kinds are compared [ticks]
+_RECENT: Final = 500  # window in which a sound actuator shows that it is [ticks]
+_COMPARED_EVERY: Final = 100  # [ticks]
+_SURE: Final = 10.0  # twice the log of a likelihood ratio that decides between two hypotheses
+_FITS: Final = 2.0  # mean square of the residuals of a hypothesis that is true, at most [-]
+_GAP: Final = 500  # without readings, after which the model starts anew [ticks]
+_OFFSET_TIME: Final = 0.2  # low-pass of a known offset [s]
+
+
+class ActuatorFault(NamedTuple):
+    """A fault of an actuator, as far as it is known."""
+
+    hypothesis: Hypothesis
+    since: int  # begin of the shift [ticks]
+    offset: float  # measured offset from the demand [rad]; 0 unless it is of that kind
+    compared_at: int  # last comparison of kinds [ticks]
+
+
+class ActuatorFinding(NamedTuple):
+    """A change of what is known of an actuator."""
+
+    tick: int
+    axles: tuple[int, ...]  # of the vehicle unit, from 1
+    kind: Kind
+
+
+class ActuatorMemory(NamedTuple):
+    """Demands and angles of the last seconds, and what was found; m actuators."""
+
+    history: FloatArray  # (n, 1 + 3 m): tick, demands sent then [rad], angles [rad], standard deviations [rad]
+    expected: FloatArray  # (m,) angles of sound actuators now [rad]
+    pace: FloatArray  # (m,) their rates, which fade with the lag [rad/s]
+    scores: FloatArray  # (2, m) of the CUSUM to either side
+    quiet_at: FloatArray  # (m,) last tick without any score
+    faults: tuple[ActuatorFault | None, ...]
+    findings: tuple[ActuatorFinding, ...]
+
+    @property
+    def at_fault(self) -> bool:
+        """True if an actuator is."""
+        return any(fault is not None for fault in self.faults)
+
+    @property
+    def offsets(self) -> FloatArray:
+        """Known offsets (m,) of the actuators from their demands [rad]."""
+        return np.array([0.0 if fault is None else fault.offset for fault in self.faults])
+
+
+class ActuatorMonitor:
+    """Monitor of the steering actuators of one trailer."""
+
+    def __init__(self, trailer: TrailerGeometry) -> None:
+        """For a trailer with steered axles."""
+        self._trailer, self._lag = trailer, trailer.actuator_lag
+        steered = [k for k, is_steered in enumerate(trailer.steered, start=1) if is_steered]
+        self._axles = [tuple(steered[axle] for axle in group) for group in trailer.groups]
+        self._memory = max(self._lag, _LEAST_LAG)  # of the residual's errors [s]
+        self._time_doubt = math.hypot(_LAG_DOUBT * self._lag, _MESSAGE_TIME)
+        self._limit = math.log(2.0 * _BETWEEN_ALARMS / self._memory)  # two sides
+
+    def init(self) -> ActuatorMemory:
+        """Memory before the first reading: all actuators are sound."""
+        m = len(self._axles)
+        return ActuatorMemory(
+            history=np.empty((0, 1 + 3 * m)),
+            expected=np.zeros(m),
+            pace=np.zeros(m),
+            scores=np.zeros((2, m)),
+            quiet_at=np.zeros(m),
+            faults=(None,) * m,
+            findings=(),
+        )
+
+    def sent(self, memory: ActuatorMemory, demand: FloatArray) -> ActuatorMemory:
+        """Memory with the actuators' demands (m,) [rad] since the last reading."""
+        if not len(memory.history):
+            return memory
+        history = memory.history.copy()
+        history[-1, 1 : 1 + len(demand)] = demand
+        return memory._replace(history=history)
+
+    def measured(self, memory: ActuatorMemory, tick: int, angles: FloatArray) -> ActuatorMemory:
+        """Memory with a reading of the actuators' angles (m,) [rad]; one that is no number is passed over."""
+        last, m = memory.history[-1] if len(memory.history) else None, len(angles)
+        if not np.isfinite(angles).all() or (last is not None and tick <= last[0]):
+            return memory
+        if last is None or tick - last[0] > _GAP:
+            row = np.concatenate([[tick], angles, angles, np.full(m, self._std(0.0))])
+            quiet = np.full(m, float(tick))
+            return memory._replace(
+                history=row[None], expected=angles, pace=np.zeros(m), scores=np.zeros((2, m)), quiet_at=quiet
+            )
+        elapsed, sent = (tick - float(last[0])) * TICK, last[1 : 1 + m]
+        expected = self._settled(memory.expected, sent, elapsed)
+        pace = np.maximum(np.abs(expected - memory.expected) / elapsed, memory.pace * math.exp(-elapsed / self._memory))
+        std = self._std(pace)
+        kept = memory.history[np.searchsorted(memory.history[:, 0], tick - _KEPT) :]
+        row = np.concatenate([[tick], sent, angles, std])
+        memory = memory._replace(history=np.vstack([kept, row]), expected=expected, pace=pace)
+        memory = self._scored(memory, tick, (angles - expected) / std, elapsed)
+        return self._judged(memory, tick) if self._needs_judgement(memory) else memory
+
+    def max_rates(self, memory: ActuatorMemory) -> FloatArray:
+        """Rate limits (m,) of the actuators as far as they are known [rad/s]; 0: it does not answer."""
+        sound = self._trailer.max_steer_rate
+        return np.array([sound if fault is None else _answering(fault.hypothesis, sound) for fault in memory.faults])
+
+    def _scored(self, memory: ActuatorMemory, tick: int, z: FloatArray, elapsed: float) -> ActuatorMemory:
+        """Memory after one step of the test, with residuals z (m,) in standard deviations."""
+        samples = elapsed / self._memory
+        ratios = _SHIFT * (np.stack([z, -z]) - 0.5 * _SHIFT) * samples
+        scores = np.maximum(0.0, memory.scores + ratios)
+        quiet = np.where((scores > 0.0).any(axis=0), memory.quiet_at, float(tick))
+        return memory._replace(scores=scores, quiet_at=quiet)
+
+    def _needs_judgement(self, memory: ActuatorMemory) -> bool:
+        return bool(memory.scores.max() > self._limit) or memory.at_fault
+
+    def _judged(self, memory: ActuatorMemory, tick: int) -> ActuatorMemory:
+        """Memory with the actuators whose score is too high at fault, and with known faults looked at anew."""
+        for k, fault in enumerate(memory.faults):
+            if fault is not None:
+                memory = self._followed(memory, k, fault, tick)
+            elif memory.scores[:, k].max() > self._limit:
+                memory = self._found(memory, k, tick)
+        return memory
+
+    def _found(self, memory: ActuatorMemory, k: int, tick: int) -> ActuatorMemory:
+        since = int(memory.quiet_at[k])
+        best, _ = self._explained(memory, k, since)
+        return self._with(memory, k, ActuatorFault(best, since, best.offset, tick), tick)
+
+    def _followed(self, memory: ActuatorMemory, k: int, fault: ActuatorFault, tick: int) -> ActuatorMemory:
+        """Memory with a known fault measured anew: its offset at every reading, its kind at times."""
+        fault = fault._replace(offset=self._offset(memory, k, fault))
+        if tick - fault.compared_at < _COMPARED_EVERY:
+            return self._with(memory, k, fault, tick)
+        fault = fault._replace(compared_at=tick)
+        if self._is_over(memory, k, fault, tick):
+            return self._with(memory, k, None, tick)
+        best, gain = self._explained(memory, k, max(fault.since, tick - _FITTED), fault.hypothesis)
+        if best.kind == fault.hypothesis.kind or gain > _SURE:
+            offset = fault.offset if best.kind == fault.hypothesis.kind else best.offset
+            fault = fault._replace(hypothesis=best, offset=offset)
+        return self._with(memory, k, fault, tick)
+
+    def _is_over(self, memory: ActuatorMemory, k: int, fault: ActuatorFault, tick: int) -> bool:
+        """True if the last readings are those of a sound actuator, and not those of the fault."""
+        start = max(fault.since, tick - _RECENT)
+        sound = Hypothesis("sound", self._trailer.max_steer_rate)
+        is_sound, is_faulty = self._misfits(memory, k, start, [sound, fault.hypothesis])
+        samples = (tick - start) * TICK / self._memory
+        return bool(is_sound < _FITS * samples and is_faulty - is_sound > _SURE)
+
+    def _explained(
+        self, memory: ActuatorMemory, k: int, start: int, known: Hypothesis | None = None
+    ) -> tuple[Hypothesis, float]:
+        """The fault that explains actuator ``k`` best since a tick, and how much better than the ``known`` one."""
+        residual = float(memory.history[-1, 1 + len(self._axles) + k] - memory.expected[k])
+        faults = candidates(residual, self._trailer.max_steer_rate)[1:]
+        if known is not None:
+            faults.append(known)
+        values = self._misfits(memory, k, start, faults)
+        best = int(np.argmin(values))
+        return faults[best], float(values[-1] - values[best])
+
+    def _misfits(self, memory: ActuatorMemory, k: int, start: int, hypotheses: list[Hypothesis]) -> FloatArray:
+        m = len(self._axles)
+        window = Window(memory.history[:, 0], *(memory.history[:, 1 + part * m + k] for part in range(3)))
+        limit = self._trailer.max_steer
+        return misfits(window, hypotheses, start=start, lag=self._lag, limit=limit, memory=self._memory)
+
+    def _offset(self, memory: ActuatorMemory, k: int, fault: ActuatorFault) -> float:
+        """Offset [rad] of the angle from the demand after a reading: an observer of a constant input disturbance."""
+        if fault.hypothesis.kind != "offset":
+            return 0.0
+        m, (before, now) = len(self._axles), memory.history[-2:]
+        elapsed = float(now[0] - before[0]) * TICK
+        limit = self._trailer.max_steer
+        target = max(-limit, min(limit, float(before[1 + k]) + fault.offset))
+        predicted = self._settled(before[1 + m + k], target, elapsed)
+        by_offset = 1.0 - math.exp(-elapsed / self._memory)
+        share = 1.0 - math.exp(-elapsed / _OFFSET_TIME)
+        return max(-limit, min(limit, fault.offset + share / by_offset * float(now[1 + m + k] - predicted)))
+
+    def _with(self, memory: ActuatorMemory, k: int, fault: ActuatorFault | None, tick: int) -> ActuatorMemory:
+        """Memory with what is known now of actuator ``k``."""
+        before, findings = memory.faults[k], memory.findings
+        kinds = tuple("sound" if one is None else one.hypothesis.kind for one in (before, fault))
+        if kinds[0] != kinds[1]:
+            findings = (*findings, ActuatorFinding(tick, self._axles[k], kinds[1]))
+        faults = (*memory.faults[:k], fault, *memory.faults[k + 1 :])
+        if fault is not None:
+            return memory._replace(faults=faults, findings=findings)
+        m, scores, expected = len(self._axles), memory.scores.copy(), memory.expected.copy()
+        scores[:, k], expected[k] = 0.0, memory.history[-1, 1 + m + k]  # it starts anew
+        return memory._replace(faults=faults, findings=findings, scores=scores, expected=expected)
+
+    def _settled(self, angle: FloatArray | float, demand: FloatArray | float, elapsed: float) -> FloatArray:
+        return settle(angle, demand, elapsed, lag=self._lag, max_rate=self._trailer.max_steer_rate)
+
+    def _std(self, pace: FloatArray | float) -> FloatArray | float:
+        """Standard deviation [rad] of a sound actuator's residual at this pace [rad/s]."""
+        return np.sqrt(STEER_NOISE**2 + _CONTROL_ERROR**2 + (self._time_doubt * pace) ** 2)
+
+
+def _answering(hypothesis: Hypothesis, sound: float) -> float:
+    """Rate limit [rad/s] at which an actuator answers to demands."""
+    return {"stuck": 0.0, "dead": 0.0, "slow": hypothesis.rate}.get(hypothesis.kind, sound)

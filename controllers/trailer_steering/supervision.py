@@ -1,0 +1,104 @@
+"""Supervision of the steering actuators, around any steering law with its guard.
+
+The law says which angles it wants. The monitor (``actuator_monitor``) compares demands with measured angles, and finds
+actuators at fault. While there are any, other demands are sent:
+
+- where an axle stands beside its demand, the measured offset is subtracted;
+- where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much. Beyond the
+  slip at which tyres slide, its side force grows no more, so that more is not taken over;
+- an axle that does not answer gets the demand of the others, so that it joins them when it answers again.
+
+A law may ask to be told what the actuators do (`controllers.trailer.ActuationAware`). Where all axles stand still, nothing
+can be taken over: the path is then that of a trailer with fixed axles.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from controllers.trailer import Actuation, SteerCommand, TrailerGeometry, TrailerSteering, told_actuation
+from controllers.trailer_steering.actuator_monitor import ActuatorFinding, ActuatorMemory, ActuatorMonitor
+from controllers.trailer_steering.kinematics import AxleGroup
+from controllers.trailer_steering.limits import reachable
+from estimators.estimates import OffTracking
+from sensors.messages import CombinationSignals
+from vehicle.clock import TICK
+from vehicle.frames import FloatArray
+
+_SLIDING: Final = 0.17  # slip of a truck's tyre by the linear law at the limit of dry friction, 0.8/4.6 [rad]
+
+
+class SupervisionMemory(NamedTuple):
+    """State between two steps."""
+
+    law: Any  # memory of the law
+    tick: int | None  # of the last step; None before the first
+    sent: tuple[float, ...]  # last demands [rad]
+    differs: bool  # True if they were not what the law wanted
+    monitor: ActuatorMemory
+
+
+class Supervised:
+    """A law whose demands are sent to actuators that may not do what they are told."""
+
+    def __init__(self, law: TrailerSteering[Any], trailer: TrailerGeometry) -> None:
+        """Supervise the actuators of a trailer with steered axles, under a ``law``."""
+        self.law, self._trailer = law, trailer
+        self._monitor, self._axles = ActuatorMonitor(trailer), AxleGroup.of(trailer)
+
+    def init(self) -> SupervisionMemory:
+        """Memory of a new run: all actuators sound, wheels straight."""
+        straight = (0.0,) * len(self._trailer.steered_distances)
+        return SupervisionMemory(self.law.init(), None, straight, False, self._monitor.init())
+
+    def step(
+        self, memory: SupervisionMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
+    ) -> tuple[SupervisionMemory, SteerCommand]:
+        """New memory and command at ``tick``."""
+        elapsed = 0.0 if memory.tick is None else (tick - memory.tick) * TICK
+        monitor = self._monitor.measured(memory.monitor, signals.tick, self._trailer.actuator_angles(signals.angles))
+        inner = memory.law
+        if memory.tick is not None:
+            inner = told_actuation(self.law, inner, self._actuation(monitor, np.array(memory.sent), signals.angles))
+        inner, command = self.law.step(inner, tick, off_tracking, signals)
+        wanted, differs = command.angles, False
+        if memory.differs or monitor.at_fault:
+            target = self._allocated(monitor, wanted, signals.angles)
+            demand = reachable(self._trailer, np.array(memory.sent), target, elapsed)
+            differs = not np.array_equal(demand, wanted)
+            command = SteerCommand(angles=demand)
+        monitor = self._monitor.sent(monitor, self._trailer.actuator_angles(command.angles))
+        return SupervisionMemory(inner, tick, tuple(command.angles.tolist()), differs, monitor), command
+
+    def _actuation(self, monitor: ActuatorMemory, sent: FloatArray, angles: FloatArray) -> Actuation:
+        rates = self._trailer.axle_angles(self._monitor.max_rates(monitor))
+        able = rates != 0.0
+        goal = np.where(able | ~able.any(), sent + self._trailer.axle_angles(monitor.offsets), angles)
+        return Actuation(goal=goal, able=able, max_rates=np.abs(rates))
+
+    def _allocated(self, monitor: ActuatorMemory, wanted: FloatArray, angles: FloatArray) -> FloatArray:
+        """Demands (n_steered,) [rad] for the angles wanted, with what is known of the actuators."""
+        trailer, rates = self._trailer, self._monitor.max_rates(monitor)
+        able, sound = (self._of_axles(mask) for mask in (rates > 0.0, rates == trailer.max_steer_rate))
+        lacking = _SLIDING * np.tanh((np.tan(wanted) - np.tan(angles)) / _SLIDING)
+        missing = float(self._axles.steered @ np.where(sound, 0.0, lacking))
+        target = self._axles.with_moment(wanted, missing, sound)
+        if able.any() and not able.all():
+            like_others = trailer.axle_angles(np.full(len(rates), trailer.actuator_angles(target)[rates > 0.0].mean()))
+            target = np.where(able, target, like_others)
+        return target - trailer.axle_angles(monitor.offsets)
+
+    def _of_axles(self, actuators: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Mask (n_steered,) of the axles of these actuators."""
+        mask = np.zeros(len(self._trailer.steered_distances), dtype=bool)
+        for is_in, group in zip(actuators, self._trailer.groups, strict=True):
+            mask[list(group)] = is_in
+        return mask
+
+
+def actuator_findings(memory: object) -> tuple[ActuatorFinding, ...]:
+    """Changes of what is known of the actuators, by the memory of a supervised law."""
+    return memory.monitor.findings if isinstance(memory, SupervisionMemory) else ()
