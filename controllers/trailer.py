@@ -134,3 +134,8 @@ def told_actuation(law: TrailerSteering[Memory], memory: Memory, actuation: Actu
     if not hasattr(law, "actuated"):
         return memory
     return cast("ActuationAware[Memory]", law).actuated(memory, actuation)
+
+
+def no_axle_answers(actuation: Actuation | None) -> bool:
+    """True if it is known that no steered axle answers to demands."""
+    return actuation is not None and not actuation.able.any()

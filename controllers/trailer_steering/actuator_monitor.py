@@ -7,7 +7,7 @@ and when a demand arrives. Such errors last as long as the lag, so that one lag 
 the mean time between false alarms is then at least ``exp(threshold)`` lags, which gives the threshold.
 
 After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is over
-when a sound actuator explains the last half second, and the one at fault does not.
+when a sound actuator explains the last quarter of a second, and the one at fault does not.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _BETWEEN_ALARMS: Final = 3.6e7  # mean time between false alarms of an actuator:
 _LEAST_LAG: Final = 0.05  # for which errors are correlated: of messages, if the actuator has none [s]
 _KEPT: Final = 3000  # history [ticks]
 _FITTED: Final = 2000  # window in which kinds are compared [ticks]
-_RECENT: Final = 500  # window in which a sound actuator shows that it is [ticks]
+_RECENT: Final = 250  # window in which a sound actuator shows that it is [ticks]
 _COMPARED_EVERY: Final = 100  # [ticks]
 _SURE: Final = 10.0  # twice the log of a likelihood ratio that decides between two hypotheses
 _FITS: Final = 2.0  # mean square of the residuals of a hypothesis that is true, at most [-]
@@ -160,7 +160,7 @@ class ActuatorMonitor:
 
     def _found(self, memory: ActuatorMemory, k: int, tick: int) -> ActuatorMemory:
         since = int(memory.quiet_at[k])
-        best, _ = self._explained(memory, k, since)
+        best, _, _ = self._explained(memory, k, since)
         return self._with(memory, k, ActuatorFault(best, since, best.offset, tick), tick)
 
     def _followed(self, memory: ActuatorMemory, k: int, fault: ActuatorFault, tick: int) -> ActuatorMemory:
@@ -171,8 +171,9 @@ class ActuatorMonitor:
         fault = fault._replace(compared_at=tick)
         if self._is_over(memory, k, fault, tick):
             return self._with(memory, k, None, tick)
-        best, gain = self._explained(memory, k, max(fault.since, tick - _FITTED), fault.hypothesis)
-        if best.kind == fault.hypothesis.kind or gain > _SURE:
+        start = max(fault.since, tick - _FITTED)
+        best, misfit, gain = self._explained(memory, k, start, fault.hypothesis)
+        if best.kind == fault.hypothesis.kind or (gain > _SURE and misfit < _FITS * self._samples(start, tick)):
             offset = fault.offset if best.kind == fault.hypothesis.kind else best.offset
             fault = fault._replace(hypothesis=best, offset=offset)
         return self._with(memory, k, fault, tick)
@@ -182,20 +183,23 @@ class ActuatorMonitor:
         start = max(fault.since, tick - _RECENT)
         sound = Hypothesis("sound", self._trailer.max_steer_rate)
         is_sound, is_faulty = self._misfits(memory, k, start, [sound, fault.hypothesis])
-        samples = (tick - start) * TICK / self._memory
-        return bool(is_sound < _FITS * samples and is_faulty - is_sound > _SURE)
+        return bool(is_sound < _FITS * self._samples(start, tick) and is_faulty - is_sound > _SURE)
+
+    def _samples(self, start: int, tick: int) -> float:
+        """Number of independent residuals between two ticks."""
+        return (tick - start) * TICK / self._memory
 
     def _explained(
         self, memory: ActuatorMemory, k: int, start: int, known: Hypothesis | None = None
-    ) -> tuple[Hypothesis, float]:
-        """The fault that explains actuator ``k`` best since a tick, and how much better than the ``known`` one."""
+    ) -> tuple[Hypothesis, float, float]:
+        """The fault that explains actuator ``k`` best since a tick, its misfit, and how much the ``known`` one has more."""
         residual = float(memory.history[-1, 1 + len(self._axles) + k] - memory.expected[k])
         faults = candidates(residual, self._trailer.max_steer_rate)[1:]
         if known is not None:
             faults.append(known)
         values = self._misfits(memory, k, start, faults)
         best = int(np.argmin(values))
-        return faults[best], float(values[-1] - values[best])
+        return faults[best], float(values[best]), float(values[-1] - values[best])
 
     def _misfits(self, memory: ActuatorMemory, k: int, start: int, hypotheses: list[Hypothesis]) -> FloatArray:
         m = len(self._axles)

@@ -21,7 +21,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Actuation, SteerCommand, SteeringLaw, TrailerGeometry, no_axle_answers
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.prediction import MEASURABLE, Predictor, SteerHistory, recorded, slip_between
@@ -65,6 +65,7 @@ class PathPreviewMemory(NamedTuple):
     slip: float  # mean slip of the axles at that estimate [-]
     other_slip: float  # the part of it that the path's curvature does not explain, low-passed [-]
     bias: float  # integral part of the follow point's turn [rad]
+    actuation: Actuation | None = None  # None: the axles do what they are told
 
 
 class PathPreview(SteeringLaw[PathPreviewMemory]):
@@ -112,6 +113,10 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
             tick=None, estimate=None, history=(), demand=straight, slip=0.0, other_slip=0.0, bias=0.0
         )
 
+    def actuated(self, memory: PathPreviewMemory, actuation: Actuation) -> PathPreviewMemory:
+        """Memory with the state of the actuators."""
+        return memory._replace(actuation=actuation)
+
     def step(
         self, memory: PathPreviewMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[PathPreviewMemory, SteerCommand]:
@@ -153,7 +158,8 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         if estimate is None or tick - estimate.tick > _OLDEST or estimate.v_x < _CREEP:
             return memory, last
         until = tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD
-        ahead = self._predictor.ahead(estimate, memory.slip, memory.history, last, until)
+        goal = last if memory.actuation is None else memory.actuation.goal
+        ahead = self._predictor.ahead(estimate, memory.slip, memory.history, goal, until)
         target = self._target(ahead.frame.inverse().apply(estimate.path))
         share = min(1.0, max(0.0, (_NONE_FROM - estimate.v_x) / (_NONE_FROM - _FULL_UP_TO)))
         if target is None:
@@ -183,7 +189,10 @@ class PathPreview(SteeringLaw[PathPreviewMemory]):
         return -self._compliance * ((1.0 - share) * at_hitch + share * at_follow_point)
 
     def _integrated(self, memory: PathPreviewMemory, area: float) -> float:
-        """The integral part [rad] after ``area`` [m2] more of offset times distance; it waits at full steer."""
-        if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
+        """The integral part [rad] after ``area`` [m2] more of offset times distance.
+
+        It waits at full steer, and while no axle answers.
+        """
+        if min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6 or no_axle_answers(memory.actuation):
             return memory.bias
         return max(-_MOST_BIAS, min(_MOST_BIAS, memory.bias + self._integral * area))

@@ -32,7 +32,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry
+from controllers.trailer import Actuation, SteerCommand, SteeringLaw, TrailerGeometry, no_axle_answers
 from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.limits import check_steered, reachable
 from controllers.trailer_steering.prediction import MEASURABLE, Predictor, SteerHistory, recorded, slip_between
@@ -68,6 +68,7 @@ class VirtualDriverMemory(NamedTuple):
     drift: float  # mean slip of the axles, low-passed [-]
     bias: float  # integral part [rad]
     demand: tuple[float, ...]  # last command [rad]
+    actuation: Actuation | None = None  # None: the axles do what they are told
 
 
 class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
@@ -107,6 +108,10 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         straight = (0.0,) * len(self._trailer.steered_distances)
         return VirtualDriverMemory(None, None, (), 0.0, 0.0, 0.0, straight)
 
+    def actuated(self, memory: VirtualDriverMemory, actuation: Actuation) -> VirtualDriverMemory:
+        """Memory with the state of the actuators."""
+        return memory._replace(actuation=actuation)
+
     def step(
         self, memory: VirtualDriverMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
     ) -> tuple[VirtualDriverMemory, SteerCommand]:
@@ -145,7 +150,8 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
             tick + round(self._trailer.actuator_lag / TICK) + _HALF_PERIOD,
             estimate.tick + round(_FARTHEST * self._trailer.follow_distance / estimate.v_x / TICK),
         )
-        ahead = self._predictor.ahead(estimate, memory.drift, memory.history, last, until)
+        goal = last if memory.actuation is None else memory.actuation.goal
+        ahead = self._predictor.ahead(estimate, memory.drift, memory.history, goal, until)
         target = self._target(ahead.frame.inverse().apply(estimate.path))
         share, drift = self._share(estimate.v_x, memory.delay), self._derivative * memory.drift
         if target is None:
@@ -166,8 +172,12 @@ class VirtualDriver(SteeringLaw[VirtualDriverMemory]):
         return min(1.0, 0.5 * _PHASE * self._x_c / (speed * lags))
 
     def _integrated(self, memory: VirtualDriverMemory, gain: float, area: float) -> VirtualDriverMemory:
-        """Memory after ``area`` [m2] more of error times distance; the integral waits at full steer."""
-        if self._gain == 0.0 or min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6:
+        """Memory after ``area`` [m2] more of error times distance.
+
+        The integral waits at full steer, and while no axle answers.
+        """
+        at_limit = min(map(abs, memory.demand)) > self._trailer.max_steer - 1e-6
+        if self._gain == 0.0 or at_limit or no_axle_answers(memory.actuation):
             return memory
         bias = memory.bias + self._integral * (gain / self._gain) ** 2 * area
         return memory._replace(bias=max(-_MOST_BIAS, min(_MOST_BIAS, bias)))
