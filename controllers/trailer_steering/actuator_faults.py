@@ -1,8 +1,9 @@
 """Kinds of faults of steering actuators, and which of them explains what an actuator did.
 
-Each hypothesis is the model of a sound actuator with other numbers: it moves to ``gain * demand + offset`` with the known
-lag, at a rate limit of its own, some time after the demand was sent. All start from the measured angle at the beginning of
-a window. The likeliest explains it; a free number has to gain more than noise would give it (Akaike's criterion).
+Each hypothesis is the model of a sound actuator with other numbers: it moves to ``gain * demand + offset`` with the
+known lag, at a rate limit of its own, some time after the demand was sent. All start from the measured angle at the
+beginning of a window. The likeliest explains it; a free number has to gain more than noise would give it (Akaike's
+criterion).
 """
 
 from __future__ import annotations

@@ -1,13 +1,14 @@
 """Fault detection and isolation of steering actuators, from their demands and measured angles.
 
-The data sheet's model predicts each angle from the demands that were sent. Its difference from the measured one is tested
-by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954) against a
+The data sheet's model predicts each angle from the demands that were sent. Its difference from the measured one is
+tested by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954) against a
 shift by ``_SHIFT`` standard deviations. These contain what the model does not know, in proportion to the rate: the lag,
 and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By Lorden's bound
-the mean time between false alarms is then at least ``exp(threshold)`` lags, which gives the threshold.
+the mean time between false alarms is then at least ``exp(threshold)`` lags ("Procedures for reacting to a change in
+distribution", Annals of Mathematical Statistics 1971), which gives the threshold.
 
-After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is over
-when a sound actuator explains the last quarter of a second, and the one at fault does not.
+After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is
+over when a sound actuator explains the last quarter of a second, and the one at fault does not.
 """
 
 from __future__ import annotations
@@ -192,7 +193,7 @@ class ActuatorMonitor:
     def _explained(
         self, memory: ActuatorMemory, k: int, start: int, known: Hypothesis | None = None
     ) -> tuple[Hypothesis, float, float]:
-        """The fault that explains actuator ``k`` best since a tick, its misfit, and how much the ``known`` one has more."""
+        """Best fault for actuator ``k`` since a tick, its misfit, and how much larger that of the ``known`` one is."""
         residual = float(memory.history[-1, 1 + len(self._axles) + k] - memory.expected[k])
         faults = candidates(residual, self._trailer.max_steer_rate)[1:]
         if known is not None:

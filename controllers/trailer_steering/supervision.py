@@ -4,12 +4,12 @@ The law says which angles it wants. The monitor (``actuator_monitor``) compares 
 actuators at fault. While there are any, other demands are sent:
 
 - where an axle stands beside its demand, the measured offset is subtracted;
-- where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much. Beyond the
-  slip at which tyres slide, its side force grows no more, so that more is not taken over;
+- where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much, as far as
+  its tyres do not slide;
 - an axle that does not answer gets the demand of the others, so that it joins them when it answers again.
 
-A law may ask to be told what the actuators do (`controllers.trailer.ActuationAware`). Where all axles stand still, nothing
-can be taken over: the path is then that of a trailer with fixed axles.
+A law may ask to be told what the actuators do (`controllers.trailer.ActuationAware`). Where all axles stand still,
+nothing can be taken over: the path is then that of a trailer with fixed axles.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
-_SLIDING: Final = 0.17  # slip of a truck's tyre by the linear law at the limit of dry friction, 0.8/4.6 [rad]
+# Slip by the linear law beyond which side force is not counted on: tyres on ice, 0.14/4.6 [rad]. Friction is not known
+# here. An axle that is steered beyond its grip loses side force; what is taken over too little, the law's feedback adds.
+_SLIDING: Final = 0.03
 
 
 class SupervisionMemory(NamedTuple):

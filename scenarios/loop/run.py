@@ -26,6 +26,7 @@ from scenarios.options.scenario import Scenario
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
+from scenarios.results.actuator_warnings import actuator_warnings
 from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.friction_picture import friction_picture
 from scenarios.results.log import Log
@@ -35,7 +36,6 @@ from scenarios.results.rover import RoverResult, TraceFrame
 from scenarios.results.rover_signals import rover_log
 from scenarios.results.run_inputs import RunInputs, run_inputs
 from scenarios.results.run_result import CameraFrame, JudgedTrailer, MountedCamera, RunResult
-from scenarios.results.actuator_warnings import actuator_warnings
 from scenarios.results.signal_warnings import signal_warnings
 from scenarios.results.steer_warnings import SteeredAxle, steer_warnings
 from scenarios.results.trailer_signals import TrailerTrack, run_log

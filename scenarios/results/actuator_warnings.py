@@ -9,6 +9,7 @@ from controllers.trailer_steering.actuator_faults import Kind
 from controllers.trailer_steering.actuator_monitor import ActuatorFinding
 from vehicle.clock import TICK
 
+_SOUND: Final[Kind] = "sound"
 _MEANING: Final[Mapping[Kind, str]] = {
     "stuck": "stuck",
     "dead": "it returned to straight, without power",
@@ -27,12 +28,12 @@ def actuator_warnings(findings: Sequence[ActuatorFinding]) -> Iterator[str]:
 
 def _periods(findings: Iterator[ActuatorFinding]) -> Iterator[str]:
     """Periods at fault; a kind that was named first and corrected later is not told."""
-    begin, kind = 0, "sound"
+    begin, kind = 0, _SOUND
     for finding in findings:
-        if kind == "sound":
+        if kind == _SOUND:
             begin = finding.tick
-        elif finding.kind == "sound":
+        elif finding.kind == _SOUND:
             yield f"from {begin * TICK:.1f} s to {finding.tick * TICK:.1f} s ({_MEANING[kind]})"
         kind = finding.kind
-    if kind != "sound":
+    if kind != _SOUND:
         yield f"from {begin * TICK:.1f} s ({_MEANING[kind]})"
