@@ -55,11 +55,15 @@ class TrailerGeometry:
 
     def actuator_angles(self, angles: FloatArray) -> FloatArray:
         """Angles (n_actuators,) [rad] of the actuators for axles at ``angles`` (n_steered,)."""
+        if not self.linkages:
+            return angles.copy()
         own = angles / np.array(self.steer_ratios)
         return np.array([own[list(group)].mean() for group in self.groups])
 
     def axle_angles(self, actuators: FloatArray) -> FloatArray:
         """Angles (n_steered,) [rad] of the axles for ``actuators`` (n_actuators,)."""
+        if not self.linkages:
+            return actuators.copy()
         angles = np.array(self.steer_ratios)
         for actuator, group in zip(actuators, self.groups, strict=True):
             angles[list(group)] *= actuator

@@ -1,9 +1,9 @@
 """Fault detection and isolation of steering actuators, from their demands and measured angles.
 
 The data sheet's model predicts each angle from the demands that were sent. Its difference from the measured one is
-tested by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954) against a
-shift by ``_SHIFT`` standard deviations. These contain what the model does not know, in proportion to the rate: the lag,
-and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By Lorden's bound
+tested by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954)
+against a shift by ``_SHIFT`` standard deviations. These contain what the model does not know, in proportion to the
+rate: the lag, and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By Lorden's bound
 the mean time between false alarms is then at least ``exp(threshold)`` lags ("Procedures for reacting to a change in
 distribution", Annals of Mathematical Statistics 1971), which gives the threshold.
 
@@ -83,14 +83,14 @@ class ActuatorMemory(NamedTuple):
 class ActuatorMonitor:
     """Monitor of the steering actuators of one trailer."""
 
-    def __init__(self, trailer: TrailerGeometry) -> None:
-        """For a trailer with steered axles."""
+    def __init__(self, trailer: TrailerGeometry, *, between_alarms: float = _BETWEEN_ALARMS) -> None:
+        """For a trailer with steered axles; ``between_alarms`` [s]: mean time between false ones, at least."""
         self._trailer, self._lag = trailer, trailer.actuator_lag
         steered = [k for k, is_steered in enumerate(trailer.steered, start=1) if is_steered]
         self._axles = [tuple(steered[axle] for axle in group) for group in trailer.groups]
         self._memory = max(self._lag, _LEAST_LAG)  # of the residual's errors [s]
         self._time_doubt = math.hypot(_LAG_DOUBT * self._lag, _MESSAGE_TIME)
-        self._limit = math.log(2.0 * _BETWEEN_ALARMS / self._memory)  # two sides
+        self._limit = math.log(2.0 * between_alarms / self._memory)  # two sides
 
     def init(self) -> ActuatorMemory:
         """Memory before the first reading: all actuators are sound."""

@@ -4,8 +4,8 @@ The law says which angles it wants. The monitor (``actuator_monitor``) compares 
 actuators at fault. While there are any, other demands are sent:
 
 - where an axle stands beside its demand, the measured offset is subtracted;
-- where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much, as far as
-  its tyres do not slide;
+- where an axle does not answer, or slowly, the others take over the steer moment that it lacks or has too much, as far
+  as its tyres do not slide;
 - an axle that does not answer gets the demand of the others, so that it joins them when it answers again.
 
 A law may ask to be told what the actuators do (`controllers.trailer.ActuationAware`). Where all axles stand still,
@@ -29,7 +29,7 @@ from vehicle.clock import TICK
 from vehicle.frames import FloatArray
 
 # Slip by the linear law beyond which side force is not counted on: tyres on ice, 0.14/4.6 [rad]. Friction is not known
-# here. An axle that is steered beyond its grip loses side force; what is taken over too little, the law's feedback adds.
+# here. An axle steered beyond its grip loses side force; what is taken over too little, the law's feedback adds.
 _SLIDING: Final = 0.03
 
 
@@ -50,6 +50,8 @@ class Supervised:
         """Supervise the actuators of a trailer with steered axles, under a ``law``."""
         self.law, self._trailer = law, trailer
         self._monitor, self._axles = ActuatorMonitor(trailer), AxleGroup.of(trailer)
+        self._max_rates = trailer.max_steer_rate * np.abs(trailer.steer_ratios)
+        self._all = np.ones(len(trailer.steered_distances), dtype=bool)
 
     def init(self) -> SupervisionMemory:
         """Memory of a new run: all actuators sound, wheels straight."""
@@ -76,10 +78,12 @@ class Supervised:
         return SupervisionMemory(inner, tick, tuple(command.angles.tolist()), differs, monitor), command
 
     def _actuation(self, monitor: ActuatorMemory, sent: FloatArray, angles: FloatArray) -> Actuation:
-        rates = self._trailer.axle_angles(self._monitor.max_rates(monitor))
-        able = rates != 0.0
+        if not monitor.at_fault:
+            return Actuation(goal=sent, able=self._all, max_rates=self._max_rates)
+        rates = np.abs(self._trailer.axle_angles(self._monitor.max_rates(monitor)))
+        able = rates > 0.0
         goal = np.where(able | ~able.any(), sent + self._trailer.axle_angles(monitor.offsets), angles)
-        return Actuation(goal=goal, able=able, max_rates=np.abs(rates))
+        return Actuation(goal=goal, able=able, max_rates=rates)
 
     def _allocated(self, monitor: ActuatorMemory, wanted: FloatArray, angles: FloatArray) -> FloatArray:
         """Demands (n_steered,) [rad] for the angles wanted, with what is known of the actuators."""
