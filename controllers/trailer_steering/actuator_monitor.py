@@ -3,9 +3,9 @@
 The data sheet's model predicts each angle from the demands that were sent. Its difference from the measured one is
 tested by a two-sided CUSUM of log likelihood ratios (E. S. Page, "Continuous inspection schemes", Biometrika 1954)
 against a shift by ``_SHIFT`` standard deviations. These contain what the model does not know, in proportion to the
-rate: the lag, and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By Lorden's bound
-the mean time between false alarms is then at least ``exp(threshold)`` lags ("Procedures for reacting to a change in
-distribution", Annals of Mathematical Statistics 1971), which gives the threshold.
+rate: the lag, and when a demand arrives. Such errors last as long as the lag, so that one lag counts as one sample. By
+Lorden's bound the mean time between false alarms is then at least ``exp(threshold)`` lags ("Procedures for reacting to
+a change in distribution", Annals of Mathematical Statistics 1971), which gives the threshold.
 
 After an alarm the kinds of ``actuator_faults`` are compared since the shift began, as long as the fault lasts. It is
 over when a sound actuator explains the last quarter of a second, and the one at fault does not.
