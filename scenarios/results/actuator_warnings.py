@@ -14,7 +14,7 @@ _MEANING: Final[Mapping[Kind, str]] = {
     "stuck": "stuck",
     "dead": "it returned to straight, without power",
     "slow": "slow",
-    "offset": "beside its demand; corrected",
+    "offset": "an offset; corrected",
     "late": "late",
 }
 
@@ -23,7 +23,8 @@ def actuator_warnings(findings: Sequence[ActuatorFinding]) -> Iterator[str]:
     """A line for every actuator: when it did not follow its demands, and why."""
     for axles in dict.fromkeys(finding.axles for finding in findings):
         name = ("axle " if len(axles) == 1 else "axles ") + " and ".join(map(str, axles))
-        yield f"{name}: does not follow the demand {'; '.join(_periods(f for f in findings if f.axles == axles))}"
+        follows = "does not follow its demand" if len(axles) == 1 else "do not follow their demand"
+        yield f"{name}: {follows} {'; '.join(_periods(f for f in findings if f.axles == axles))}"
 
 
 def _periods(findings: Iterator[ActuatorFinding]) -> Iterator[str]:

@@ -16,6 +16,7 @@ from controllers.trailer import SteerCommand, SteeringLaw, TrailerGeometry, Trai
 from controllers.trailer_steering.guard import Guarded
 from controllers.trailer_steering.policy import Network, feature_names, save_network
 from controllers.trailer_steering.reverse_lock import ReverseLock
+from controllers.trailer_steering.supervision import Supervised
 from estimators.estimates import Health, OffTracking
 from scenarios.assembly.trailer_law import trailer_law
 from scenarios.catalogue import TRAILER_STEERING, resolve
@@ -176,7 +177,7 @@ def test_a_law_without_declarations_can_be_used() -> None:
     layers: list[Any] = [law]
     while hasattr(layers[-1], "law"):
         layers.append(layers[-1].law)
-    assert [type(layer) for layer in layers] == [ReverseLock, Guarded, CheckedLaw, Plain]
+    assert [type(layer) for layer in layers] == [Supervised, ReverseLock, Guarded, CheckedLaw, Plain]
     assert layers[-1].given == (2.5, "fast", "")
     assert defaults_of(Plain) == {"gain": 1.0}
 
