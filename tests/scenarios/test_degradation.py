@@ -75,6 +75,16 @@ def test_a_signal_at_fault_for_good_does_not_cost_a_sound_estimate() -> None:
     assert [warning for warning in result.warnings if "wheel speed distrusted from 6." in warning]
 
 
+def test_an_offset_of_the_axles_for_good_costs_mpc_nothing() -> None:
+    """Its model has no such disturbance: without supervision it drifts by metres from 6 deg on."""
+    fault = ("trailer_steering=mpc", "speed_kmh=15", "faults=actuator_offset:8@3")
+    result = driven("roundabout", *ROUND, "course.turn_deg=45", "course.entry=20", *fault)
+    assert_safe(result)
+    assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.15
+    assert len([warning for warning in result.warnings if "its demand from 3." in warning]) == 2
+    assert result.log["axles_at_fault"][-1] == 2.0
+
+
 @pytest.mark.parametrize(
     ("law", "worst"),
     # the path of the first two has a chord of 5 m in a bend afterwards; the others change lane with straight wheels
