@@ -94,7 +94,6 @@ class Actuation:
 
     goal: FloatArray  # (n_steered,) angles to which the axles are on their way [rad]
     able: NDArray[np.bool_]  # (n_steered,) True for axles that answer to demands, be it slowly
-    max_rates: FloatArray  # (n_steered,) of these axles [rad/s]
 
 
 Memory = TypeVar("Memory")

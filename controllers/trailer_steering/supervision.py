@@ -50,7 +50,6 @@ class Supervised:
         """Supervise the actuators of a trailer with steered axles, under a ``law``."""
         self.law, self._trailer = law, trailer
         self._monitor, self._axles = ActuatorMonitor(trailer), AxleGroup.of(trailer)
-        self._max_rates = trailer.max_steer_rate * np.abs(trailer.steer_ratios)
         self._all = np.ones(len(trailer.steered_distances), dtype=bool)
 
     def init(self) -> SupervisionMemory:
@@ -79,11 +78,10 @@ class Supervised:
 
     def _actuation(self, monitor: ActuatorMemory, sent: FloatArray, angles: FloatArray) -> Actuation:
         if not monitor.at_fault:
-            return Actuation(goal=sent, able=self._all, max_rates=self._max_rates)
-        rates = np.abs(self._trailer.axle_angles(self._monitor.max_rates(monitor)))
-        able = rates > 0.0
+            return Actuation(goal=sent, able=self._all)
+        able = self._of_axles(self._monitor.max_rates(monitor) > 0.0)
         goal = np.where(able | ~able.any(), sent + self._trailer.axle_angles(monitor.offsets), angles)
-        return Actuation(goal=goal, able=able, max_rates=rates)
+        return Actuation(goal=goal, able=able)
 
     def _allocated(self, monitor: ActuatorMemory, wanted: FloatArray, angles: FloatArray) -> FloatArray:
         """Demands (n_steered,) [rad] for the angles wanted, with what is known of the actuators."""

@@ -49,7 +49,7 @@ class MpcMemory(NamedTuple):
     side_pull: float  # lateral acceleration of the hitch beyond that of its path [m/s2]
     slow_yaw_rate: float  # of the trailer, low-passed [rad/s]
     demand: FloatArray  # (n_actuators,) last command, or where the actuators are going instead [rad]
-    max_rates: FloatArray  # (n_actuators,) at which they answer [rad/s]
+    max_rates: FloatArray  # (n_actuators,) of the plan [rad/s]
     rates: FloatArray  # (n_blocks, n_actuators) last plan [rad/s]
 
 
@@ -116,10 +116,11 @@ class Mpc(SteeringLaw[MpcMemory]):
         goal = self._trailer.actuator_angles(actuation.goal)
         if np.abs(goal - memory.demand).max() > _ROUNDING:
             memory = memory._replace(demand=goal)
-        rates = np.abs(self._trailer.actuator_angles(actuation.max_rates))
-        return memory._replace(
-            max_rates=rates if actuation.able.any() else np.full_like(rates, self._trailer.max_steer_rate)
-        )
+        able = np.array([actuation.able[list(group)].all() for group in self._trailer.groups])
+        # Where none answers, and where one is slow, the plan is that of sound ones: only what asks for more than a fault
+        # allows shows that it is over.
+        rates = np.where(able | ~able.any(), self._trailer.max_steer_rate, 0.0)
+        return memory._replace(max_rates=rates)
 
     def step(
         self, memory: MpcMemory, tick: int, off_tracking: OffTracking | None, signals: CombinationSignals
