@@ -15,7 +15,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, as_completed, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -45,7 +45,7 @@ def as_finished(
         yield from ((task, work(task)) for task in tasks)
         return
     with workers(jobs) as pool:
-        futures = {pool.submit(work, task): task for task in tasks}
+        futures = {pool.submit(_tidied, work, task): task for task in tasks}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
@@ -98,7 +98,7 @@ def each_in_a_worker(
                 else:
                     pool = pools.pop() if pools else _lone_worker(jobs)
                     try:
-                        future = pool.submit(work, *task[1])
+                        future = pool.submit(_tidied, work, *task[1])
                     except BrokenExecutor:  # its process died while it had nothing to do
                         pool.shutdown(kill_workers=True)
                         again.appendleft(task)
@@ -158,7 +158,7 @@ class SpareWorkers:
         while True:
             pool = self._taken()
             try:
-                future = pool.submit(work, *arguments)
+                future = pool.submit(_tidied, work, *arguments)
             except (BrokenExecutor, RuntimeError):  # its process died while it had nothing to do, or was stopped
                 self._left(pool, usable=False)
                 continue
@@ -259,6 +259,20 @@ def is_alive(process: int) -> bool:
 def default_jobs() -> int:
     """Number of cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _tidied(work: Callable[..., OutputT], *arguments: object) -> OutputT:
+    """Output of a task in a worker, which returns the memory that the task has freed.
+
+    loky takes what a worker holds beyond its first task for a leak, and restarts it with a warning. The C library keeps
+    freed memory: 180 MB after a run with cameras.
+    """
+    try:
+        return work(*arguments)
+    finally:
+        if sys.platform == "linux":
+            with suppress(AttributeError):  # another library than glibc
+                ctypes.CDLL(None).malloc_trim(0)
 
 
 def _begin(parent: int) -> None:

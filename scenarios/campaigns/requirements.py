@@ -17,7 +17,7 @@ RECOVER, BELOW = "time_to_recover_s", "recovered_below_m"
 _OWN: Final = (ALLOWED, DETECT, HARMLESS, RECOVER, BELOW)
 _LARGEST: Final = 1e12
 _UNITS: Final = {"_deg_s": "°/s", "_deg": "°", "_percent": "%", "_m": "m", "_s": "s"}
-_GROUPS: Final = ("off_tracking", "swept_path", "road", "steer", "tyres", "slip", "odometry", "position", "wheels")
+GROUPS: Final = ("off_tracking", "swept_path", "road", "steer", "tyres", "slip", "odometry", "position", "wheels")
 
 
 class Limit(NamedTuple):
@@ -78,7 +78,7 @@ def read_requirements(place: str, table: Iterable[tuple[str, Any]]) -> Requireme
     Raises:
         ValueError: one line, naming the key.
     """
-    known = [f"{group}.{name}" for group in _GROUPS for name in groups()[group].numbers]
+    known = [f"{group}.{name}" for group in GROUPS for name in groups()[group].numbers]
     limits, own = dict[str, Limit](), dict[str, Any]()
     for key, value in table:
         path, _, side = key.rpartition(".")

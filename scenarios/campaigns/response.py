@@ -41,7 +41,7 @@ def response(log: Log, fault: FaultTime | None, *, recovered_below: float, compl
     """
     time, trailers = log["time"], list(_trailers(log))
     alarm = any(_alarm(trailer.noticed, trailer.known) for trailer in trailers)
-    if fault is None or not trailers or time[-1] < fault.onset:
+    if fault is None or not trailers or not len(time) or time[-1] < fault.onset:
         return Response(alarm=alarm)
     since = time >= fault.onset - _ROUNDING
     noticed = np.any([trailer.noticed for trailer in trailers], axis=0)

@@ -17,6 +17,7 @@ from vehicle.user_file import shown
 if TYPE_CHECKING:
     from distributed import Client
 
+_SAME: Final = "the same is needed everywhere"
 _RENDERING: Final = 120.0  # longest time of a check [s]
 
 
@@ -26,17 +27,28 @@ def check_software(client: Client) -> None:
     Raises:
         ValueError: one line, with the first difference.
     """
-    versions = client.run(importlib.metadata.version, "offtrack", on_error="return")
-    for worker, version in versions.items():
-        if isinstance(version, BaseException) and not isinstance(version, OSError):
+    versions, here = client.run(importlib.metadata.version, "offtrack", on_error="return"), _version()
+    for worker, version in _answers(versions):
+        if isinstance(version, BaseException):
             raise ValueError(f"worker {worker}: offtrack is not installed there")
+        if version != here:
+            raise ValueError(f"worker {worker}: it has offtrack {shown(str(version))}, here is {here}; {_SAME}")
     try:
         found: Mapping[str, Any] = client.run(installed, on_error="return")
     except Exception as error:  # whatever the import of another version leads to
         raise ValueError(f"the workers have another offtrack: {shown(str(error).splitlines()[0])}") from None
-    for worker, software in found.items():
-        if software != installed() and not isinstance(software, OSError):
-            raise ValueError(f"worker {worker}: {difference(software)}; the same is needed everywhere")
+    for worker, software in _answers(found):
+        if software != installed():
+            raise ValueError(f"worker {worker}: {difference(software)}; {_SAME}")
+
+
+def _answers(results: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Results of the workers that are still there."""
+    return [(worker, result) for worker, result in results.items() if not isinstance(result, OSError)]
+
+
+def _version() -> str:
+    return importlib.metadata.version("offtrack")
 
 
 def difference(software: Any) -> str:

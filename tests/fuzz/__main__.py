@@ -1,7 +1,7 @@
 """The long run of the fuzz suite: `make fuzz MINUTES=10`, or `python -m tests.fuzz --minutes 10`.
 
-Tries random scenarios, studies, uses of environments and hostile files, prints how many and how they ended, and every
-find with the command that shows it again. The exit code is 1 if there are finds.
+Tries random scenarios, studies, campaigns, uses of environments and hostile files, prints how many and how they ended,
+and every find with the command that shows it again. The exit code is 1 if there are finds.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from pathlib import Path
 
 from tests.fuzz.case import LARGEST, SLOWEST, Case
 from tests.fuzz.draw import drawn
+from tests.fuzz.drawn_campaigns import campaigns
 from tests.fuzz.drawn_environments import environment_uses
 from tests.fuzz.drawn_scenarios import scenario_runs, studies
 from tests.fuzz.files import FILES, Read, hostile_files
@@ -67,6 +68,7 @@ def _round(seed: int, reads: Iterable[Read], specimens: Path) -> list[Case]:
     scenarios = [
         *drawn(scenario_runs(), 60, seed),
         *drawn(studies(), 20, seed),
+        *drawn(campaigns(), 20, seed),
         *drawn(environment_uses(), 40, seed),
     ]
     files = [case for read in reads for case in drawn(hostile_files(read, specimens), 4, seed)]

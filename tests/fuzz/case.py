@@ -27,6 +27,7 @@ class Case:
     files: tuple[tuple[str, bytes | Special], ...] = ()  # by path in the folder; they replace those of the specimen
     specimen: str = ""  # folder of valid files to begin with
     steps: int = 0  # of the loop after which a run is interrupted; 0: it should not begin
+    ends: bool = False  # True: a run ends after the steps as if it had timed out, and the command goes on
     genuine: bool = False  # True: as a process of its own
     own: bool = False  # True: runs code of the user's, which may fail in the loop
     note: str = ""  # what was done to a file

@@ -12,7 +12,6 @@ import sys
 import tempfile
 import time
 import traceback
-from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -62,12 +61,13 @@ class _Loop:
         self._advance: Callable[[Any], None] = Session.advance
         Session.advance = lambda session: self._counted(session)  # type: ignore[method-assign, assignment]
         for module in (pool, tuning):
-            vars(module)["workers"] = _here
+            assert vars(module)["each_in_a_worker"]
+            vars(module)["each_in_a_worker"] = _each_here
         self.begin(0)
 
-    def begin(self, steps: int) -> None:
+    def begin(self, steps: int, *, ends: bool = False) -> None:
         """Forget the last case."""
-        self._left, self._session = steps, None
+        self._left, self._ends, self._session = steps, ends, None
         self._began: float | None = None
 
     @property
@@ -80,33 +80,26 @@ class _Loop:
             self._session, self._steps = session, 0
         if self._began is None:
             self._began = time.perf_counter()
-        if self._steps >= self._left or time.perf_counter() - self._began > _LONGEST:
+        if (self._steps >= self._left and not self._ends) or time.perf_counter() - self._began > _LONGEST:
             raise KeyboardInterrupt
         self._steps += 1
         self._advance(session)
+        if self._ends and self._steps >= self._left and session.outcome is None:
+            session.outcome = "timed out"
 
 
-class _Here(Executor):
-    """Executor without processes."""
-
-    def submit(self, work: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Do the work at once."""
-        future: Future[Any] = Future()
+def _each_here(work: Callable[..., Any], tasks: Any, **_: Any) -> Iterator[tuple[str, Any]]:
+    """What `each_in_a_worker` yields, from this process."""
+    for key, arguments in tasks.items():
         try:
-            future.set_result(work(*args, **kwargs))
+            yield key, work(*arguments)
         except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-@contextmanager
-def _here(count: int) -> Iterator[Executor]:
-    yield _Here()
+            yield key, error
 
 
 def _result(case: Case, folder: Path, watch: _Loop) -> Result:
     os.chdir(folder)
-    watch.begin(case.steps)
+    watch.begin(case.steps, ends=case.ends)
     _reset_peak()
     code, error, outcome, clock = 0, "", "", OwnTime(os.getpid())
     with _captured() as texts:

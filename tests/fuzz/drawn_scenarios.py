@@ -229,15 +229,15 @@ def drawn_settings(draw: st.DrawFn, *, is_rover: bool, cameras: bool) -> list[st
     return [pair for pair in pairs if "\0" not in pair]
 
 
-_TRAILERS: Final = [name for name in scenario_names() if isinstance(load_any_scenario(name), Scenario)]
-_ROVERS: Final = [name for name in scenario_names() if name not in _TRAILERS]
+TRAILERS: Final = [name for name in scenario_names() if isinstance(load_any_scenario(name), Scenario)]
+ROVERS: Final = [name for name in scenario_names() if name not in TRAILERS]
 
 
 @st.composite
 def scenario_runs(draw: st.DrawFn) -> Case:
     """A run of a random scenario."""
     is_rover, cameras = draw(st.integers(0, 3)) == 3, draw(st.integers(0, 39)) == 39
-    scenario = draw(st.sampled_from(_ROVERS if is_rover else _TRAILERS))
+    scenario = draw(st.sampled_from(ROVERS if is_rover else TRAILERS))
     pairs = draw(drawn_settings(is_rover=is_rover, cameras=cameras))
     seed = draw(st.sampled_from(["1", "2", "77", str(2**31), str(2**70)]))
     slow = cameras or any(pair.split("=")[-1] in _SLOW_LAWS for pair in pairs)
@@ -253,7 +253,7 @@ def scenario_runs(draw: st.DrawFn) -> Case:
 def studies(draw: st.DrawFn) -> Case:
     """A study by command or file."""
     is_rover = draw(st.integers(0, 3)) == 3
-    scenario = draw(st.sampled_from(_ROVERS if is_rover else _TRAILERS))
+    scenario = draw(st.sampled_from(ROVERS if is_rover else TRAILERS))
     keys = _OF_ROVERS if is_rover else _OF_TRAILERS
     pairs = draw(drawn_settings(is_rover=is_rover, cameras=False) | st.just(["signals.noise=0"]))
     odd_values, odd_rest = draw(st.integers(0, 4)) == 4, draw(st.integers(0, 2)) == 2
@@ -287,7 +287,7 @@ def every_key() -> set[str]:
 
 def keys_of_listing() -> set[str]:
     """Names of all keys that ``offtrack keys`` lists, without those of courses, of lists' tables and of parts."""
-    listed = {key.name for name in (None, _ROVERS[0]) for key in listing.keys(name)}
+    listed = {key.name for name in (None, ROVERS[0]) for key in listing.keys(name)}
     apart = ("course.", "steering", "estimator", "driving", "sensing", "name", "description", "kind", "plant.units.")
     return {
         name for name in listed if not name.startswith(apart) and "[]" not in name and not name.endswith("parameters")

@@ -130,6 +130,9 @@ FILES: Final[Sequence[Read]] = (
         (run("rover_scenario.toml", "slip_estimator=truth"), ("scenarios", "rover_scenario.toml")),
     ),
     Read("study", FileKind.STUDY, "parameters", ("study.toml",), "toml", (("sweep", "study.toml", *_AS_OUT),)),
+    Read(
+        "campaign", FileKind.STUDY, "parameters", ("campaign.toml",), "toml", (("campaign", "campaign.toml", *_AS_OUT),)
+    ),
     Read("own part", None, "parameters", ("own.py",), "text", (trailer("trailer_steering=own:Law"),)),
     Read("FMU", FileKind.FMU, "ground", ("law.fmu",), "binary", (trailer("trailer_steering=law.fmu"),)),
     Read("CAN bus", FileKind.CAN, "ground", ("bus.dbc",), "text", ((*trailer(), "--can", "dbc=bus.dbc"),)),
@@ -257,4 +260,4 @@ def hostile_files(draw: st.DrawFn, read: Read, specimens: Path) -> Case:
 
 
 def _no_long_run(command: tuple[str, ...]) -> bool:
-    return bool(command) and command[0] not in ("run", "sweep", "compare", "tune")
+    return bool(command) and command[0] not in ("run", "sweep", "compare", "campaign", "tune")

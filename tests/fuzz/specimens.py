@@ -63,6 +63,14 @@ def _parameters(folder: Path) -> None:
         'trailer_steering = ["none", "command_steer"]\n',
         encoding="utf-8",
     )
+    (folder / "campaign.toml").write_text(
+        f'scenario = "lane-change"\nseeds = [1, 2]\n[set]\n{fixed}\n[vary]\ntrailer_steering = ["none"]\n'
+        '[[fault]]\nkind = "gyro_bias"\namounts = [2, 5.5]\nonsets = [0.5]\ndurations = [1, "end"]\n'
+        '[[fault]]\nkind = "actuator_stuck"\nonsets.uniform = [0.5, 1.5]\nonly.trailer_steering = "none"\n'
+        "[requirements]\noff_tracking.true_max_m = 0.5\ntime_to_detect_s = 1\n[sample]\ncount = 2\n"
+        '[[bisect]]\nfault = "gyro_bias"\nlow = 0\nhigh = 20\ntolerance = 5\n[accept]\nprobability = 0.5\n',
+        encoding="utf-8",
+    )
     (folder / "own.py").write_text(
         "from controllers.trailer_steering.command_steer import CommandSteer\n\n\nclass Law(CommandSteer):\n"
         '    """A law of one\'s own."""\n',

@@ -10,6 +10,7 @@ import pytest
 
 from tests.fuzz.case import LARGEST, SLOWEST, Case, Result, find
 from tests.fuzz.draw import drawn
+from tests.fuzz.drawn_campaigns import campaigns
 from tests.fuzz.drawn_environments import environment_uses
 from tests.fuzz.drawn_scenarios import every_key, keys_of_listing, scenario_runs, studies
 from tests.fuzz.files import FILES, hostile_files
@@ -29,11 +30,12 @@ def tried(cases: Iterable[Case], folder: Path, hang: float = 60.0) -> list[Tried
     return results
 
 
-def test_random_scenarios_studies_environments_and_hostile_files_end_well(tmp_path: Path) -> None:
+def test_random_scenarios_studies_campaigns_environments_and_hostile_files_end_well(tmp_path: Path) -> None:
     files = [read for read in FILES if read.specimen not in _SLOW]
     make(tmp_path / "specimens", {read.specimen for read in files})
     cases = [case for read in files for case in drawn(hostile_files(read, tmp_path / "specimens"), 1, _SEED)]
-    cases += drawn(scenario_runs(), 3, _SEED) + drawn(studies(), 1, _SEED) + drawn(environment_uses(), 2, _SEED)
+    cases += drawn(scenario_runs(), 3, _SEED) + drawn(studies(), 1, _SEED) + drawn(campaigns(), 2, _SEED)
+    cases += drawn(environment_uses(), 2, _SEED)
     quick = [replace(case, genuine=False) for case in cases if "cameras" not in case.kind]
     results = tried(quick, tmp_path)
     assert len(results) == len(quick) > 25

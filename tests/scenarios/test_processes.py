@@ -59,6 +59,30 @@ def test_a_killed_worker_is_one_line() -> None:
     assert len(str(caught.value).splitlines()) == 1
 
 
+_kept: list[bytes] = []
+
+
+def in_use(blocks: int) -> float:
+    """Memory of this process [MB] after it has used and freed blocks of 64 kB, with one that stays behind them."""
+    used = [bytes([k % 256]) * 65536 for k in range(blocks)]
+    _kept.append(bytes(65536))
+    del used
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_worker_returns_the_memory_that_a_task_has_freed() -> None:
+    """A block behind the freed ones keeps the C library from returning them; loky would call 400 MB a leak."""
+    tasks = {"first": [0], "large": [6000], "next": [0]}
+    used = dict(each_in_a_worker(in_use, tasks, jobs=1))
+    first, large, after = (used[key] for key in tasks)
+    assert isinstance(first, float)
+    assert isinstance(large, float)
+    assert isinstance(after, float)
+    assert large - first > 300.0  # before it is returned
+    assert after - first < 50.0
+
+
 def test_an_interrupt_waits_for_the_end_of_a_step() -> None:
     """A callback raises it between two steps; without one it comes at the end; a second one comes at once."""
     done = []

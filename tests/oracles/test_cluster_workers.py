@@ -1,0 +1,118 @@
+"""Dask workers that do not fit, in processes of their own: each is refused in one line, before any run."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+pytest.importorskip("distributed")
+
+from tests.scenarios.test_cluster import STUDY
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+PACKAGES: Final = ("vehicle", "sensors", "estimators", "controllers", "scenarios", "offtrack")
+
+
+@pytest.fixture
+def address() -> Iterator[str]:
+    """Address of a scheduler without workers."""
+    from distributed import LocalCluster
+
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with LocalCluster(n_workers=0, processes=False, dashboard_address=None, protocol="tcp", host="127.0.0.1") as c:
+            yield c.scheduler_address
+
+
+@contextmanager
+def worker(address: str, home: Path, *, first: Path | None = None, **environment: str) -> Iterator[None]:
+    """A worker's process, for which modules and versions in the folder ``first`` come before all others."""
+    path = os.pathsep.join(map(str, filter(None, (first, ROOT))))
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+    home.mkdir(exist_ok=True)
+    process = subprocess.Popen(
+        [*command, "--no-dashboard", "--local-directory", str(home)],
+        env=os.environ | {"PYTHONPATH": path} | environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=home,
+    )
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def refused(address: str, tmp_path: Path, *changes: str) -> str:
+    """The one line with which a sweep on the cluster is refused; it has made no run."""
+    study, out = tmp_path / "study.toml", tmp_path / "out"
+    text = STUDY
+    for change in changes:
+        key, _, value = change.partition("=")
+        lines = [f"set.{key} = {value}" if line.startswith(f"set.{key} ") else line for line in text.splitlines()]
+        text = "\n".join(lines)
+    study.write_text(text, encoding="utf-8")
+    command = [sys.executable, "-m", "offtrack", "sweep", str(study), "--scheduler", address, "--out", str(out)]
+    ended = subprocess.run(
+        command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, cwd=tmp_path
+    )
+    assert ended.returncode == 2, ended.stderr
+    (line,) = ended.stderr.strip().splitlines()
+    assert not [*out.glob("cells/*.json")]
+    return line
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_with_another_library_is_refused(address: Any, tmp_path: Path) -> None:
+    """A numpy of another version, as the worker's interpreter sees it."""
+    other = tmp_path / "site" / "numpy-0.1.dist-info"
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 0.1\n", encoding="utf-8")
+    with worker(address, tmp_path / "worker", first=tmp_path / "site"):
+        line = refused(address, tmp_path)
+    assert "it has numpy 0.1, here is " in line
+    assert line.startswith("offtrack: worker tcp://127.0.0.1:")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_with_another_offtrack_is_refused(address: Any, tmp_path: Path) -> None:
+    """Its files are those of here but for one line: an update that was forgotten on one machine."""
+    site = tmp_path / "site"
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
+    changed = site / "controllers" / "driver.py"
+    changed.write_text(changed.read_text(encoding="utf-8") + "\n# changed\n", encoding="utf-8")
+    with worker(address, tmp_path / "worker", first=site):
+        assert "its files of offtrack differ from those here" in refused(address, tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_with_another_version_of_offtrack_is_refused(address: Any, tmp_path: Path) -> None:
+    """As its interpreter's metadata have it."""
+    other = tmp_path / "site" / "offtrack-0.0.dist-info"
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: offtrack\nVersion: 0.0.1\n", encoding="utf-8")
+    with worker(address, tmp_path / "worker", first=tmp_path / "site"):
+        line = refused(address, tmp_path)
+    assert "it has offtrack 0.0.1, here is " in line
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_worker_without_opengl_is_refused_where_cameras_are_rendered(address: Any, tmp_path: Path) -> None:
+    """A vendor of EGL that is not there, as on a machine without Mesa; without cameras the worker fits."""
+    with worker(address, tmp_path / "worker", __EGL_VENDOR_LIBRARY_FILENAMES=str(tmp_path / "nothing.json")):
+        line = refused(address, tmp_path, "off_tracking='viso_ot'")
+        assert "no rendered cameras: OpenGL through EGL failed" in line
+        assert line.startswith("offtrack: worker tcp://127.0.0.1:")
