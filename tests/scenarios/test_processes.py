@@ -62,25 +62,23 @@ def test_a_killed_worker_is_one_line() -> None:
 _kept: list[bytes] = []
 
 
-def in_use(blocks: int) -> float:
-    """Memory of this process [MB] after it has used and freed blocks of 64 kB, with one that stays behind them."""
+def in_use(blocks: int) -> tuple[int, float]:
+    """This process, and its memory [MB] after it has used and freed blocks of 64 kB; one that stays is behind them."""
     used = [bytes([k % 256]) * 65536 for k in range(blocks)]
     _kept.append(bytes(65536))
     del used
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return os.getpid(), pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_a_worker_returns_the_memory_that_a_task_has_freed() -> None:
-    """A block behind the freed ones keeps the C library from returning them; loky would call 400 MB a leak."""
-    tasks = {"first": [0], "large": [6000], "next": [0]}
-    used = dict(each_in_a_worker(in_use, tasks, jobs=1))
-    first, large, after = (used[key] for key in tasks)
-    assert isinstance(first, float)
-    assert isinstance(large, float)
-    assert isinstance(after, float)
-    assert large - first > 300.0  # before it is returned
+    """A block behind the freed ones keeps the C library from returning them, so loky would restart the worker."""
+    used = [result for _, result in each_in_a_worker(in_use, {"first": [0], "large": [6000], "next": [0]}, jobs=1)]
+    (one, first), (other, large), (another, after) = (result for result in used if isinstance(result, tuple))
+    assert large - first > 300.0  # [MB], before it is returned: loky's limit
     assert after - first < 50.0
+    assert one == other == another
 
 
 def test_an_interrupt_waits_for_the_end_of_a_step() -> None:
