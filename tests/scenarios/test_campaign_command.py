@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
@@ -91,6 +92,64 @@ def test_a_campaign_is_run_judged_and_reported_and_its_runs_are_used_again(
     assert stuck["reasons"].startswith("steer.max_deg = ")
     status = invoked(str(file), "--out", str(out), "--status", "--json")
     assert (json.loads(status.stdout)["finished"], json.loads(status.stdout)["waiting"]) == (2, 0)
+
+
+QUICK = """scenario = "lane-change"
+seeds = [1]
+[set]
+off_tracking = "truth"
+speed_kmh = 60
+course.kind = "straight"
+course.length = 20
+[vary]
+trailer_steering = ["none", "command_steer"]
+[[fault]]
+kind = "gyro_bias"
+amounts = [2]
+onsets = [0.2]
+[requirements]
+off_tracking.true_max_m = 0.5
+[[bisect]]
+fault = "gyro_bias"
+low = 0
+high = 1
+tolerance = 0.5
+only.trailer_steering = "none"
+"""
+
+
+def test_commands_that_join_a_campaign_share_its_runs_and_those_of_its_bisection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One is interrupted after two runs; the next makes the others. What --where names is made again, also there."""
+    (tmp_path / "quick.toml").write_text(QUICK, encoding="utf-8")
+    command = (str(tmp_path / "quick.toml"), "--jobs", "1", "--json", "--out")
+    made, most = list[str](), [2]
+
+    def each_here(work: Any, tasks: Any, **_: object) -> Iterator[tuple[str, str]]:
+        for name, arguments in tasks.items() if isinstance(tasks, dict) else tasks:
+            if len(made) == most[0]:
+                raise KeyboardInterrupt
+            made.append(name)
+            yield name, work(*arguments)
+
+    for module in ("join", "pool"):
+        monkeypatch.setattr(f"scenarios.studies.{module}.each_in_a_worker", each_here)
+    joined = tmp_path / "joined"
+    assert invoked(*command, str(joined), "--join").exit_code == 130
+    status = json.loads(invoked(*command, str(joined), "--status").stdout)
+    assert (status["runs"], status["finished"], status["waiting"]) == (4, 2, 2)
+    most[0] = 100
+    ended = invoked(*command, str(joined), "--join")
+    assert ended.exit_code == 0, ended.output
+    assert len(made) == len(set(made)) == 6  # four runs, and both ends of the bisection
+    assert not [*(joined / "claims").iterdir()]
+    again = invoked(*command, str(joined), "--join", "--where", "trailer_steering=none")
+    assert len(made) == 6 + 4
+    assert json.loads(again.stdout) == json.loads(ended.stdout)
+    alone = invoked(*command, str(tmp_path / "alone"))
+    assert json.loads(alone.stdout) == json.loads(ended.stdout)
+    assert invoked(*command, str(joined), "--where", "trailer_steering=mpc").exit_code == 2
 
 
 def test_a_fault_that_a_scenario_cannot_have_is_refused_before_any_run(tmp_path: Path) -> None:
