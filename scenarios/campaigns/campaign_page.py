@@ -157,11 +157,11 @@ def requirement_texts(needed: Requirements) -> dict[str, str]:
     texts = {END_OF_RUN: f"Outcome: {' or '.join(needed.outcomes)}"}
     texts |= {limit.path: limit.text for limit in needed.limits}
     if needed.detect is not None:
-        harmful = f", if the off-tracking exceeds {needed.harmless_below:g} m" if needed.harmless_below else ""
+        harmful = f", if the deviation exceeds {needed.harmless_below:g} m" if needed.harmless_below else ""
         texts[DETECTION] = f"Fault noticed within {needed.detect:g} s{harmful}"
     if needed.recover is not None:
         texts[RECOVERY] = (
-            f"All well within {needed.recover:g} s after the fault, off-tracking {needed.recovered_below:g} m"
+            f"All well within {needed.recover:g} s after the fault, deviation {needed.recovered_below:g} m"
         )
     return texts
 

@@ -98,6 +98,22 @@ def test_recovery_needs_a_second_in_which_all_is_well() -> None:
     assert response(fallback, fault, recovered_below=0.2, completed=True).recovery == pytest.approx(3.0)
 
 
+def test_a_rover_has_times_too() -> None:
+    """Its health is that of the slip angle; all is well when it is near its path."""
+    columns = {"time": TIME, "health": CAPTURES + between(4.65, 6.0), "cross_track_true": between(5.0, 8.0, -0.3)}
+    rover = Log.of((Signal(name, "-", ""), values) for name, values in columns.items())
+    measured = response(rover, FaultTime(4.0, 6.0), recovered_below=0.2, completed=True)
+    assert measured.detection == pytest.approx(0.7)
+    assert measured.recovery == pytest.approx(2.0)
+    assert measured.deviation == pytest.approx(0.3)
+
+
+def test_a_run_without_rows_has_no_times() -> None:
+    """It diverged at its first step."""
+    empty = Log.of((Signal(name, "-", ""), []) for name in ("time", "off_tracking_true_trailer"))
+    assert math.isnan(response(empty, FaultTime(0.0, 1.0), recovered_below=0.2, completed=False).detection)
+
+
 def test_times_that_do_not_apply_are_not_numbers() -> None:
     """No fault, a fault that never ends, and one that never began; an alarm without a fault is a false one."""
     start = np.where(TIME < 1.0, 2.0, 0.0) + CAPTURES  # lost until the path is long enough
