@@ -221,7 +221,7 @@ def test_a_road_of_changing_width_is_left_at_its_edge() -> None:
     plant = Plant(vehicle, Surface(friction=0.8))
     for at, side, outcome in ((20.0, y, None), (80.0, y, "left the road"), (80.0, -y, None)):
         truth = plant.observe(plant.initial_state(Pose2(at, side, 0.0), 1.0), 0)
-        assert referee.step(None, truth)[1] == outcome
+        assert referee.step(referee.init(), truth)[1] == outcome
 
 
 def test_a_rover_follows_a_path_in_its_own_scale(tmp_path: Path) -> None:
