@@ -223,7 +223,7 @@ def test_closed_loop_runs_by_settings_alone(monkeypatch: pytest.MonkeyPatch) -> 
 def test_faults_of_transmission_apply_to_the_scanner(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its message is a dataclass with a tick: after 2 s no scan arrives any more."""
     monkeypatch.chdir(FOLDER)
-    result = run(load_scenario("constant-slip", (*SETTINGS, "course.length=30", "faults=dropout:1@2+60")), 1)
+    result = run(load_scenario("constant-slip", (*SETTINGS, "course.length=20", "faults=dropout:1@2+60")), 1)
     times = result.log["time"][np.isfinite(result.signal("health_semitrailer"))]
     assert times.max() == pytest.approx(1.9, abs=0.05)  # [s]
 

@@ -154,8 +154,8 @@ class Proportional:
         encoding="utf-8",
     )
     law = ["--set", "trailer_steering=mine:Proportional", "--set", "steering.gain=0.4"]
-    own = offtrack("run", "roundabout", *QUICK, *law, "--json", cwd=here)
-    assert own.returncode == 0, own.stderr
+    own = invoked("run", "roundabout", *QUICK, *law, "--json")
+    assert own.exit_code == 0, own.stderr
     without = invoked("run", "roundabout", *QUICK, "--set", "trailer_steering=none", "--json")
     assert without.exit_code == 0, without.stderr
     steered, unsteered = (json.loads(done.stdout)["off_tracking"]["true_max_m"] for done in (own, without))

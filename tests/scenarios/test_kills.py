@@ -5,11 +5,14 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-from tests.kills.campaign import killed, prepare
+import pytest
+
+from tests.kills.campaign import COMMANDS, killed, prepare
 
 
-def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path) -> None:
+def test_a_terminated_study_keeps_what_is_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Exit code 143, no worker left after 5 s; the next one makes the other runs only."""
+    monkeypatch.setitem(COMMANDS, "sweep", ["sweep", "study.toml", "--jobs", "1", "--out", "out"])
     prepare(tmp_path)
     finding = killed("sweep", signal.SIGTERM, tmp_path, lambda: any(tmp_path.glob("out/cells/*.json")))
     assert finding.code == 128 + signal.SIGTERM
