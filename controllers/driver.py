@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
-import numpy as np
-
 from controllers import preview_law as law
 from controllers.functions import FLOATS
 from controllers.path import Path, SpeedProfile
@@ -181,7 +179,7 @@ class PreviewDriver(Driver[DriverMemory]):
             curvature=path.curvature(station),
             headings=[heading - on_path.psi for heading in ahead],
         )
-        row = self._gains.at(np.array([motion.v_x]))[0].tolist()
+        row = self._gains.row(motion.v_x)
         demand = law.steer_demand(FLOATS, t, guided_point, on, motion, slips, steer, row, self._gain)
         return station, demand
 

@@ -60,6 +60,15 @@ class Gains:
         gains: FloatArray = (1.0 - share) * self.table[below] + share * self.table[above]
         return gains
 
+    def row(self, speed: float) -> list[float]:
+        """Gains as of ``at`` for one design at one speed [m/s]."""
+        ratio = min(FASTEST, max(CREEP, speed)) / CREEP
+        position = float(np.log(ratio)) * ((_SPEEDS - 1) / math.log(FASTEST / CREEP))
+        low = min(int(position), _SPEEDS - 2)
+        share = position - low
+        gains: list[float] = ((1.0 - share) * self.table[low] + share * self.table[low + 1]).tolist()
+        return gains
+
 
 @lru_cache(maxsize=64)
 def gains(tractor: TractorGeometry, gain: float) -> Gains:

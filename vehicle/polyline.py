@@ -10,7 +10,10 @@ from vehicle.frames import FloatArray
 
 def arc_length(points: FloatArray) -> FloatArray:
     """Distance along the polyline through points (n, 2) from the first point to each of them [m], shape (n,)."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    chords = points[1:] - points[:-1]
+    along = np.zeros(len(chords) + 1)
+    np.cumsum(np.hypot(chords[:, 0], chords[:, 1]), out=along[1:])
+    return along
 
 
 def resampled(points: FloatArray, stations: FloatArray) -> FloatArray:

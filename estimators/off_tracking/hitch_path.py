@@ -45,24 +45,47 @@ def crossing(path: FloatArray, s: FloatArray, x: float) -> Crossing | None:
     if s[index] - s[index - 1] < _APART:
         return Crossing(s=float(s[index]), y=float(path[index, 1]), beyond=index)
     # The next points on both sides that are not repetitions: a repeated point leaves the cubic undetermined.
-    before = int(np.searchsorted(s, s[index - 1] - _APART)) - 1
-    after = int(np.searchsorted(s, s[index] + _APART, side="right"))
+    before = int(s.searchsorted(s[index - 1] - _APART)) - 1
+    after = int(s.searchsorted(s[index] + _APART, side="right"))
     around = [point for point in (before, index - 1, index, after) if 0 <= point < len(s)]
     origin = s[index - 1]
-    cubic = np.asarray(np.linalg.solve(np.vander(s[around] - origin), path[around]), dtype=np.float64)
-    u = _falls_to(cubic[:, 0], x, s[index] - origin)
-    return Crossing(s=float(origin + u), y=float(np.polyval(cubic[:, 1], u)), beyond=index)
+    powers = _powers(s[around] - origin, len(around))[::-1].T
+    of_x, of_y = (_Cubic(*[0.0] * (4 - len(around)), *column) for column in np.linalg.solve(powers, path[around]).T)
+    u = _falls_to(of_x, x, float(s[index] - origin))
+    return Crossing(s=float(origin + u), y=of_y.at(u), beyond=index)
 
 
-def _falls_to(coefficients: FloatArray, value: float, end: float) -> float:
+class _Cubic(NamedTuple):
+    """Coefficients of a polynomial, the highest power's first."""
+
+    a: float
+    b: float
+    c: float
+    d: float
+
+    def at(self, u: float) -> float:
+        """Its value: Horner on floats, as np.polyval costs 20 times as much, and controllers ask often."""
+        return ((self.a * u + self.b) * u + self.c) * u + self.d
+
+
+def _powers(u: FloatArray, count: int) -> FloatArray:
+    """Powers (count, n) of u (n,) from 0 on: the columns of np.vander, which takes longer than the solution."""
+    powers = np.ones((count, len(u)))
+    for k in range(1, count):
+        powers[k] = powers[k - 1] * u
+    return powers
+
+
+def _falls_to(cubic: _Cubic, value: float, end: float) -> float:
     """Argument in (0, ``end``) at which the polynomial falls to the value, by bisection: safe against rounding."""
-    low, high, powers = 0.0, end, coefficients.tolist()
+    low, high = 0.0, end
+    a, b, c, d = cubic
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        height = 0.0
-        for power in powers:  # Horner on floats: np.polyval costs 20 times as much, and controllers ask often
-            height = height * middle + power
-        low, high = (middle, high) if height > value else (low, middle)
+        if ((a * middle + b) * middle + c) * middle + d > value:
+            low = middle
+        else:
+            high = middle
     return high
 
 
@@ -73,11 +96,11 @@ def tangent(path: FloatArray, s: FloatArray, at: float, reach: float) -> Tangent
     that is too short, or turns back there, direction and curvature are 0.
     """
     distance = np.abs(s - at)
-    near = np.flatnonzero(distance <= max(reach, float(np.sort(distance)[:_LEAST_POINTS][-1])))
+    least = min(_LEAST_POINTS, len(distance)) - 1
+    near = np.flatnonzero(distance <= max(reach, float(np.partition(distance, least)[least])))
     if len(near) < 3 or np.ptp(s[near]) < _LEAST_SPAN:
         return Tangent(0.0, 0.0)
-    u = s[near] - at
-    _, (dx, dy), (ddx, ddy) = np.linalg.lstsq(np.vander(u, 3, increasing=True), path[near], rcond=None)[0]
+    _, (dx, dy), (ddx, ddy) = np.linalg.lstsq(_powers(s[near] - at, 3).T, path[near], rcond=None)[0]
     if np.hypot(dx, dy) < _LEAST_ADVANCE:
         return Tangent(0.0, 0.0)
     # s runs backwards along the travel, so both the direction and the curvature change sign
