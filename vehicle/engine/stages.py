@@ -59,13 +59,14 @@ def _divides(node: Node) -> bool:
 def _multiplied(tape: Tape, divisions: Collection[int]) -> Tape:
     """The tape with these divisions as products with a reciprocal."""
     writer, number = Writer(), list[int]()
+    one = Constant(1.0)
     for k, node in enumerate(tape.nodes):
         if isinstance(node, Operation):
             operands = tuple(number[a] for a in node.operands)
             node = Operation(node.name, operands)
             if k in divisions:
                 node = Operation("inv", operands[-1:])
-                if operands[:-1] and writer.nodes[operands[0]] != Constant(1.0):
+                if operands[:-1] and operands[0] != writer.number(one):
                     reciprocal = writer.write(node)
                     node = Operation("mul", (min(operands[0], reciprocal), max(operands[0], reciprocal)))
         number.append(writer.write(node))

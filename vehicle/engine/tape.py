@@ -97,6 +97,10 @@ class Writer:
         key = (type(node).__name__, node)  # named tuples of different types can be equal
         return self._numbers.setdefault(key, len(self._numbers))
 
+    def number(self, node: Node) -> int | None:
+        """Number of a node; None if it is not written."""
+        return self._numbers.get((type(node).__name__, node))
+
     @property
     def nodes(self) -> tuple[Node, ...]:
         """Nodes written so far."""
