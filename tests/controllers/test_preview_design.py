@@ -64,3 +64,10 @@ def test_impossible_dynamics_are_refused(change: dict[str, object], message: str
     """By name and value."""
     with pytest.raises(ValueError, match=message):
         replace(DYNAMICS, **change)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("speed", [-1.0, 0.0, 0.2, 0.27, 3.0, 24.99, 45.0, 60.0, float("nan")])
+def test_a_row_of_gains_is_that_of_the_table_bit_for_bit(speed: float) -> None:
+    """One driver and a thousand environments are steered alike."""
+    gains = design.gains(TRACTOR, 0.1)
+    assert gains.row(speed) == gains.at(np.array([speed]))[0].tolist()

@@ -27,6 +27,18 @@ def test_a_kept_sequence_is_a_list(count: int) -> None:
     assert list(pickle.loads(pickle.dumps(kept))) == items
 
 
+@pytest.mark.parametrize("count", [7, 39, 40, 41, 57])
+def test_recent_items_stay_in_memory(count: int) -> None:
+    """The 20 newest at least, and at most two chunks of 10 more; copies and pickles keep to it."""
+    kept = Kept(10, range(count), recent=20)
+    assert list(kept) == list(range(count))
+    assert min(count, 20) <= len(kept._newest) < 40
+    for other in (copy.deepcopy(kept), pickle.loads(pickle.dumps(kept))):
+        other.append(count)
+        assert list(other) == list(range(count + 1))
+        assert other._recent == 20
+
+
 def test_copies_go_on_by_themselves() -> None:
     """They share what is in the file, and write behind each other."""
     one = Kept(5, range(23))

@@ -142,3 +142,23 @@ def test_without_a_road_there_is_none_to_leave() -> None:
     """On the proving ground a combination may go where it likes."""
     referee = Referee(VEHICLE)
     assert referee.step(referee.init(), truth(tractor=(0.0, 1e3, 0.0)))[1] is None
+
+
+def test_the_road_is_left_at_the_same_moment_whether_or_not_it_is_looked_at_every_step() -> None:
+    """The referee looks at the road again when a wheel may have reached its edge, and misses no step beyond it.
+
+    The tractor drifts and turns off a road that is wider on the left, in steps of up to 0.1 m.
+    """
+    referee = Referee(VEHICLE, ROAD, np.tile([4.5, 3.0], (len(ROAD), 1)))
+    for sign in (1.0, -1.0):
+        memory, looks, outcomes = referee.init(), 0, []
+        for k in range(400):
+            seen = truth(k, tractor=(0.02 * k - 5.0, sign * 0.01 * k, sign * 0.002 * k), trailer_yaw=sign * 0.002 * k)
+            before = memory
+            memory, outcome = referee.step(memory, seen)
+            looks += memory != before
+            outcomes.append(outcome)
+            assert outcome == referee.step(referee.init(), seen)[1]
+        assert outcomes[0] is None
+        assert outcomes[-1] == "left the road"
+        assert looks < 300
