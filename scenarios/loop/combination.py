@@ -196,7 +196,7 @@ class CourseJudge:
     def __init__(self, parts: Assembly) -> None:
         road = None if parts.trace else parts.course.centreline  # the road of a recorded drive is unknown
         self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
-        self._lifted = self._referee.init()
+        self._memory = self._referee.init()
         tractor = parts.vehicle.units[0]
         # A tractor on another part of the road, after a crossing or the wrong exit, is not on its course any more. On
         # the right part of the road every point of the tractor is nearer to the path than this.
@@ -216,7 +216,7 @@ class CourseJudge:
     def outcome(self, truth: Truth) -> str | None:
         """Outcome of the run; None if it continues."""
         self._elapsed = (truth.tick + LOG_PERIOD) * TICK
-        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        self._memory, mishap = self._referee.step(self._memory, truth)
         if mishap is not None:
             return mishap
         parts, course = self._parts, self._parts.course

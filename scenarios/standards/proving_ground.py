@@ -44,7 +44,7 @@ class ManoeuvreJudge:
     def __init__(self, vehicle: Vehicle, done: Callable[[Truth], bool], patience: float) -> None:
         """Wait ``patience`` [s] at most until the manoeuvre is ``done``; there is no road to leave."""
         self._referee = Referee(vehicle)
-        self._lifted = self._referee.init()
+        self._memory = self._referee.init()
         self._done, self._patience = done, patience
 
     @property
@@ -54,7 +54,7 @@ class ManoeuvreJudge:
 
     def outcome(self, truth: Truth) -> str | None:
         """Outcome of the drive; None if it continues."""
-        self._lifted, mishap = self._referee.step(self._lifted, truth)
+        self._memory, mishap = self._referee.step(self._memory, truth)
         if mishap is not None:
             return mishap
         if self._done(truth):
