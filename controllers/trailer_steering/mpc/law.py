@@ -117,8 +117,8 @@ class Mpc(SteeringLaw[MpcMemory]):
         if np.abs(goal - memory.demand).max() > _ROUNDING:
             memory = memory._replace(demand=goal)
         able = np.array([actuation.able[list(group)].all() for group in self._trailer.groups])
-        # Where none answers, and where one is slow, the plan is that of sound ones: only a demand for more than the fault
-        # allows can show that it is over.
+        # Where none answers, and where one is slow, the plan is that of sound ones: only a demand for more than the
+        # fault allows can show that it is over.
         rates = np.where(able | ~able.any(), self._trailer.max_steer_rate, 0.0)
         return memory._replace(max_rates=rates)
 
