@@ -198,3 +198,22 @@ def test_own_part_of_the_covariance_is_the_difference_between_frames(calibration
     own = np.sqrt(np.diag(solution.own)) / _CORRELATION
     assert own == pytest.approx(across, rel=0.4)  # a standard deviation of 60: 9 %, times 4
     assert np.all(own < np.sqrt(np.diag(solution.covariance)) / _CORRELATION)
+
+
+@pytest.mark.parametrize(("wrong", "kept"), [(0.2, True), (0.45, False)])
+def test_a_prediction_that_a_clear_majority_agrees_with_needs_no_hypotheses(
+    calibration: StereoCalibration, wrong: float, kept: bool
+) -> None:
+    """1 mm off: with 80 % the prediction stays and nothing is drawn; with 55 % hypotheses compete with it."""
+    rng, draws = np.random.default_rng(11), np.random.default_rng(12)
+    points = points_ahead(rng, 200, calibration)
+    z = images(calibration, (points - MOTION[:3, 3]) @ MOTION[:3, :3], rng, STD)
+    right = np.arange(len(z)) >= int(wrong * len(z))
+    z[~right] += 20.0
+    predicted = MOTION.copy()
+    predicted[2, 3] += 1e-3
+    agreed = consensus(calibration, points, z, predicted, 1.0, draws)
+    drawn = draws.bit_generator.state != np.random.default_rng(12).bit_generator.state
+    assert drawn is not kept
+    assert np.array_equal(agreed.X_PC, predicted) or drawn
+    assert np.mean(agreed.inliers == right) > 0.95
