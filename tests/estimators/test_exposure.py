@@ -8,10 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.calibration import rotation_views
-from estimators.calibration.mount_state import PairGeometry
-from estimators.calibration.right_rotation import RightRotation
-from estimators.calibration.rotation_views import new_view
 from estimators.estimates import Health
 from estimators.odometry.exposure import alike, both_alike
 from estimators.protocol import Odometry
@@ -99,12 +95,3 @@ def test_odometry_does_not_mind_a_jump_of_the_exposure(drive: Drive, name: str) 
     errors, clean = (drive.errors(drive.run(odometry, used)[1]) for used in (frames, drive.frames[5:10]))
     assert len(errors) == 4
     assert np.abs(errors[:, 3:]).max() < 1.3 * np.abs(clean[:, 3:]).max() + 2e-3  # [m] half the contrast in one frame
-
-
-def test_clipped_images_give_more_points_from_each_bucket(drive: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Twice as bright, a third to a half of the right image is clipped, and yaw is known from the points left over."""
-    frame = alike(drive.calibration, right_exposed(drive.frames[20], 2.0, 0.0))
-    seen = (frame, PairGeometry(np.eye(3), None), RightRotation(0.0, 0.0, 0.0), 0.0)
-    points = len(new_view(drive.calibration, *seen, np.random.default_rng(1)).left)
-    monkeypatch.setattr(rotation_views, "_PER_BUCKET", (2,))
-    assert points > 1.5 * len(new_view(drive.calibration, *seen, np.random.default_rng(1)).left)
