@@ -30,8 +30,7 @@ from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray, inverse
 
 FEWEST = 25  # points; fewer may agree by chance
-_PER_BUCKET = (2, 4)  # corners; more where there are few in the images: clipped ones, bare ground
-_ENOUGH = 350  # points; 380 to 400 on an ordinary road
+_PER_BUCKET = 2  # corners; 250 to 350 points on an ordinary road
 _CLOSURE = 0.6  # largest distance between start and end of the track from left to right and back [px]
 _LEAST_CORRELATION = 0.8  # of two patches, normalised
 _MOVED = 2.5  # largest distance of the warped match from the Lucas-Kanade result [px]
@@ -165,27 +164,8 @@ def _pairs(
     rotation: RightRotation,
     doubt: float,
 ) -> tuple[Points, Points]:
-    """Corners in the left and the raw right image that track there and back.
-
-    Half as many points cost 1.4 times the error of yaw, so that images with few corners give more from each bucket.
-    """
-    for per_bucket in _PER_BUCKET:
-        corners = detect_corners(frame.left, per_bucket=per_bucket)
-        left, right = _tracked(calibration, frame, corners, geometry, rotation, doubt)
-        if len(left) >= _ENOUGH:
-            break
-    return left, right
-
-
-def _tracked(
-    calibration: StereoCalibration,
-    frame: StereoFrame,
-    corners: Points,
-    geometry: PairGeometry,
-    rotation: RightRotation,
-    doubt: float,
-) -> tuple[Points, Points]:
-    """Corners that track to the right image and back, with their positions in both."""
+    """Corners in the left and the raw right image that track there and back."""
+    corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
     guess = raw(calibration, corners, corners - disparity_guess(calibration, corners), geometry, rotation)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)
