@@ -154,7 +154,10 @@ def test_a_kind_of_ones_own_acts_by_its_import_path() -> None:
 
 
 def test_faults_act_between_law_and_axles_of_a_run() -> None:
-    """The log has the law's demands, and the angles of the faulty axles. A snapshot goes on bitwise."""
+    """The log has the demands, which soon make up for the offset, and the angles of the faulty axles.
+
+    A snapshot goes on bitwise.
+    """
     faults = "actuator_offset:4,1; actuator_stuck:1@0.5; demand_loss:0.5; estimate_loss:0.5"
     settings = {"course.length": 30, "off_tracking": "truth", "faults": faults}
     with offtrack.Session("cambered-road", settings=settings) as session:
@@ -164,8 +167,9 @@ def test_faults_act_between_law_and_axles_of_a_run() -> None:
         snapshot.step(0.2)
         log = session.result().log
         assert log == snapshot.result().log
-    assert abs(log["steer_trailer_1_command"]).max() < math.radians(0.5)  # on a straight
-    assert log["steer_trailer_1"][49] == pytest.approx(math.radians(4.0), rel=0.1)  # after two lags
+    assert abs(log["steer_trailer_1_command"][:11]).max() < math.radians(0.5)  # on a straight
+    assert log["steer_trailer_1"][10] > math.radians(1.5)  # by the offset alone
+    assert log["steer_trailer_1_command"][45] == pytest.approx(math.radians(-4.0), rel=0.1)
     assert np.ptp(log["steer_trailer_1"][50:]) < 1e-9
     assert abs(log["steer_trailer_2"]).max() < math.radians(0.5)
 
