@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections import deque
 from concurrent.futures import Executor, Future
-from typing import Generic, TypeVar
+from typing import Final, Generic, TypeVar
 
 import cv2
 
 from scenarios.assembly.mount import Cameras
+from scenarios.loop.kept import Kept
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.recordings.rover_writer import RoverRecordingWriter
 from scenarios.recordings.stereo_writer import RecordingWriter
@@ -17,6 +19,8 @@ from sensors.sand.trace_camera import TraceCamera
 from sensors.sensor import Stamped
 from vehicle.combination.truth import Truth
 from vehicle.rover.truth import RoverTruth
+
+_IN_MEMORY: Final = 5  # pictures, twice as many at most: an hour has 36 000 of some hundred kilobytes each
 
 TruthT = TypeVar("TruthT", bound=Stamped)
 RecorderT = TypeVar("RecorderT")
@@ -44,7 +48,8 @@ class Pictures(Generic[TruthT, RecorderT]):
     def __init__(self, recorder: RecorderT | None) -> None:
         self._recorder = recorder
         self._digest = _Digest()
-        self._kept: list[tuple[int, Future[bytes]]] = []
+        self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
+        self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
         self._truths: dict[int, TruthT] = {}  # by tick: a delayed image is recorded with the truth at its capture
 
     def follow(self, truth: TruthT) -> None:
@@ -55,7 +60,21 @@ class Pictures(Generic[TruthT, RecorderT]):
     @property
     def frames(self) -> list[tuple[int, bytes]]:
         """Tick and JPEG of every kept picture; those that a user's own sensor made unfit for JPEG are left out."""
-        return [(tick, jpeg.result()) for tick, jpeg in self._kept if jpeg.exception() is None]
+        while self._coming:
+            self._take()
+        return list(self._kept)
+
+    def add(self, tick: int, jpeg: Future[bytes]) -> None:
+        """Keep a picture that is being compressed."""
+        self._coming.append((tick, jpeg))
+        while self._coming and self._coming[0][1].done():
+            self._take()
+
+    def _take(self) -> None:
+        """Keep the oldest picture that was being compressed; waits for it."""
+        tick, jpeg = self._coming.popleft()
+        if jpeg.exception() is None:
+            self._kept.append((tick, jpeg.result()))
 
     @property
     def sha256(self) -> str:
@@ -103,7 +122,7 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
             self._recorder.add(frame, self._truths[frame.tick].bodies[self._unit])
         if self._keep and self._cameras:
             rectified = self._cameras.rectified
-            self._kept.append((frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame)))))
+            self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame))))
 
 
 class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
@@ -127,7 +146,7 @@ class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
             with self._stopwatch.timed("render"):
                 picture: Future[bytes] = Future()
                 picture.set_result(_jpeg(self._camera.colour(truth)))
-                self._kept.append((truth.tick, picture))
+                self.add(truth.tick, picture)
 
 
 def _stereo_jpeg(frame: StereoFrame) -> bytes:

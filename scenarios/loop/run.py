@@ -383,7 +383,8 @@ def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOff
 
 
 def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
-    shown = {tick for tick, _ in session.pictures.frames}
+    frames = session.pictures.frames
+    shown = {tick for tick, _ in frames}
     motions = {
         estimate.motion.tick: estimate.motion
         for estimate in session.trailers[-1].estimates
@@ -398,5 +399,5 @@ def _camera_frames(session: TrailerSession) -> tuple[CameraFrame, ...]:
             matches=motions[tick].matches if tick in motions else 0,
             inliers=motions[tick].inliers if tick in motions else 0,
         )
-        for tick, jpeg in session.pictures.frames
+        for tick, jpeg in frames
     )

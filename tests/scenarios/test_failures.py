@@ -226,8 +226,13 @@ def test_a_picture_that_is_none_does_not_lose_the_others() -> None:
     good, bad = Future[bytes](), Future[bytes]()
     good.set_result(b"jpeg")
     bad.set_exception(ValueError("three channels expected"))
-    pictures._kept += [(0, bad), (100, good)]
-    assert pictures.frames == [(100, b"jpeg")]
+    pictures.add(0, bad)
+    for tick in range(100, 3000, 100):
+        pictures.add(tick, good)
+    last = Future[bytes]()
+    pictures.add(3000, last)
+    last.set_result(b"last")
+    assert pictures.frames == [*((tick, b"jpeg") for tick in range(100, 3000, 100)), (3000, b"last")]
 
 
 OWN = """
