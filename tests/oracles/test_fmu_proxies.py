@@ -124,7 +124,8 @@ def estimate(tick: int, speed: float) -> OffTracking:
 
 
 def children() -> set[int]:
-    """Processes that this one has started and not waited for."""
+    """Processes that this one has started and not waited for; that of an FMU ends when its run is collected."""
+    gc.collect()
     return {int(number) for number in Path("/proc/thread-self/children").read_text().split()}
 
 
