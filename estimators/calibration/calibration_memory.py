@@ -44,7 +44,7 @@ class Earlier(NamedTuple):
     proven: float = 0.0  # distance of motions with the new one [m]
 
     def after(self, distance: float) -> Earlier | None:
-        """What is left of it after a motion of some distance [m]."""
+        """The earlier estimate after a motion of some distance [m]; None once the new one is proven."""
         proven = self.proven + distance
         return self._replace(proven=proven) if proven < _PROVEN else None
 

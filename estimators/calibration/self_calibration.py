@@ -137,8 +137,8 @@ class SelfCalibratedOdometry(Generic[Memory]):
         if fit is None:
             return memory._replace(suspect=None, shift=0.0), False
         if memory.earlier is not None:
-            memory, changed = self._returned(memory, memory.earlier, frame)
-            fit = self._fit(memory.state, memory.twist, frame) or fit if changed else fit
+            memory, as_before = self._returned(memory, memory.earlier, frame)
+            fit, changed = as_before or fit, as_before is not None
         innovated = innovation(memory.state, fit, memory.twist, baseline)
         if memory.previous and is_surprising(memory.state, innovated):
             if memory.suspect is None:
@@ -157,18 +157,17 @@ class SelfCalibratedOdometry(Generic[Memory]):
 
     def _returned(
         self, memory: SelfCalibrationMemory[Memory], earlier: Earlier, frame: StereoFrame
-    ) -> tuple[SelfCalibrationMemory[Memory], bool]:
-        """Memory with the earlier estimate if two pairs are as before, restarted at the first of them; True if so."""
-        agreed = self._is_as_before(earlier.state, memory.twist, frame)
-        if not (agreed and earlier.agreed):
-            return memory._replace(earlier=earlier._replace(agreed=agreed)), False
-        first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
-        return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), True
+    ) -> tuple[SelfCalibrationMemory[Memory], EpipolarFit | None]:
+        """Memory with the earlier estimate, restarted at the first of two pairs that are as before; the second's fit.
 
-    def _is_as_before(self, earlier: MountState, twist: Twist, frame: StereoFrame) -> bool:
-        """True if a single pair is what cameras in an earlier state show."""
-        fit, baseline = self._fit(earlier, twist, frame), self._calibration.baseline
-        return fit is not None and is_expected(earlier, innovation(earlier, fit, twist, baseline))
+        As long as there are not two, the earlier estimate is only kept, and the fit is None.
+        """
+        fit, baseline = self._fit(earlier.state, memory.twist, frame), self._calibration.baseline
+        agreed = fit is not None and is_expected(earlier.state, innovation(earlier.state, fit, memory.twist, baseline))
+        if not (agreed and earlier.agreed):
+            return memory._replace(earlier=earlier._replace(agreed=agreed)), None
+        first = memory.previous[-1:] if memory.suspect is None else (Taken(memory.suspect, memory.twist),)
+        return memory._replace(state=earlier.state, earlier=None, fresh=None, view=None, previous=first), fit
 
     def _fit(self, state: MountState, twist: Twist, frame: StereoFrame) -> EpipolarFit | None:
         """Fit to the single pair, from what is expected of it."""

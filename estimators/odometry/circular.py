@@ -135,11 +135,13 @@ def is_skipped(corners: int, lost: Motion, last: Motion | None) -> bool:
 
     Near is what is recent, or what the last motion, continued, has left behind by a short way only.
     """
+    ticks = lost.tick - lost.previous_tick
     if corners >= ENOUGH_MATCHES:
         return False
-    ticks = lost.tick - lost.previous_tick
-    if last is None or ticks < LONGEST_SPAN:
-        return ticks < LONGEST_SPAN
+    if ticks < LONGEST_SPAN:
+        return True
+    if last is None:
+        return False
     travel = np.linalg.norm(last.X_PC[:3, 3]) * ticks / (last.tick - last.previous_tick)
     return bool(travel < _SHARED_VIEW)
 

@@ -184,6 +184,7 @@ def takes_study_options(command: Callable[..., None], *, joined: bool = True) ->
 
     del expanded.__wrapped__  # its signature is not this one's
     expanded.__annotations__ = {one.name: one.annotation for one in parameters}
+    # read by inspect.signature, and so by typer; typeshed does not know it
     expanded.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     return expanded
 

@@ -350,7 +350,7 @@ def _fallback(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
     """1 in rows in which the fallback steers the trailer, 0 in others."""
     ticks = [tick for tick, _ in trailer.handovers]
     states = np.array([0.0, *(float(by_fallback) for _, by_fallback in trailer.handovers)])
-    return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+    return _in_rows(session, ticks, states)
 
 
 def _distrusted(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
@@ -358,7 +358,7 @@ def _distrusted(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
     findings = sorted(trailer.findings, key=lambda finding: finding.tick)
     counts = np.cumsum([0.0, *(1.0 if finding.at_fault else -1.0 for finding in findings)])
     ticks = [finding.tick for finding in findings]
-    return counts[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+    return _in_rows(session, ticks, counts)
 
 
 def _axles_at_fault(session: TrailerSession, trailer: SteeredTrailer) -> FloatArray:
@@ -368,8 +368,13 @@ def _axles_at_fault(session: TrailerSession, trailer: SteeredTrailer) -> FloatAr
         own = [finding for finding in findings if finding.axles == axles]
         states = np.array([0.0, *(float(len(axles) * (finding.kind != "sound")) for finding in own)])
         ticks = [finding.tick for finding in own]
-        counts += states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
+        counts += _in_rows(session, ticks, states)
     return counts
+
+
+def _in_rows(session: TrailerSession, ticks: Sequence[int], states: FloatArray) -> FloatArray:
+    """State in each row: the first of ``states`` (n + 1,), and from each of the n ``ticks`` on the next one."""
+    return states[np.searchsorted(ticks, LOG_PERIOD * np.arange(len(session.rows)), side="right")]
 
 
 def _reference(session: TrailerSession, trailer: SteeredTrailer) -> ReferenceOffTracking:

@@ -74,13 +74,18 @@ def refused(address: str, tmp_path: Path, *changes: str) -> str:
     return ended.stderr
 
 
+def claiming(site: Path, name: str, version: str) -> Path:
+    """A search path whose metadata say that a package has this version."""
+    metadata = site / f"{name}-{version}.dist-info" / "METADATA"
+    metadata.parent.mkdir(parents=True)
+    metadata.write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n", encoding="utf-8")
+    return site
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_a_worker_with_another_library_is_refused(address: Any, tmp_path: Path) -> None:
     """A numpy of another version, as the worker's interpreter sees it."""
-    other = tmp_path / "site" / "numpy-0.1.dist-info"
-    other.mkdir(parents=True)
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: numpy\nVersion: 0.1\n", encoding="utf-8")
-    with worker(address, tmp_path / "worker", first=tmp_path / "site"):
+    with worker(address, tmp_path / "worker", first=claiming(tmp_path / "site", "numpy", "0.1")):
         line = refused(address, tmp_path)
     assert "it has numpy 0.1, here is " in line
     assert line.startswith("offtrack: worker tcp://127.0.0.1:")
@@ -101,10 +106,7 @@ def test_a_worker_with_another_offtrack_is_refused(address: Any, tmp_path: Path)
 @pytest.mark.filterwarnings("ignore")
 def test_a_worker_with_another_version_of_offtrack_is_refused(address: Any, tmp_path: Path) -> None:
     """As its interpreter's metadata have it."""
-    other = tmp_path / "site" / "offtrack-0.0.dist-info"
-    other.mkdir(parents=True)
-    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: offtrack\nVersion: 0.0.1\n", encoding="utf-8")
-    with worker(address, tmp_path / "worker", first=tmp_path / "site"):
+    with worker(address, tmp_path / "worker", first=claiming(tmp_path / "site", "offtrack", "0.0.1")):
         line = refused(address, tmp_path)
     assert "it has offtrack 0.0.1, here is " in line
 
