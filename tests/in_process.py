@@ -15,8 +15,9 @@ def make_runs_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the runs of studies in this process; files that they open without being named are not watched."""
     for module in MODULES:
         monkeypatch.setattr(f"{module}.each_in_a_worker", _each_here)
-    monkeypatch.setattr("scenarios.studies.pool.watch_files", lambda: None)
-    monkeypatch.setattr("scenarios.studies.pool.opened_files", lambda named: {})
+    for module in ("scenarios.studies.pool", "scenarios.studies.tuning"):
+        monkeypatch.setattr(f"{module}.watch_files", lambda: None)
+        monkeypatch.setattr(f"{module}.opened_files", lambda named: {})
 
 
 def _each_here(
