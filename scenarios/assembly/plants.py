@@ -108,9 +108,9 @@ def opened_plant(scenario: Scenario, vehicle: Vehicle, surface: Surface) -> Comb
     Raises:
         ValueError: one line, if there is no such plant or it does not fit.
     """
-    kind = plant_kind(scenario)
-    part: Part[PlantContext, CombinationPlant] = resolve("plant.kind", kind, PLANT)
+    key, kind = "plant.fmu" if scenario.plant.fmu else "plant.kind", plant_kind(scenario)
+    part: Part[PlantContext, CombinationPlant] = resolve(key, kind, PLANT)
     context = PlantContext(vehicle=vehicle, surface=surface, scenario=scenario)
-    plant = constructed("plant.kind", kind, lambda: part.of(context))
-    check_made("plant.kind", kind, plant, ("initial_state", "step", "observe"))
+    plant = constructed(key, kind, lambda: part.of(context))
+    check_made(key, kind, plant, ("initial_state", "step", "observe"))
     return plant

@@ -17,6 +17,7 @@ from scenarios.fmi_import.archive import FmuFile, open_fmu
 from scenarios.fmi_import.ground_signals import GroundUnder, ground_signals
 from scenarios.fmi_import.instance import FmuInstance
 from scenarios.fmi_import.mapping import FmuMap, PartSignals, Signal, read_map
+from scenarios.fmi_import.steering_actuators import SteeringActuators
 from vehicle.clock import TICK
 from vehicle.combination.description import Vehicle
 from vehicle.combination.loads import static_axle_loads
@@ -105,6 +106,7 @@ class FmuPlant:
         self._ground = GroundUnder(self._surface, self._vehicle)
         self._instance: FmuInstance | None = None
         self._truths: dict[int, Truth] = {}
+        self._actuators = SteeringActuators(self._vehicle, given={link.signal for link in self._map.outputs})
         self._n_steered = sum(len(unit.steered_axles) for unit in self._vehicle.units)
         self._loads = np.repeat(0.5 * np.concatenate(static_axle_loads(self._vehicle)), 2)
 
@@ -120,7 +122,7 @@ class FmuPlant:
         found = self._instance.outputs(self._signals(pose_of_all(self._vehicle, pose), command))
         self._check_place(found, pose)
         self._check_hitches(found)
-        self._truths = {0: self._truth(0, found, None, command)}
+        self._truths = {0: self._truth(0, found, None, np.zeros(self._n_steered))}
         return np.zeros(1)
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:
@@ -134,11 +136,12 @@ class FmuPlant:
         assert instance is not None
         if ticks % instance.period:
             raise ValueError(f"{self.fmu.path}: period = {instance.period} ms does not divide the loop's {ticks} ms")
-        poses, found = last.poses, {}
+        poses, found, angles, half = last.poses, {}, last.steer, 0.5 * instance.period * TICK
         for _ in range(ticks // instance.period):
-            found = instance.step(instance.period, self._signals(poses, command))
-            poses = self._poses(found)
-        self._truths = {now: last, now + ticks: self._truth(now + ticks, found, last, command)}
+            angles = self._actuators.turned(angles, command, half)
+            found = instance.step(instance.period, self._signals(poses, self._actuators.command(command, angles)))
+            poses, angles = self._poses(found), self._actuators.turned(angles, command, half)
+        self._truths = {now: last, now + ticks: self._truth(now + ticks, found, last, angles)}
         return np.array([float(now + ticks)])
 
     def observe(self, state: FloatArray, tick: int) -> Truth:
@@ -167,15 +170,12 @@ class FmuPlant:
         n = len(self._vehicle.units)
         return np.column_stack([_column(found, name, n) for name in ("x", "y", "psi")])
 
-    def _truth(self, tick: int, found: Mapping[str, float], last: Truth | None, command: VehicleCommand) -> Truth:
+    def _truth(self, tick: int, found: Mapping[str, float], last: Truth | None, steer: FloatArray) -> Truth:
         poses, n, wheel_count = self._poses(found), len(self._vehicle.units), self._vehicle.n_wheels
         velocities = np.column_stack([_column(found, name, n) for name in ("v_x", "v_y", "yaw_rate")])
         unknown = np.isnan(velocities)
         if unknown.any():
             velocities = np.where(unknown, _velocities(poses, last, tick), velocities)
-        steer = np.array(
-            [command.steer, *(0.0,) * (self._n_steered - len(command.trailer_steer) - 1), *command.trailer_steer]
-        )
         return Truth(
             tick=tick,
             poses=poses,
