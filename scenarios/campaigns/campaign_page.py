@@ -178,8 +178,8 @@ def _times(campaign: Campaign, cells: Sequence[Cell]) -> Iterator[Section]:
     text = (
         "From the onset of a fault until the health of the estimate is not ok, the fallback steers or the guard "
         "distrusts a signal; and from its end until health is ok, no fallback steers and the follow point has been "
-        f"within {campaign.requirements.recovered_below:g} m for a second. The time of a health is that of its image: the "
-        "cameras' latency comes on top. Never: in that many of the runs."
+        f"within {campaign.requirements.recovered_below:g} m for a second. The time of a health is that of its "
+        "image: the cameras' latency comes on top. Never: in that many of the runs."
     )
     columns = [Column("name", "fault"), *(Column("text", key) for key in ("", "law") if key or campaign.further)]
     for what in ("detected", "recovered"):
