@@ -24,18 +24,23 @@ def agreement_numbers(
 ) -> dict[str, float | None]:
     """RMS differences of motions in stated standard deviations, over all components; null without common motions.
 
-    All images are read again. The right ones are straightened by the rotation that the estimation ended with.
+    All images are read again.
     """
-    recording = estimation.recording
-    frames = [
-        _straight(estimation, recording.rectified(frame))
-        for _, frame in stream(recording.sequence.frames[: len(estimation.frames)], recording.size)
-        if not isinstance(frame, Dropped)
-    ]
-    result = agreement(recording.calibration, frames, kind)
+    result = agreement(estimation.recording.calibration, straight_frames(estimation), kind)
     rms = {"halves_rms_sigma": result.halves, "backwards_rms_sigma": result.backwards}
     values = {name: float(np.sqrt(np.mean(np.square(value)))) for name, value in rms.items()}
     return {name: round(value, 3) if math.isfinite(value) else None for name, value in values.items()}
+
+
+def straight_frames(estimation: Estimation, most: int | None = None) -> list[StereoFrame]:
+    """Frames of the estimation, at ``most`` the first ones; right images by the rotation that it ended with."""
+    recording = estimation.recording
+    files = recording.sequence.frames[: len(estimation.frames)][:most]
+    return [
+        _straight(estimation, recording.rectified(frame))
+        for _, frame in stream(files, recording.size)
+        if not isinstance(frame, Dropped)
+    ]
 
 
 def _straight(estimation: Estimation, frame: StereoFrame) -> StereoFrame:

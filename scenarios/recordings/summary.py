@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from estimators.estimates import Health, Motion
 from estimators.odometry.self_consistency import INDEPENDENT
-from estimators.rigid_motion import rotation_vector
 from scenarios.recordings.drift import KITTI_EVERY, KITTI_LENGTHS, drift
 from scenarios.recordings.estimation import Estimation
+from scenarios.recordings.motion_errors import motion_errors, motions_found
 from scenarios.results import metrics
 from scenarios.results.calibration_warnings import calibration_warnings
 from scenarios.results.log import LOST, Log
 from vehicle.clock import TICK
-from vehicle.frames import FloatArray, inverse
+from vehicle.frames import FloatArray
 
 
 def summary(estimation: Estimation, log: Log, odometry: str) -> dict[str, Any]:
@@ -100,35 +99,15 @@ def _odometry(estimation: Estimation, log: Log) -> dict[str, float | int | None]
         "distance_m": _number(float(steps.sum())),
         "drift_percent": own["drift_percent"],
         "drift_deg_per_m": own["drift_deg_per_m"],
-        "motion_nees_mean": _number(_motion_nees(estimation)),
+        "motion_nees_mean": _number(metrics.mean(np.square(motion_errors(estimation)))),
         "halves_ratio": _number(_halves_ratio(estimation)),
     }
 
 
-def _motion_nees(estimation: Estimation) -> float:
-    """Mean squared error of single motions by the recorded poses, per component, in stated variances."""
-    poses = estimation.recording.poses
-    if poses is None:
-        return math.nan
-    pose = {frame.files.tick: X for frame, X in zip(estimation.frames, poses, strict=False)}
-    ratios = []
-    for motion in _found(estimation):
-        X_true = inverse(pose[motion.previous_tick]) @ pose[motion.tick]
-        turn = rotation_vector(X_true[:3, :3] @ motion.X_PC[:3, :3].T)
-        error = np.concatenate([turn, X_true[:3, 3] - motion.X_PC[:3, 3]])
-        ratios.append(error**2 / np.diag(motion.covariance))
-    return metrics.mean(np.array(ratios))
-
-
 def _halves_ratio(estimation: Estimation) -> float:
     """RMS difference of motions from halves of the features, relative to that of independent errors."""
-    halves = np.array([motion.halves for motion in _found(estimation) if motion.halves is not None])
+    halves = np.array([motion.halves for motion in motions_found(estimation) if motion.halves is not None])
     return metrics.rms(halves) / math.sqrt(INDEPENDENT)
-
-
-def _found(estimation: Estimation) -> list[Motion]:
-    motions = [frame.motion for frame in estimation.frames if frame.motion is not None]
-    return [motion for motion in motions if motion.health is not Health.LOST]
 
 
 def _drift(
