@@ -51,8 +51,9 @@ class Motion:
     health: Health
     tracks: NDArray[np.float32]  # (inliers, 4) u, v in the previous and u, v in the current left image [px]
     anchor: Anchor | None = None  # None: C was measured from P
-    # (2, 6) motion from one half of the features less that from the other, in standard deviations of independent
-    # errors: left and right, near and far. None: unknown
+    # (3, 6) motion from one half of the features less that from the other, in standard deviations of independent
+    # errors: left and right, near and far, of the newest keyframe and of older ones; NaN where there are no two halves.
+    # None: unknown
     halves: FloatArray | None = None
 
 

@@ -158,7 +158,7 @@ class Located(NamedTuple):
     own: FloatArray  # (6, 6) part of the covariance that comes from this pair, not from the keyframes
     tracks: Tracks
     agreeing: NDArray[np.bool_]  # (n,) inliers of the pose
-    differences: FloatArray  # (2, 6) between halves of the points, as in ``self_consistency``
+    differences: FloatArray  # (3, 6) between halves of the points, as in ``self_consistency``
 
 
 def located(
@@ -179,7 +179,7 @@ def located(
     agreed = consensus(calibration, observed.points, observed.z, inverse(keyframes[0].X_OK) @ X_OC, reach, rng)
     if np.count_nonzero(agreed.inliers) < needed:
         return None
-    solution = refined(calibration, observed, agreed.X_PC, agreed.inliers)
+    solution = refined(calibration, observed, agreed.X_PC, agreed.inliers, tracks.keyframe[found] == 0)
     if not solution.converged or np.count_nonzero(solution.inliers) < needed:
         return None
     agreeing = np.zeros(len(tracks.found), np.bool_)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.odometry.self_consistency import halves_differences
+from estimators.odometry.sandwich import Contributions, estimated, own_part, stacked, summed
+from estimators.odometry.self_consistency import halves, halves_differences
 from estimators.stereo_geometry import linearised, motion_jacobian, residuals, triangulation_jacobian
 from sensors.camera.rig import StereoCalibration
 from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
@@ -49,13 +50,20 @@ class Solution(NamedTuple):
     own: FloatArray  # (6, 6) part of it from the images in C alone: independent between frames that see the same points
     inliers: NDArray[np.bool_]  # (n,)
     converged: bool
-    differences: FloatArray  # (2, 6) between halves of the features, as in ``self_consistency``
+    differences: FloatArray  # (3, 6) between halves of the features, as in ``self_consistency``
 
 
 def refined(
-    calibration: StereoCalibration, observations: Observations, X_PC: FloatArray, inliers: NDArray[np.bool_]
+    calibration: StereoCalibration,
+    observations: Observations,
+    X_PC: FloatArray,
+    inliers: NDArray[np.bool_],
+    newest: NDArray[np.bool_] | None = None,
 ) -> Solution:
-    """Robust least-squares motion for the observations, starting from ``X_PC`` and its ``inliers`` (n,), at least 6."""
+    """Robust least-squares motion for the observations, starting from ``X_PC`` and its ``inliers`` (n,), at least 6.
+
+    ``newest`` (n,) tells which points are of the newest keyframe, for the differences.
+    """
     points, z = np.ascontiguousarray(observations.points.T), np.ascontiguousarray(observations.z.T)
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     information = _information(calibration, R, p, observations)  # hardly depends on the motion
@@ -79,27 +87,45 @@ def refined(
         inliers = error < _CUT * sigma
         if np.count_nonzero(inliers) < _FEWEST:
             break
-    J, weighted = J[:, :, inliers], weighted[:, :, inliers]
-    normal, _ = _normal_equations(J, weighted, r[:, inliers])
-    variance, slope = _variance(error[inliers], sigma)
-    covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    robust = (weight * r / slope)[:, inliers]
-    differences = halves_differences(J, weighted, robust, z[:, inliers], variance)
-    own = _own_covariance(weighted, observations.variance[inliers], normal, covariance)
+    of_inliers = Residuals(*(of_all[..., inliers] for of_all in (J, information, r, error)))
+    contributions = _contributions(of_inliers, observations.variance[inliers], sigma)
+    sums = summed(contributions)
+    covariance = _CORRELATION**2 * estimated(stacked([sums]), contributions.least).covariance[0]
+    own = _CORRELATION**2 * own_part(contributions, sums)
+    in_halves = halves(z[:, inliers], None if newest is None else newest[inliers])
+    differences = halves_differences(contributions, sums, in_halves) / _CORRELATION
     return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)
 
 
-def _own_covariance(
-    weighted: FloatArray, variance: FloatArray, normal: FloatArray, covariance: FloatArray
-) -> FloatArray:
-    """Part (6, 6) of a solution's covariance by the ``variance`` (n, 3) of the images in C alone.
+class Residuals(NamedTuple):
+    """Residuals of n features at a motion."""
 
-    covariance = scale inverse(normal); the images' part of inverse(normal) is inverse(normal) own inverse(normal).
+    J: FloatArray  # (6, 3, n) derivative by the motion
+    information: FloatArray  # (3, 3, n) inverse covariances, up to a scale
+    r: FloatArray  # (3, n) [px]
+    error: FloatArray  # (n,) normalised
+
+
+def _contributions(residuals: Residuals, variance: FloatArray, sigma: float) -> Contributions:
+    """Contributions of features whose images have a ``variance`` (n, 3), and whose errors scatter by ``sigma``.
+
+    With u = error / c, the robust weight is w = (1 + u^2)^-2. The derivative of w r with respect to r is w I less
+    4 / (3 c^2) (1 + u^2)^-3 r r'W.
     """
-    own = (weighted * variance.T).reshape(6, -1) @ weighted.reshape(6, -1).T
-    share = np.asarray(np.linalg.solve(normal, own), dtype=np.float64) @ covariance
-    symmetric: FloatArray = 0.5 * (share + share.T)
-    return symmetric
+    J, information, r, error = residuals
+    tuned = _TUNING[-1] * sigma
+    u = error / tuned
+    weight = 1.0 / (1.0 + u**2) ** 2
+    weighted = _weighted(J, information)
+    score = np.einsum("kjn,jn->kn", weighted, r)
+    return Contributions(
+        J=J,
+        weighted=weight * weighted,
+        score=weight * score,
+        bend=math.sqrt(4.0 / 3.0) / tuned * (1.0 + u**2) ** -1.5 * score,
+        share=np.einsum("iin,ni->n", information, variance) / 3.0,
+        least=_FINEST**2,
+    )
 
 
 def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -113,21 +139,6 @@ def _weighted(J: FloatArray, information: FloatArray) -> FloatArray:
     """Jacobian (6, 3, n) times the inverse covariances (3, 3, n)."""
     weighted: FloatArray = np.einsum("kin,ijn->kjn", J, information)
     return weighted
-
-
-def _variance(error: FloatArray, sigma: float) -> tuple[float, float]:
-    """Factor from the inverse of the unweighted normal matrix to the covariance of the robust estimate (Huber).
-
-    Also the mean slope of the robust residual, by which it is smaller than the residual.
-
-    With residuals of three equal components, psi = w r: E[psi psi'] = E[w^2 error^2] I, and the mean slope of psi is
-    E[w + (u / 3) dw/du], u = error / (c sigma).
-    """
-    u_squared = (error / (_TUNING[-1] * sigma)) ** 2
-    weight = 1.0 / (1.0 + u_squared) ** 2
-    slope = float(np.mean(weight * (1.0 - 4.0 / 3.0 * u_squared / (1.0 + u_squared))))
-    spread = float(np.mean((weight * error) ** 2)) * len(error) / (len(error) - 2.0)  # 6 degrees of freedom of 3 n
-    return _CORRELATION**2 * (_FINEST**2 + spread / slope**2), slope
 
 
 def point_covariance(calibration: StereoCalibration, points: FloatArray, variance: FloatArray) -> FloatArray:

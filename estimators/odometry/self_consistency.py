@@ -14,73 +14,68 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.estimates import Health, Motion
+from estimators.odometry.sandwich import Contributions, Sums, estimated, stacked, summed
 from vehicle.frames import FloatArray
 
-_HALVES = 2  # left and right, near and far
+_HALVES = 3  # left and right, near and far, newest keyframe and older ones
 _MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
-_PRIOR, _AT_FIRST = 4.0, 2.0  # frames' worth of belief at the start in differences of this mean square: twice as large
+_PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start in differences of this mean square
+_CHANCE = 2.0
+_GAIN = 1.0
 INDEPENDENT = 0.5  # mean squared difference of independent errors: the variance has a factor for neighbours of about 2
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
 _LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
 _ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
 _COMMON = 0.015  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
 _TOGETHER = np.array([[0, 1], [4, 3]])  # pitch with vertical, yaw with lateral translation: they look alike in images
-_FEWEST = 6  # features that a motion needs
-_DAMPING = 1e-9  # share of the trace; keeps the solution finite for degenerate halves
+_FEWEST = 12  # features of a half: twice as many as a motion needs
 _ALIKE = 4.0  # frames that share a keyframe or most of their features, so that their differences are alike
 
 
 class SelfConsistency(NamedTuple):
     """Averages over frames of the normalised differences between halves, by kind of halves and component."""
 
-    frames: float = 0.0  # averaged over
+    frames: FloatArray = np.zeros(_HALVES)  # averaged over
     mean: FloatArray = np.zeros((_HALVES, 6))
-    square: FloatArray = np.full((_HALVES, 6), _AT_FIRST)
+    square: FloatArray = np.zeros((_HALVES, 6))
 
 
-def halves_differences(
-    J: FloatArray, weighted: FloatArray, r: FloatArray, z: FloatArray, variance: float
-) -> FloatArray:
-    """Differences (2, 6) of the motions from halves of the features, in standard deviations.
+def halves(z: FloatArray, newest: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Features (3, n) of one half each: left ones, far ones, and those of the ``newest`` keyframe if there are any.
 
-    Args:
-        J: derivative (6, 3, n) of the images with respect to the motion.
-        weighted: the same times the inverse covariances of the residuals.
-        r: residuals (3, n) at the motion from all features, made robust [px].
-        z: images (3, n) of the features; they are divided at the medians of column and disparity.
-        variance: factor from the inverse normal matrix to the covariance.
+    Images ``z`` (3, n) are divided at the medians of column and disparity.
     """
-    normal, gradient = _normal_equations(J, weighted, r)
-    differences = np.zeros((_HALVES, 6))
-    for k, value in enumerate((z[0], z[0] - z[2])):
-        half = np.flatnonzero(value < np.median(value))
-        if len(half) < _FEWEST:  # all in one place
-            continue
-        one, along = _normal_equations(J.take(half, axis=2), weighted.take(half, axis=2), r.take(half, axis=1))
-        motions, variances = _solved(np.stack([one, normal - one]), np.stack([along, gradient - along]))
-        differences[k] = (motions[0] - motions[1]) / np.sqrt(variance * variances.sum(axis=0))
+    newest = np.zeros(z.shape[1], np.bool_) if newest is None else newest
+    return np.stack([*(value < np.median(value) for value in (z[0], z[0] - z[2])), newest])
+
+
+def halves_differences(contributions: Contributions, whole: Sums, halves: NDArray[np.bool_]) -> FloatArray:
+    """Differences (3, 6) of the motions from halves of the features and from the others, in standard deviations.
+
+    They are NaN where one of the two has too few features. ``whole`` has the sums over all features; ``halves`` (3, n)
+    is as of :func:`halves`.
+    """
+    differences = np.full((_HALVES, 6), np.nan)
+    counts = np.count_nonzero(halves, axis=1)
+    known = np.flatnonzero(np.minimum(counts, halves.shape[1] - counts) >= _FEWEST)
+    if len(known):
+        one = stacked([summed(contributions, np.flatnonzero(halves[k])) for k in known])
+        other = Sums(*(all_of - part for all_of, part in zip(whole, one, strict=True)))
+        first, second = estimated(one, contributions.least), estimated(other, contributions.least)
+        variance = np.diagonal(first.covariance + second.covariance, axis1=1, axis2=2)
+        differences[known] = (first.step - second.step) / np.sqrt(variance)
     return differences
 
 
-def _normal_equations(J: FloatArray, weighted: FloatArray, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Matrix (6, 6) and right-hand side (6,)."""
-    A = weighted.reshape(6, -1)
-    return A @ J.reshape(6, -1).T, A @ r.ravel()
-
-
-def _solved(normal: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Solutions (m, 6) and the diagonals (m, 6) of the inverse matrices (m, 6, 6)."""
-    trace = np.trace(normal, axis1=1, axis2=2)[:, None, None]
-    inverse = np.asarray(np.linalg.inv(normal + _DAMPING * trace * np.eye(6)), dtype=np.float64)
-    return np.einsum("mij,mj->mi", inverse, gradient), np.diagonal(inverse, axis1=1, axis2=2)
-
-
 def updated(consistency: SelfConsistency, differences: FloatArray) -> SelfConsistency:
-    """Averages with the differences (2, 6) of one more frame."""
-    frames = min(consistency.frames + 1.0, _MEMORY)
-    new = 1.0 / (frames + _PRIOR)
+    """Averages with the differences (3, 6) of one more frame; NaN says nothing."""
+    known = np.isfinite(differences).all(axis=1)
+    frames = consistency.frames + known
+    new = (known / np.clip(frames, 1.0, _MEMORY))[:, None]
+    differences = np.where(known[:, None], differences, 0.0)
     return SelfConsistency(
         frames,
         consistency.mean + new * (differences - consistency.mean),
@@ -110,10 +105,14 @@ def stated(consistency: SelfConsistency, motion: Motion, focal_length: float) ->
 
 def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
     """Factors (6,) on the standard deviations of motions over ``distance`` [m] that count as independent."""
-    chance = consistency.square * _ALIKE / (consistency.frames + _PRIOR)  # of a squared mean
+    n = (np.minimum(consistency.frames, 2.0 * _MEMORY) / _ALIKE)[:, None]  # independent frames in the averages
+    square = consistency.square
+    typical = (_PRIOR * _AT_FIRST + np.sum(n * square)) / (_PRIOR + 6.0 * n.sum())
+    likely = (_PRIOR * typical + n * square) / (_PRIOR + n)
+    chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
     persistent = np.maximum(0.0, consistency.mean**2 - chance)
     motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
-    variance = np.maximum(1.0, (consistency.square + (motions - 1.0) * persistent) / INDEPENDENT)
+    variance = np.maximum(1.0, _GAIN * likely + (motions - 1.0) * persistent)
     largest = variance.max(axis=0)
     largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
     by: FloatArray = np.sqrt(largest)

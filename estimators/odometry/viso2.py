@@ -18,7 +18,8 @@ from estimators.odometry.plausibility import Belief, is_implausible, judged
 from estimators.odometry.point_tracking import Matches
 from estimators.odometry.ransac import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
-from estimators.odometry.self_consistency import SelfConsistency, halves_differences, stated
+from estimators.odometry.sandwich import Contributions, estimated, stacked, summed
+from estimators.odometry.self_consistency import SelfConsistency, halves, halves_differences, stated
 from estimators.odometry.viso2_matching import PairFeatures, circular_matches, pair_features
 from estimators.protocol import above_ground
 from estimators.rigid_motion import UncertainMotion, rotation_vector, stretched
@@ -142,7 +143,7 @@ class Viso2Odometry:
         found = _least_squares(self._calibration, points[inliers], matches.current[inliers], agreed.X_PC)
         if found is None:
             return lost
-        solution, halves = found
+        solution, differences = found
         if np.linalg.norm(solution.X[:3, 3]) > _FARTHEST:
             return lost
         return Motion(
@@ -154,7 +155,7 @@ class Viso2Odometry:
             inliers=int(np.count_nonzero(inliers)),
             health=Health.OK if len(inliers) >= ENOUGH_MATCHES else Health.DEGRADED,
             tracks=np.column_stack([matches.previous[:, :2], matches.current[:, :2]])[inliers].astype(np.float32),
-            halves=halves,
+            halves=differences,
         )
 
 
@@ -163,7 +164,7 @@ def _least_squares(
 ) -> tuple[UncertainMotion, FloatArray] | None:
     """Least-squares motion over the reprojection errors in both current images; None without convergence.
 
-    Also the differences (2, 6) between halves of the features, as in ``self_consistency``.
+    Also the differences (3, 6) between halves of the features, as in ``self_consistency``.
     """
     R, p = X_PC[:3, :3], X_PC[:3, 3]
     points, z = np.ascontiguousarray(points.T), np.ascontiguousarray(z.T)
@@ -176,11 +177,18 @@ def _least_squares(
         step = np.asarray(np.linalg.solve(normal, weighted @ r.ravel()), dtype=np.float64)
         R, p = so3_exp(step[:3]) @ R, p + step[3:]
         if np.abs(step).max() < _CONVERGED:
-            variance = _CORRELATION**2 * float(np.sum(_BOTH_ROWS @ np.square(r))) / (r.size - 6)
-            covariance = variance * np.asarray(np.linalg.inv(normal), dtype=np.float64)
-            halves = halves_differences(J, J * _BOTH_ROWS[:, None], r, z, variance)
-            return UncertainMotion(transform(orthonormalised(R), p), covariance), halves
+            contributions = _contributions(J, weighted.reshape(J.shape), r)
+            sums = summed(contributions)
+            covariance = _CORRELATION**2 * estimated(stacked([sums]), contributions.least).covariance[0]
+            differences = halves_differences(contributions, sums, halves(z)) / _CORRELATION
+            return UncertainMotion(transform(orthonormalised(R), p), covariance), differences
     return None
+
+
+def _contributions(J: FloatArray, weighted: FloatArray, r: FloatArray) -> Contributions:
+    """Contributions of n features, none of which is robustly weighted."""
+    score = np.einsum("kjn,jn->kn", weighted, r)
+    return Contributions(J, weighted, score, bend=np.zeros_like(score), share=np.ones(r.shape[1]), least=0.0)
 
 
 def _filtered(last: Velocity | None, motion: Motion) -> Velocity:
