@@ -2,10 +2,13 @@
 
 Residuals of neighbouring features are alike: an error of the calibration or of the exposure, the slope of patches, a
 moving shadow. A covariance that counts features as independent is then too small, and no residual of a single feature
-shows it. Two halves of the features show it: left and right in the image, near and far. Their estimates differ by more
-than stated, and so is the estimate from all of them wrong by more than stated. The ratio is averaged over frames. If
-the difference persists from frame to frame, errors of motions add up linearly, and a variance that counts motions as
-independent has to be larger by their number.
+shows it (``estimators.odometry.sandwich``). Halves of the features show it: left and right in the image, near and far,
+and, where a frame is measured against keyframes, those of the newest one and of older ones, which are as wrong as the
+poses of their keyframes. Estimates from them differ by more than stated, and so is the estimate from all features wrong
+by more than stated. Squared differences are averaged over frames. Averages of few independent frames scatter: that of a
+component is drawn towards the average over all components, and this towards a larger value at the start, until frames
+show what is so. If a difference persists from frame to frame, errors of motions add up linearly, and a variance that
+counts motions as independent has to be larger by their number.
 """
 
 from __future__ import annotations
@@ -23,9 +26,8 @@ from vehicle.frames import FloatArray
 _HALVES = 3  # left and right, near and far, newest keyframe and older ones
 _MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
 _PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start in differences of this mean square
-_CHANCE = 2.0
-_GAIN = 1.0
-INDEPENDENT = 0.5  # mean squared difference of independent errors: the variance has a factor for neighbours of about 2
+_CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
+INDEPENDENT = 0.5  # mean squared difference of independent errors: variances have a factor for neighbours of about 2
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
 _LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
 _ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
@@ -112,7 +114,7 @@ def factors(consistency: SelfConsistency, distance: float) -> FloatArray:
     chance = _CHANCE * square / np.maximum(n, 1.0)  # of a squared mean
     persistent = np.maximum(0.0, consistency.mean**2 - chance)
     motions = _OVER / np.clip(distance, _LEAST_STEP, _OVER)
-    variance = np.maximum(1.0, _GAIN * likely + (motions - 1.0) * persistent)
+    variance = np.maximum(1.0, likely + (motions - 1.0) * persistent)
     largest = variance.max(axis=0)
     largest[_TOGETHER] = largest[_TOGETHER].max(axis=0)
     by: FloatArray = np.sqrt(largest)
