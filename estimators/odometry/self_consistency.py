@@ -27,7 +27,7 @@ _HALVES = 3  # left and right, near and far, newest keyframe and older ones
 _MEMORY = 30.0  # frames that are averaged over: three seconds at 10 Hz
 _PRIOR, _AT_FIRST = 4.0, 2.0  # independent frames' worth of belief at the start in differences of this mean square
 _CHANCE = 2.0  # times as large as chance makes it on average a squared mean must be to count as persistent
-INDEPENDENT = 0.5  # mean squared difference of independent errors: variances have a factor for neighbours of about 2
+INDEPENDENT = 0.7  # mean squared difference of independent errors: variances have a factor for neighbours of 1.44
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
 _LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
 _ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
@@ -61,7 +61,7 @@ def halves_differences(contributions: Contributions, whole: Sums, halves: NDArra
     is as of :func:`halves`.
     """
     differences = np.full((_HALVES, 6), np.nan)
-    counts = np.count_nonzero(halves, axis=1)
+    counts = halves.sum(axis=1)
     known = np.flatnonzero(np.minimum(counts, halves.shape[1] - counts) >= _FEWEST)
     if len(known):
         one = stacked([summed(contributions, np.flatnonzero(halves[k])) for k in known])
