@@ -31,10 +31,10 @@ INDEPENDENT = 0.7  # mean squared difference of independent errors: variances ha
 _OVER = 14.0  # distance over which a persistent error adds up linearly: a trailer's length [m]
 _LEAST_STEP = 0.5  # shortest motion for that [m]; slower ones are fewer over that distance than 14 m would mean
 _ANCHORED = 2.0  # distance between keyframes: that of the errors that add up [m]
-_COMMON = 0.015  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
+_COMMON = 0.01  # error of all features alike, by interpolation between pixels; measured on rendered frames [px]
 _TOGETHER = np.array([[0, 1], [4, 3]])  # pitch with vertical, yaw with lateral translation: they look alike in images
 _FEWEST = 12  # features of a half: twice as many as a motion needs
-_ALIKE = 4.0  # frames that share a keyframe or most of their features, so that their differences are alike
+_ALIKE = 8.0  # frames that share a keyframe or most of their features, so that their differences are alike
 
 
 class SelfConsistency(NamedTuple):
