@@ -61,9 +61,8 @@ def halves_differences(contributions: Contributions, whole: Sums, halves: NDArra
     is as of :func:`halves`.
     """
     differences = np.full((_HALVES, 6), np.nan)
-    counts = halves.sum(axis=1)
-    known = np.flatnonzero(np.minimum(counts, halves.shape[1] - counts) >= _FEWEST)
-    if len(known):
+    known = [k for k, half in enumerate(halves) if _FEWEST <= half.sum() <= len(half) - _FEWEST]
+    if known:
         one = stacked([summed(contributions, np.flatnonzero(halves[k])) for k in known])
         other = Sums(*(all_of - part for all_of, part in zip(whole, one, strict=True)))
         first, second = estimated(one, contributions.least), estimated(other, contributions.least)
@@ -74,7 +73,7 @@ def halves_differences(contributions: Contributions, whole: Sums, halves: NDArra
 
 def updated(consistency: SelfConsistency, differences: FloatArray) -> SelfConsistency:
     """Averages with the differences (3, 6) of one more frame; NaN says nothing."""
-    known = np.isfinite(differences).all(axis=1)
+    known = np.asarray(np.isfinite(differences).all(axis=1), dtype=np.bool_)
     frames = consistency.frames + known
     new = (known / np.clip(frames, 1.0, _MEMORY))[:, None]
     differences = np.where(known[:, None], differences, 0.0)
