@@ -38,6 +38,24 @@ def test_on_a_circle_the_wanted_headings_are_chords() -> None:
     np.testing.assert_allclose(wanted.offsets, -(RADIUS - RADIUS * math.cos(lag)), atol=0.02)  # nearest point: 0.1 m
 
 
+def test_a_path_with_two_seconds_missing_stays_on_its_circle() -> None:
+    """Points 0.28 m apart but for a hole of 5.8 m: a cubic for even spacing would fold the path by 0.35 m there."""
+    angles = np.arange(0.0, 16.0, 0.28)
+    path = denser(circle(-angles[(angles < 3.0) | (angles > 8.8)] / RADIUS))
+    assert np.hypot(path[:, 0], path[:, 1] - RADIUS) == pytest.approx(RADIUS, abs=0.02)  # sagitta of its chord: 0.35 m
+    steps = np.hypot(*np.diff(path, axis=0).T)
+    assert steps.min() > 0.1
+    assert steps.max() < 0.21  # no piece is longer than 0.2 m of the path's chords
+
+
+def test_a_path_with_repeated_points_is_made_denser() -> None:
+    """A trailer at standstill leaves the same point twice; on a straight the points between are on it."""
+    x = np.array([0.0, 0.0, -0.5, -1.0, -1.0, -1.5])
+    path = denser(np.column_stack([x, 0.0 * x]))
+    np.testing.assert_allclose(path[:, 1], 0.0, atol=1e-12)
+    assert np.diff(path[:, 0]).max() < 0.0
+
+
 def test_a_path_too_short_for_the_follow_point_asks_for_nothing() -> None:
     """13 m of path for a trailer of 14 m."""
     ahead = hitch_course(0.0, 0.0, SPEED, 0.05, 24)

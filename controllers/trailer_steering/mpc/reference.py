@@ -16,12 +16,16 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from controllers.trailer_steering.mpc.observer import Reckoned
 from estimators.estimates import Health, OffTracking
 from vehicle.clock import TICK
 from vehicle.frames import FloatArray
+from vehicle.polyline import arc_length
 
+_PIECE: Final = 0.2  # longest chord of a path: 0.4 mm inside of a turn of 12 m radius [m]
+_SAME: Final = 1e-6  # points closer together count as one: their distance is rounding [m]
 _STRAIGHT: Final = 0.1  # articulation up to which the follow point is assumed on the path, 6 deg [rad]
 _LEAST_SPEED: Final = 0.1  # of the first estimate of a path [m/s]
 
@@ -51,14 +55,21 @@ def hitch_course(direction: float, rate: float, speed: float, step: float, n: in
 
 
 def denser(path: FloatArray) -> FloatArray:
-    """The path (n, 2) with intermediate points on cubics; chords would lie 1 mm inside of a tight turn."""
-    if len(path) < 4:
+    """The path (n, 2) with points on a cubic spline between those that are more than ``_PIECE`` apart.
+
+    Chords would lie 1 mm inside of a tight turn. Where estimates were missing, points are metres apart.
+    """
+    s = arc_length(path)
+    apart = np.flatnonzero(np.diff(s, prepend=-1.0) > _SAME)
+    path, s = path[apart], s[apart]
+    if len(path) < 3:
         return path
-    inner = (9.0 * (path[1:-2] + path[2:-1]) - path[:-3] - path[3:]) / 16.0
-    dense = np.empty((2 * len(path) - 1, 2))
-    dense[::2] = path
-    dense[1::2] = np.concatenate([0.5 * (path[:1] + path[1:2]), inner, 0.5 * (path[-2:-1] + path[-1:])])
-    return dense
+    pieces = np.ceil(np.diff(s) / _PIECE).astype(np.intp)
+    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
+    share = (np.arange(len(first)) - first) / np.repeat(pieces, pieces)
+    stations = np.append(np.repeat(s[:-1], pieces) + share * np.repeat(np.diff(s), pieces), s[-1])
+    points: FloatArray = CubicSpline(s, path)(stations)
+    return points
 
 
 def reference(ahead: FloatArray, behind: FloatArray, distance: float) -> Reference | None:
@@ -115,7 +126,7 @@ def with_estimate(
     if len(points) < 2 or (complete and estimate.health is Health.LOST):
         return path
     speed = math.hypot(estimate.v_x, estimate.v_y)
-    if path is None or (not complete and len(points) < len(path.points) // 2 + 1):  # that one is twice as dense
+    if path is None or (not complete and len(points) < len(path.estimate.path)):
         if speed < _LEAST_SPEED:
             return path
         interval = float(np.hypot(*points[-1])) / speed
