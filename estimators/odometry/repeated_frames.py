@@ -7,6 +7,8 @@ images are believed of a vehicle that stands or can have stopped. Before the fir
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -30,10 +32,24 @@ def visible_noise(before: GreyImage, image: GreyImage) -> float:
 
 def is_repeated(before: GreyImage, image: GreyImage, noise: float, last: Motion | None) -> bool:
     """True if an image repeats the one before, for the camera's ``noise`` [grey levels] and the last known motion."""
+    if last is None:
+        return repeats(before, image, math.inf, must_differ=False)
+    return repeats(before, image, noise, must_differ=_must_move(last))
+
+
+def repeats(before: GreyImage, image: GreyImage, noise: float, *, must_differ: bool) -> bool:
+    """True if an image is the one before, once more.
+
+    Args:
+        before: an image of the same camera.
+        image: a later one.
+        noise: of the camera, as far as it is known [grey levels].
+        must_differ: the camera has moved, so that even without noise its images differ.
+    """
     difference = cv2.norm(before, image, cv2.NORM_L1) / image.size
-    if last is not None and _must_move(last):
+    if must_differ:
         return bool(difference < _ALIKE)
-    return bool(difference < _EQUAL and (last is None or noise > _LEAST_NOISE))
+    return bool(difference < _EQUAL and noise > _LEAST_NOISE)
 
 
 def _must_move(last: Motion) -> bool:

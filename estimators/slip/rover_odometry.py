@@ -28,6 +28,10 @@ _DRIFT_TIME: Final = 3.0
 _FIX_TIME: Final = 1.0  # time constant of the correction of the position by a fix [s]
 _HISTORY: Final = 20_000  # directions kept for delayed slip angles and for means over a long distance [ticks]
 _NEAR: Final = 100  # largest time between a slip angle and its reading [ticks]
+# Without a slip angle the last one is carried on. What makes a rover slip is a slope, whose direction in the world
+# stays: seen from a rover that has turned by some angle, its cosine is left of the sideward pull, and nothing is known
+# of the other component.
+_HELD: Final = 0.1  # distance without a slip angle that is no loss: some images [m]
 _STANDING: Final = 0.005  # below it the wheels give no direction [m/s]
 
 
@@ -69,9 +73,23 @@ class OdometryMemory(NamedTuple):
     psi: float
     drift: float  # angle from the wheels' direction to the direction of travel, smoothed, for compensation [rad]
     newest_drift: float  # the same as last measured, for the position, where noise averages out [rad]
-    slip_tick: int  # of the newest slip angle used
+    slip_tick: int  # of the newest slip angle used; -1: none yet
+    slip_heading: float  # heading when it came [rad]
+    slip_distance: float  # driven since then [m]
     lagged_tick: int  # up to which the position has been corrected by delayed slip angles
     turns: tuple[Turn, ...]  # newest last
+
+    @property
+    def carried(self) -> bool:
+        """True if the drift is carried on from a slip angle of some distance ago."""
+        return self.slip_tick >= 0 and self.slip_distance > _HELD
+
+    def with_carried_drift(self) -> OdometryMemory:
+        """Memory with the drift as it is after the turn since the last slip angle; unchanged if that is new."""
+        if not self.carried:
+            return self
+        left = math.cos(wrap(self.psi - self.slip_heading))
+        return self._replace(drift=left * self.drift, newest_drift=left * self.newest_drift)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +102,7 @@ class RoverPose:
     psi: float  # [rad]
     drift: float  # angle from the wheels' direction to the direction of travel, + left [rad]
     rolling: Rolling
+    carried: bool = False  # True: no slip angle shows that drift at present
 
 
 class RoverOdometry:
@@ -97,7 +116,17 @@ class RoverOdometry:
     def init(self, x: float, y: float, psi: float) -> OdometryMemory:
         """Memory at a known pose in W [m, rad]."""
         return OdometryMemory(
-            tick=None, x=x, y=y, psi=psi, drift=0.0, newest_drift=0.0, slip_tick=-1, lagged_tick=-1, turns=()
+            tick=None,
+            x=x,
+            y=y,
+            psi=psi,
+            drift=0.0,
+            newest_drift=0.0,
+            slip_tick=-1,
+            slip_heading=psi,
+            slip_distance=0.0,
+            lagged_tick=-1,
+            turns=(),
         )
 
     def step(
@@ -112,6 +141,7 @@ class RoverOdometry:
         rolling = self.rolling(readings)
         memory = self._with_drift(memory, slip)
         moved = self._moved(memory, readings, rolling, elapsed)
+        used = moved.with_carried_drift()
         if fix is not None:
             moved = _corrected(moved, fix, elapsed)
         kept = moved.turns[bisect_right(moved.turns, readings.tick - _HISTORY, key=attrgetter("tick")) :]
@@ -119,9 +149,18 @@ class RoverOdometry:
         if speed > _STANDING:
             distance = (kept[-1].distance if kept else 0.0) + speed * elapsed
             direction = math.atan2(rolling.v_y, rolling.v_x)
-            kept = (*kept, Turn(readings.tick, distance, direction, moved.psi, moved.newest_drift))
+            kept = (*kept, Turn(readings.tick, distance, direction, moved.psi, used.newest_drift))
+            moved = moved._replace(slip_distance=moved.slip_distance + speed * elapsed)
         moved = moved._replace(tick=readings.tick, turns=kept)
-        pose = RoverPose(tick=readings.tick, x=moved.x, y=moved.y, psi=moved.psi, drift=moved.drift, rolling=rolling)
+        pose = RoverPose(
+            tick=readings.tick,
+            x=moved.x,
+            y=moved.y,
+            psi=moved.psi,
+            drift=used.drift,
+            rolling=rolling,
+            carried=moved.carried,
+        )
         return moved, pose
 
     def rolling(self, readings: RoverReadings) -> Rolling:
@@ -140,7 +179,7 @@ class RoverOdometry:
         psi = memory.psi + rolling.yaw_rate * elapsed
         psi += (1.0 - math.exp(-elapsed / _HEADING_TIME)) * wrap(readings.heading - psi)
         middle = 0.5 * (memory.psi + psi)
-        c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.newest_drift)
+        c, s, t = math.cos(middle), math.sin(middle), math.tan(memory.with_carried_drift().newest_drift)
         # An encoder counts the distance along the wheel's heading, also of a wheel that slips sideways.
         ahead, lateral = rolling.v_x - t * rolling.v_y, rolling.v_y + t * rolling.v_x
         return memory._replace(
@@ -157,8 +196,15 @@ class RoverOdometry:
         measured = wrap(slip.value - direction)
         since = _DRIFT_TIME if memory.slip_tick < 0 else (slip.tick - memory.slip_tick) * TICK
         share = 1.0 - math.exp(-since / _DRIFT_TIME)
-        drift = memory.drift + share * (measured - memory.drift)
-        return _with_delayed(memory._replace(drift=drift, newest_drift=measured, slip_tick=slip.tick), slip)
+        before = memory.with_carried_drift().drift
+        memory = memory._replace(
+            drift=before + share * (measured - before),
+            newest_drift=measured,
+            slip_tick=slip.tick,
+            slip_heading=memory.psi,
+            slip_distance=0.0,
+        )
+        return _with_delayed(memory, slip)
 
 
 def _with_delayed(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
@@ -168,9 +214,10 @@ def _with_delayed(memory: OdometryMemory, slip: SlipAngle) -> OdometryMemory:
         return memory
     memory = memory._replace(lagged_tick=tick)
     last, then = (_nearest_turn(memory.turns, end) for end in (before, tick))
-    if (last.tick, then.tick) != (before, tick):  # the first one, or the rover stood in between
-        return memory
     distance = then.distance - last.distance
+    # the first one, or the rover stood in between, or it does not tell of the way since the last one
+    if (last.tick, then.tick) != (before, tick) or distance > _HELD:
+        return memory
     lateral = distance * (math.tan(wrap(slip.lagged_value - then.direction)) - math.tan(then.drift))
     course = then.heading + then.direction
     return memory._replace(x=memory.x - lateral * math.sin(course), y=memory.y + lateral * math.cos(course))

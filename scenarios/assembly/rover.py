@@ -14,6 +14,7 @@ from controllers.path import Path
 from controllers.rover_driver import RoverDriverContext, RoverDriverLike, RoverDriverPart
 from estimators.context import RoverContext, SlipEstimator
 from estimators.rover_geometry import RoverGeometry
+from estimators.slip.repeated_views import NewViews
 from scenarios.assembly.loop_faults import refuse_loop_faults, sensor_faults
 from scenarios.assembly.rig_schedule import rig_schedule
 from scenarios.assembly.rover_sensors import (
@@ -52,7 +53,7 @@ class RoverSensing:
 
     sensor: Sensor[RoverTruth, Message]
     schedule: Schedule
-    estimator: SlipEstimator
+    estimator: NewViews
     view: TraceView | None  # the camera; None: the sensor is not a camera
 
 
@@ -154,7 +155,7 @@ def rover_sensing(mount: RoverMountContext) -> RoverSensing:
             rng=lambda k: mount.stream(f"fault {k}"),
         ),
         schedule=opened.schedule,
-        estimator=estimator,
+        estimator=NewViews(estimator, mount.rig.wheel_radius),
         view=opened.view,
     )
 

@@ -236,6 +236,7 @@ def slip(
     reported.
     """
     from estimators.context import RoverContext
+    from estimators.slip.repeated_views import NewViews
     from scenarios.catalogue import SLIP_ESTIMATOR, constructed, resolve
     from scenarios.randomness import stream
     from scenarios.recordings.rover_reader import open_rover_recording
@@ -251,7 +252,8 @@ def slip(
         context = RoverContext(rover=None, rig=recording.rig, rng=stream(0, "slip estimator"), options={})
         source = constructed("--estimator", estimator, lambda: part.of(context))
         with progress_display(shown=not (quiet or as_json)) as display, postponed_interrupts() as checked:
-            estimation = estimate_slip(recording, estimator, source, checked(progress_bar(display, "slip angle")))
+            watched = NewViews(source, recording.rig.wheel_radius)
+            estimation = estimate_slip(recording, estimator, watched, checked(progress_bar(display, "slip angle")))
             numbers = write_slip_estimation(
                 estimation,
                 results,

@@ -200,7 +200,7 @@ def rover_result(session: RoverSession, seed: int, inputs: RunInputs) -> RoverRe
         scenario_toml=scenario.to_toml(),
         seed=seed,
         outcome=session.outcome or "unfinished",
-        log=rover_log(parts.rig, session.rows, session.estimates, parts.path),
+        log=rover_log(parts.rig, session.rows, session.estimates, parts.path, faults=bool(scenario.faults)),
         rover=parts.rover.name,
         path=parts.path.points(_SPACING),
         rig=parts.rig,

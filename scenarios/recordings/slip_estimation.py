@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.context import SlipEstimator
 from estimators.estimates import Health, SlipAngle
+from estimators.protocol import Estimator
 from scenarios.progress import Progress, no_progress
 from scenarios.recordings.rover_reader import RoverRecording
 from scenarios.results import metrics
@@ -47,7 +47,7 @@ class SlipEstimation:
 
 
 def estimate_slip(
-    recording: RoverRecording, name: str, source: SlipEstimator, progress: Progress = no_progress
+    recording: RoverRecording, name: str, source: Estimator[Any, Any, SlipAngle], progress: Progress = no_progress
 ) -> SlipEstimation:
     """Estimate the slip angle in every image; an interrupt ends this early and keeps the images so far.
 

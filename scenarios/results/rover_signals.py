@@ -30,6 +30,9 @@ _ESTIMATE: Final = (
     Signal("trace_offset", "m", "lateral offset of the trace from the wheel's centre, + left"),
     Signal("trace_confidence", "-", "confidence that the trace is the wheel's own"),
 )
+_FALLBACK: Final = Signal(
+    "fallback", "-", "1 while no new slip angle comes and the drift is carried on from the last one, else 0"
+)
 _LAGGED: Final = (
     Signal("slip_angle_lagged", "rad", "slip angle at this tick, estimated with later images, too"),
     Signal("slip_angle_lagged_std", "rad", "its standard deviation"),
@@ -62,14 +65,21 @@ def path_coordinates(path: Path, truth: RoverTruth, last_station: float) -> tupl
     return station, math.cos(on_path.psi) * (y - on_path.y) - math.sin(on_path.psi) * (x - on_path.x)
 
 
-def rover_log(rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path) -> Log:
-    """The log of a run along a path; the rows are read once, in order, and few of them are in memory at a time."""
-    return Log.of(_columns(rig, rows, estimates, path))
+def rover_log(
+    rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path, *, faults: bool = False
+) -> Log:
+    """The log of a run along a path; the rows are read once, in order, and few of them are in memory at a time.
+
+    A run with ``faults`` also tells where the drift is carried on without a slip angle.
+    """
+    return Log.of(_columns(rig, rows, estimates, path, faults))
 
 
-def _columns(rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path) -> Iterator[Column]:
+def _columns(
+    rig: TraceRig, rows: Sequence[RoverRow], estimates: Iterable[SlipAngle], path: Path, faults: bool
+) -> Iterator[Column]:
     (columns,) = columns_by_parts(rows, partial(_true_columns, rig, _Along(path)))
-    yield from columns
+    yield from (column for column in columns if faults or column[0] is not _FALLBACK)
     (ticks,) = (values for signal, values in columns if signal.name == "tick")
     yield from _estimate_columns(ticks, estimates)
 
@@ -109,6 +119,7 @@ def _true_columns(rig: TraceRig, path: _Along, rows: Sequence[RoverRow]) -> Iter
     yield drift, [one.navigated.drift for one in records]
     laser = Signal("slip_angle_laser", "rad", "slip angle by laser tracker and compass, some seconds old")
     yield laser, [math.nan if one.laser_slip is None else one.laser_slip for one in records]
+    yield _FALLBACK, [float(one.corrected.carried) for one in records]
     yield Signal("cross_track_true", "m", "lateral offset of R's origin from the path, + left"), along[:, 1]
 
 

@@ -147,3 +147,40 @@ def test_what_is_known_later_mends_the_way() -> None:
         seen = dataclasses.replace(slip(tick, 0.0), lagged_tick=tick - 2000, lagged_value=alpha, lagged_std=0.01)
         memory, pose = odometry.step(memory, readings(tick), seen if tick >= 2000 else None)
     assert pose.y == pytest.approx((1.6 - 0.16) * math.tan(alpha), abs=0.01 * math.tan(alpha))
+
+
+def carried(turn: float) -> RoverPose:
+    """Pose of a rover that turned by ``turn`` [rad] over 1.6 m, after its last slip angle of 0.1 rad."""
+    odometry, until = RoverOdometry(STEERED), 20_000
+    memory = odometry.init(0.0, 0.0, 0.0)
+    for tick in range(0, until + 1, STEP):
+        measured = slip(tick, 0.1) if tick <= 10_000 else None
+        heading = turn * min(1.0, max(0.0, (tick - 10_000) / 5_000))
+        memory, pose = odometry.step(memory, readings(tick, heading), measured)
+    return pose
+
+
+def test_the_drift_is_carried_on_without_slip_angles() -> None:
+    """Straight on nothing has changed. After a quarter turn a slope pulls along the rover, then to the other side.
+
+    The compass is followed within 2 s, so that 8 % of a turn are left after 5 s.
+    """
+    straight, quarter, half = (carried(turn) for turn in (0.0, 0.5 * math.pi, math.pi))
+    assert straight.carried
+    assert straight.drift == pytest.approx(0.1, abs=0.005)  # low-passed over 3 s, for 10 s: 4 % are left
+    assert quarter.drift == pytest.approx(0.0, abs=0.02)
+    assert half.drift == pytest.approx(-0.1, abs=0.01)
+
+
+def test_some_missing_images_are_no_loss() -> None:
+    """One image of 16 mm is missing: nothing is carried on; a lost estimate is none, but an old one is not new."""
+    odometry = RoverOdometry(STEERED)
+    memory = odometry.init(0.0, 0.0, 0.0)
+    flags = []
+    for tick in range(0, 4001, STEP):
+        measured = slip(min(tick // 400 * 400, 2000), 0.1)  # every fifth of a second one is missing, then all
+        memory, pose = odometry.step(memory, readings(tick), measured)
+        flags.append(pose.carried)
+    begin = flags.index(True) * STEP
+    assert abs(begin - (2000 + 1250)) <= STEP  # 0.1 m at 8 cm/s
+    assert all(flags[flags.index(True) :])

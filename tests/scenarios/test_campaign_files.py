@@ -116,6 +116,16 @@ def test_the_shipped_campaign_compares_three_laws_with_and_without_cameras() -> 
     assert {axes["surface.friction"] for axes in faulty} == {"0.8", "0.3"}
 
 
+def test_the_shipped_campaign_of_a_rover_has_the_faults_of_its_camera() -> None:
+    """Frozen, black, missing and repeated images, and images through dirt and glare, with both compensations."""
+    path = campaign_path("rover-camera-faults")
+    assert path is not None
+    read = load_campaign(path)
+    entries = {entry.kind for case in read.cases() if (entry := read.entry_of(case))}
+    assert entries == {"freeze", "blackout", "dropout", "duplicate", "dirt", "glare"}
+    assert {dict(case.axes)["slip_compensation"] for case in read.cases()} == {"crab", "heading"}
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

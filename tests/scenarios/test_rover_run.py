@@ -204,3 +204,26 @@ def test_what_can_not_be_run_is_one_line(settings: list[str], said: str, tmp_pat
     assert said in result.stderr
     assert result.stderr.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_frozen_camera_is_lost_and_the_drift_carried_on() -> None:
+    """From the first repeated image on; 0.1 m later, after 1.25 s, the rover no longer counts on a slip angle."""
+    log = driven("rover-slope", *SHORT, "course.length=0.7", "faults=freeze@5+2").log
+    time, seen = log["time"], np.isfinite(log["health"])
+    frozen = seen & (time >= 5.0) & (time < 7.0)
+    assert (log["health"][frozen] == 2.0).all()
+    assert (log["health"][seen & (time >= 7.0)] < 2.0).all()
+    assert log["fallback"][(time > 6.5) & (time < 7.0)].all()
+    assert not log["fallback"][time > 7.5].any()
+
+
+def test_messages_that_do_not_come_are_noticed() -> None:
+    """Not even a lost slip angle comes; 0.1 m are 1.25 s."""
+    log = driven("rover-slope", "course.length=1", "slip_estimator=truth", "faults=dropout:1@4+4").log
+    time, fallback = log["time"], log["fallback"]
+    assert 1.0 <= time[np.argmax(fallback)] - 4.0 <= 1.3  # the last reading came 0.2 s before that
+    assert not fallback[time > 8.5].any()
+
+
+def test_a_run_without_faults_has_no_signal_of_a_fallback() -> None:
+    assert "fallback" not in driven("rover-slope", *SLOPE, "slip_estimator=truth", "slip_compensation=none").log
