@@ -94,6 +94,7 @@ class Actuation:
 
     goal: FloatArray  # (n_steered,) angles to which the axles are on their way [rad]
     able: NDArray[np.bool_]  # (n_steered,) True for axles that answer to demands, be it slowly
+    at_grip: NDArray[np.bool_] | None = None  # (n_steered,) True for those that have no more side force to give
 
 
 Memory = TypeVar("Memory")
@@ -140,5 +141,8 @@ def told_actuation(law: TrailerSteering[Memory], memory: Memory, actuation: Actu
 
 
 def no_axle_answers(actuation: Actuation | None) -> bool:
-    """True if it is known that no steered axle answers to demands."""
-    return actuation is not None and not actuation.able.any()
+    """True if it is known that no steered axle answers to demands for more side force."""
+    if actuation is None:
+        return False
+    answers = actuation.able if actuation.at_grip is None else actuation.able & ~actuation.at_grip
+    return not answers.any()

@@ -64,7 +64,7 @@ def trailer_law(
         return law
     if law_uses_off_tracking(name):
         law = Guarded(law, trailer, combination, degradation or Degradation())
-    return Supervised(ReverseLock(law, trailer), trailer)
+    return Supervised(ReverseLock(law, trailer), trailer, combination)
 
 
 def fallback_steers(memory: object) -> bool:

@@ -14,8 +14,8 @@ from controllers.trailer_steering.kinematics import AxleGroup
 from controllers.trailer_steering.supervision import Supervised, actuator_findings
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
+from tests.trailers import COMBINATION, signals
 from tests.trailers import TWO_OF_THREE as TRAILER
-from tests.trailers import signals
 from vehicle.frames import FloatArray
 
 PERIOD = 20  # [ticks]
@@ -46,7 +46,7 @@ def driven(
     until: int, faulty: Callable[[int, FloatArray, FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray, Actuation]:
     """Angles and demands (n, 2) [rad] of all steps, and what the law was told last."""
-    law, angles, course, demands = Supervised(Ramp(), TRAILER), np.zeros(2), [], []
+    law, angles, course, demands = Supervised(Ramp(), TRAILER, COMBINATION), np.zeros(2), [], []
     memory = law.init()
     for tick in range(0, until, PERIOD):
         memory, command = law.step(memory, tick, None, signals(tick, angles=angles))
