@@ -8,6 +8,9 @@ With linear tyres F_i = -C_i (u + kappa x_i - delta_i), where u is the unknown s
 curvature of its path, and x_i the position of axle i. The moments about the front hitch determine u, then the forces at
 the front hitch follow, unit by unit from the steered trailer to the tractor. Forces of inertia and gravity are left
 out; they are in proportion to the lateral acceleration, which includes the gravity along the axles of a banked road.
+
+The signals have the angles of one trailer. Steered axles of those ahead of it point where they travel, for that is what
+they are steered for.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from vehicle.combination.description import GRAVITY, Axle, Vehicle
 from vehicle.combination.loads import static_axle_loads
 
 _LEAN = 0.07  # lean of a laden trailer's body per lateral acceleration: 4 deg/g
+_MOST_STEER = 0.8  # angle of an axle that follows its direction of travel [rad]
 _LEAST_SPEED = 0.5  # curvature is yaw rate over speed, and noise at rest [m/s]
 
 
@@ -33,11 +37,19 @@ class _Tyres(NamedTuple):
     steered: bool
 
 
+class _Motion(NamedTuple):
+    """Motion of a unit."""
+
+    v_x: float  # along its axis [m/s]
+    direction: float  # tangent of its direction of travel at the origin, + left [-]
+    curvature: float  # of its path [1/m]
+
+
 class TyreScrub:
     """Nominal slip of the tractor's rear axle due to scrub of its own tyres and those of the trailers."""
 
     def __init__(self, vehicle: Vehicle, unit: int) -> None:
-        """For signals of the towed ``unit``; steered axles of trailers ahead of it count as straight."""
+        """For signals of the towed ``unit``."""
         loads = static_axle_loads(vehicle)
         self._units = [list(map(_tyres, ahead.axles, of)) for ahead, of in zip(vehicle.units, loads, strict=True)]
         self._units = self._units[: unit + 1]
@@ -45,17 +57,17 @@ class TyreScrub:
 
     def slip(self, signals: CombinationSignals) -> float:
         """Slip angle [rad] of the tractor's rear axle, + to the left."""
-        curvatures = self._curvatures(signals)
-        gammas = signals.articulation
+        motions, gammas = self._motions(signals), signals.articulation
         force_x, force_y = 0.0, 0.0  # of the unit behind on this one, at its rear hitch [N]
         for unit in range(len(self._units) - 1, 0, -1):
             last = unit == len(self._units) - 1
-            angles = _angles(self._units[unit], signals.angles.tolist() if last else ())
+            axles, motion = self._units[unit], motions[unit]
+            angles = _angles(axles, signals.angles.tolist() if last else _travel(axles, motion))
             moment = 0.0 if last else force_y * self._hitches[unit]
-            x, y = _forces(self._units[unit], angles, curvatures[unit], moment)
+            x, y = _forces(axles, angles, motion.curvature, moment)
             c, s = math.cos(gammas[unit - 1]), math.sin(gammas[unit - 1])
             force_x, force_y = c * (x + force_x) + s * (y + force_y), c * (y + force_y) - s * (x + force_x)
-        return self._rear_slip(curvatures[0], force_y)
+        return self._rear_slip(motions[0].curvature, force_y)
 
     def per_acceleration(self) -> float:
         """Slip angle of the tractor's rear axle per lateral acceleration [rad s2/m] of tyres that carry their load.
@@ -71,25 +83,22 @@ class TyreScrub:
 
         It is what the accelerometer measures beyond the curve. The body leans out, and the sensor with it.
         """
-        v_x, curvature = self._rolling(signals)[-1]
-        return signals.lateral_acceleration / (1.0 + _LEAN) - curvature * v_x**2
+        motion = self._motions(signals)[-1]
+        return signals.lateral_acceleration / (1.0 + _LEAN) - motion.curvature * motion.v_x**2
 
-    def _curvatures(self, signals: CombinationSignals) -> list[float]:
-        """Curvature [1/m] of every unit's path, without slip."""
-        return [curvature for _, curvature in self._rolling(signals)]
-
-    def _rolling(self, signals: CombinationSignals) -> list[tuple[float, float]]:
-        """Speed [m/s] of every unit along its axis, and the curvature [1/m] of its path, without slip."""
+    def _motions(self, signals: CombinationSignals) -> list[_Motion]:
+        """Motion of every unit at its front hitch, the tractor's at its rear axle, without slip of the tractor."""
         v_x, v_y = signals.speed, 0.0
-        rolling = []
+        motions = []
         for unit, rate in enumerate(signals.yaw_rates[: len(self._units)].tolist()):
             if unit:
                 c, s = math.cos(signals.articulation[unit - 1]), math.sin(signals.articulation[unit - 1])
                 v_x, v_y = c * v_x - s * v_y, s * v_x + c * v_y
-            rolling.append((v_x, rate / math.copysign(max(abs(v_x), _LEAST_SPEED), v_x)))
+            least = math.copysign(max(abs(v_x), _LEAST_SPEED), v_x)
+            motions.append(_Motion(v_x, v_y / least, rate / least))
             if unit < len(self._hitches):
                 v_y += rate * self._hitches[unit]
-        return rolling
+        return motions
 
     def _rear_slip(self, curvature: float, force_y: float) -> float:
         """Slip at the tractor's origin, from the moments about its foremost axle."""
@@ -110,6 +119,12 @@ def _forces(axles: Sequence[_Tyres], angles: Sequence[float], curvature: float, 
     forces = [-tyres.stiffness * (u + slip) for tyres, slip in zip(axles, free, strict=True)]
     x = -sum(force * math.sin(angle) for force, angle in zip(forces, angles, strict=True))
     return x, sum(force * math.cos(angle) for force, angle in zip(forces, angles, strict=True))
+
+
+def _travel(axles: Sequence[_Tyres], motion: _Motion) -> list[float]:
+    """Direction of travel of every steered axle [rad]."""
+    tangents = (motion.direction + motion.curvature * tyres.x for tyres in axles if tyres.steered)
+    return [max(-_MOST_STEER, min(_MOST_STEER, math.atan(tangent))) for tangent in tangents]
 
 
 def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
