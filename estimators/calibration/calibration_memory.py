@@ -65,6 +65,7 @@ class SelfCalibrationMemory(NamedTuple, Generic[Memory]):
     view: View | None = None
     X_VC: FloatArray = np.eye(4)  # of the newest frame in the view
     look: float = 0.0  # distance from the view at which yaw is measured next [m]
+    clipped: float = 0.0  # share of clipped pixels in the images of late
     rest: float = 0.0  # distance from the last view before which none is needed, unless yaw is in doubt [m]
 
 

@@ -31,6 +31,7 @@ from vehicle.frames import FloatArray, inverse
 
 FEWEST = 25  # points; fewer may agree by chance
 _PER_BUCKET = 2  # corners; 250 to 350 points on an ordinary road
+_PER_BUCKET_CLIPPED = 8  # the same in clipped images: without clouds, which tell yaw at once, it takes more points
 _CLOSURE = 0.6  # largest distance between start and end of the track from left to right and back [px]
 _LEAST_CORRELATION = 0.8  # of two patches, normalised
 _MOVED = 2.5  # largest distance of the warped match from the Lucas-Kanade result [px]
@@ -89,9 +90,14 @@ def new_view(
     rotation: RightRotation,
     doubt: float,
     rng: np.random.Generator,
+    *,
+    clipped: bool = False,
 ) -> View:
-    """View of a frame; ``doubt`` is the standard deviation of the rotation [rad]."""
-    left, right = _pairs(calibration, frame, geometry, rotation, doubt)
+    """View of a frame; ``doubt`` is the standard deviation of the rotation [rad].
+
+    A view for ``clipped`` images has more points.
+    """
+    left, right = _pairs(calibration, frame, geometry, rotation, doubt, _PER_BUCKET_CLIPPED if clipped else _PER_BUCKET)
     as_straight = straight(calibration, left, right, geometry, rotation)
     disparity = np.maximum(left[:, 0] - as_straight[:, 0], _AHEAD)
     planes = local_planes(calibration, left, disparity, rng)
@@ -163,9 +169,10 @@ def _pairs(
     geometry: PairGeometry,
     rotation: RightRotation,
     doubt: float,
+    per_bucket: int,
 ) -> tuple[Points, Points]:
     """Corners in the left and the raw right image that track there and back."""
-    corners = detect_corners(frame.left, per_bucket=_PER_BUCKET)
+    corners = detect_corners(frame.left, per_bucket=per_bucket)
     guess = raw(calibration, corners, corners - disparity_guess(calibration, corners), geometry, rotation)
     right, found = track(frame.left, frame.right, corners, guess, LEVELS)
     back, found_again = track(frame.right, frame.left, right, corners, LEVELS_NEAR)

@@ -59,7 +59,7 @@ from estimators.calibration.seen_motion import STANDING, ground_moves
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion, doubt, with_calibration
 from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import CircularOdometry
-from estimators.odometry.exposure import alike
+from estimators.odometry.exposure import alike, clipped_share
 from estimators.odometry.keyframe import KeyframeOdometry
 from estimators.protocol import Memory, Odometry
 from estimators.rigid_motion import chained, rotation_vector
@@ -71,6 +71,8 @@ from vehicle.frames import so3_exp
 _REMATCHED = 3  # rounds of matching and fitting, each from the result of the one before
 _SETTLED = 1.0  # change of the angles after which no more round is needed [standard deviations]
 _ASSUMED = 0.15  # relative error of a velocity with the displacement along the optical axis alone compensated, 1 sigma
+_CLIPPED = 0.05  # share of the pixels above which images count as clipped
+_FADING = 0.97  # of that share, from frame to frame: automatic exposure clips some frames and others not
 _LONGEST_LOSS = 500  # older frames are not returned to for a restart [ticks]
 
 
@@ -100,6 +102,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         The motion of a frame that contradicts the estimate is lost, and the frame is skipped.
         """
         frame = alike(self._calibration, frame)
+        memory = memory._replace(clipped=max(clipped_share(frame.left), _FADING * memory.clipped))
         memory, changed = self._with_fit(memory, frame)
         if memory.suspect is frame:
             return memory, self._message(lost_motion(frame.tick, memory.previous[-1].frame.tick), memory)
@@ -275,6 +278,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
             memory.state.rotation,
             doubt,
             rng,
+            clipped=memory.clipped > _CLIPPED,
         )
         seen = view if len(view.left) >= FEWEST else None
         return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state), rest=0.0)

@@ -85,6 +85,17 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     return mean
 
 
+def clipped_share(image: GreyImage) -> float:
+    """Share of the image's pixels at the ends of its range: nearly 0 of an image that is not clipped.
+
+    A left image that is limited to the levels of the right one counts as clipped there.
+    """
+    sample = image[::4]
+    low, high, _, _ = cv2.minMaxLoc(sample)
+    inside = cv2.countNonZero(cv2.inRange(sample, low + 1, high - 1))
+    return 1.0 - inside / sample.size
+
+
 def _clipped(image: GreyImage) -> GreyImage:
     """Mask of the clipped pixels: 255 or 0."""
     return np.asarray(cv2.bitwise_not(cv2.inRange(image, _DARKEST, _BRIGHTEST)), dtype=np.uint8)
