@@ -102,7 +102,7 @@ class SelfCalibratedOdometry(Generic[Memory]):
         The motion of a frame that contradicts the estimate is lost, and the frame is skipped.
         """
         frame = alike(self._calibration, frame)
-        memory = memory._replace(clipped=max(clipped_share(frame.left), _FADING * memory.clipped))
+        memory = _with_clipping(memory, frame)
         memory, changed = self._with_fit(memory, frame)
         if memory.suspect is frame:
             return memory, self._message(lost_motion(frame.tick, memory.previous[-1].frame.tick), memory)
@@ -289,3 +289,10 @@ class SelfCalibratedOdometry(Generic[Memory]):
         correcting = self._correcting
         doubts = doubt(self._calibration, memory.state, memory.applied, speed, shift, correcting=correcting)
         return with_calibration(self._calibration, motion, memory.state, doubts)
+
+
+def _with_clipping(memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
+    """Memory with the share of clipped pixels; a view from before the first clipped frame has too few points."""
+    clipped = max(clipped_share(frame.left), _FADING * memory.clipped)
+    begins = clipped > _CLIPPED >= memory.clipped
+    return memory._replace(clipped=clipped, view=None if begins else memory.view)

@@ -90,9 +90,22 @@ class CircularOdometry:
         """Motion since the reference frame with its corners, near the motion predicted from the last velocity.
 
         If there is none near the prediction, any motion is accepted, searched from rest and marked as degraded. The
-        covariance counts features as independent.
+        covariance counts features as independent. Frames whose exposures differ are compared once more at the points
+        that were tracked.
         """
-        reference, frame = both_alike(reference, frame)
+        exposed, limited = both_alike(reference, frame)
+        if exposed is reference:
+            return self._motion(reference, corners, frame, last)
+        corners = detect_corners(exposed.left, per_bucket=PER_BUCKET)  # those that are not clipped in either image
+        motion = self._motion(exposed, corners, limited, last)
+        if motion.health is Health.LOST:
+            return motion
+        exposed, limited = both_alike(reference, frame, motion.tracks)
+        again = self._motion(exposed, corners, limited, motion)
+        return motion if again.health is Health.LOST else again
+
+    def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:
+        """Motion between frames of equal exposures."""
         if last is None:
             return self._rematched(np.eye(4), np.inf, reference, corners, frame)
         ticks = frame.tick - reference.tick

@@ -26,6 +26,7 @@ from vehicle.frames import FloatArray
 _CELL = 24  # larger than errors of the guessed disparity, small enough for cells without clipped pixels [px]
 _DARKEST, _BRIGHTEST = 3, 252  # pixels outside are clipped, or nearly so [grey levels]
 _CLIPPED = 0.02  # largest share of clipped pixels in a cell that is compared
+_AROUND = 11  # side of the surroundings of a tracked point [px]
 _FEWEST = 40  # cells; images with fewer in common show nothing to compare
 _LEAST_SPREAD = 4.0  # standard deviation over the cells; below it noise decides the gain [grey levels]
 _ROUNDS = 6  # of the fit without outliers, at most
@@ -64,9 +65,18 @@ def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
     return MatchedFrame(tick=frame.tick, left=left_image, right=right_image, colour=frame.colour)
 
 
-def both_alike(frame: StereoFrame, other: StereoFrame) -> tuple[StereoFrame, StereoFrame]:
-    """Frames of two moments, the first exposed like the second; the same objects if they agree."""
-    change = _change(frame.left, cell_means(frame.left), other.left, cell_means(other.left))
+def both_alike(
+    frame: StereoFrame, other: StereoFrame, tracks: NDArray[np.float32] | None = None
+) -> tuple[StereoFrame, StereoFrame]:
+    """Frames of two moments, the first exposed like the second; the same objects if they agree.
+
+    With ``tracks`` (n, 4) of points in both left images [px], their surroundings are compared instead of the same
+    places: the motion between the frames then has no effect.
+    """
+    if tracks is None:
+        change = _change(frame.left, cell_means(frame.left), other.left, cell_means(other.left))
+    else:
+        change = _tracked_change(frame.left, other.left, tracks)
     if change is None:
         return frame, other
     changed = replace(frame, left=_exposed(frame.left, change), right=_exposed(frame.right, change))
@@ -135,6 +145,22 @@ def _change(
     levels = np.quantile(x, _SPREAD)
     change = best.gain * levels + best.offset - levels
     return best if np.abs(change).max() > _ALIKE else None
+
+
+def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32]) -> Exposure | None:
+    """Change of exposure by the surroundings of the same points; None if too few of them are not clipped."""
+    x, y = (_levels_around(image, at) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
+    compared = np.isfinite(x + y)
+    return _fitted(x[compared], y[compared]) if np.count_nonzero(compared) >= _FEWEST else None
+
+
+def _levels_around(image: GreyImage, points: Points) -> FloatArray:
+    """Mean grey levels (n,) around points (n, 2) [px]; NaN where pixels are clipped."""
+    level, clipped = (
+        cv2.remap(cv2.blur(of_all, (_AROUND, _AROUND)), points, None, cv2.INTER_LINEAR).ravel().astype(np.float64)
+        for of_all in (image.astype(np.float32), _clipped(image))
+    )
+    return np.where(clipped > 255.0 * _CLIPPED, np.nan, level)
 
 
 def _agree(x: FloatArray, y: FloatArray) -> bool:
