@@ -96,12 +96,14 @@ class CircularOdometry:
         exposed, limited = both_alike(reference, frame)
         if exposed is reference:
             return self._motion(reference, corners, frame, last)
-        corners = detect_corners(exposed.left, per_bucket=PER_BUCKET)  # those that are not clipped in either image
-        motion = self._motion(exposed, corners, limited, last)
+        in_both = detect_corners(exposed.left, per_bucket=PER_BUCKET)  # those that are not clipped in either image
+        motion = self._motion(exposed, in_both, limited, last)
         if motion.health is Health.LOST:
             return motion
         exposed, limited = both_alike(reference, frame, motion.tracks)
-        again = self._motion(exposed, corners, limited, motion)
+        if exposed is reference:
+            return self._motion(reference, corners, frame, last)
+        again = self._motion(exposed, in_both, limited, last)
         return motion if again.health is Health.LOST else again
 
     def _motion(self, reference: StereoFrame, corners: Points, frame: StereoFrame, last: Motion | None) -> Motion:

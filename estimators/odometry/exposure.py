@@ -140,25 +140,30 @@ def _change(
     if best is None and np.mean(np.isnan(source_cells) | np.isnan(target_cells)) > _MOSTLY:
         x, y = _unclipped_levels(source, target)
         best = _from_quantiles(x, y) if len(x) >= len(_RANKS) // 5 else None
-    if best is None:
-        return None
-    levels = np.quantile(x, _SPREAD)
-    change = best.gain * levels + best.offset - levels
-    return best if np.abs(change).max() > _ALIKE else None
+    return _if_visible(best, x)
 
 
 def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32]) -> Exposure | None:
-    """Change of exposure by the surroundings of the same points; None if too few of them are not clipped."""
+    """Change of exposure by the surroundings of the same points; None if they agree or cannot be compared."""
     x, y = (_levels_around(image, at) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
     compared = np.isfinite(x + y)
-    return _fitted(x[compared], y[compared]) if np.count_nonzero(compared) >= _FEWEST else None
+    x, y = x[compared], y[compared]
+    return _if_visible(_fitted(x, y) if len(x) >= _FEWEST else None, x)
+
+
+def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
+    """The change, if it matters at the levels (n,) that are compared; else None."""
+    if change is None:
+        return None
+    levels = np.quantile(x, _SPREAD)
+    return change if np.abs(change.gain * levels + change.offset - levels).max() > _ALIKE else None
 
 
 def _levels_around(image: GreyImage, points: Points) -> FloatArray:
     """Mean grey levels (n,) around points (n, 2) [px]; NaN where pixels are clipped."""
     level, clipped = (
         cv2.remap(cv2.blur(of_all, (_AROUND, _AROUND)), points, None, cv2.INTER_LINEAR).ravel().astype(np.float64)
-        for of_all in (image.astype(np.float32), _clipped(image))
+        for of_all in (image.astype(np.float32), _clipped(image).astype(np.float32))
     )
     return np.where(clipped > 255.0 * _CLIPPED, np.nan, level)
 

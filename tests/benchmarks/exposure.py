@@ -1,9 +1,9 @@
 """Cost of exposures that differ, between the cameras and over time: ``python -m tests.benchmarks.exposure``.
 
-Short drives are rendered once and estimated again with changed grey levels, clipped at 0 and 255. Printed are RMS errors
-over those with the exposures as they are, of the off-tracking and of the translation of single motions: pooled over the
-drives, then of each one. The change ``noise`` adds half a grey level of noise: what it costs is scatter. ``--images``
-keeps the rendered drives in a folder for the next time.
+Short drives are rendered once, and estimated with changed grey levels that are clipped at 0 and 255. Printed are RMS
+errors over those with the exposures as they are, of the off-tracking and of the translation of single motions: pooled
+over the drives, then of each one. The change ``noise`` adds half a grey level of noise: what it costs is scatter.
+``--images`` keeps the rendered drives in a folder for the next time.
 """
 
 from __future__ import annotations
