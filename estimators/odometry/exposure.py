@@ -161,8 +161,9 @@ def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
 
 def _levels_around(image: GreyImage, points: Points) -> FloatArray:
     """Mean grey levels (n,) around points (n, 2) [px]; NaN where pixels are clipped."""
+    u, v = np.ascontiguousarray(points.T)
     level, clipped = (
-        cv2.remap(cv2.blur(of_all, (_AROUND, _AROUND)), points, None, cv2.INTER_LINEAR).ravel().astype(np.float64)
+        cv2.remap(cv2.blur(of_all, (_AROUND, _AROUND)), u, v, cv2.INTER_LINEAR).ravel().astype(np.float64)
         for of_all in (image.astype(np.float32), _clipped(image).astype(np.float32))
     )
     return np.where(clipped > 255.0 * _CLIPPED, np.nan, level)
