@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from estimators.estimates import Health
-from estimators.odometry.exposure import alike, both_alike
+from estimators.odometry.circular import CircularOdometry
+from estimators.odometry.exposure import alike, both_alike, clipped_share
 from estimators.protocol import Odometry
 from scenarios.catalogue import ODOMETRY, resolve
 from sensors.messages import GreyImage, StereoFrame
@@ -69,6 +70,27 @@ def test_blank_images_are_left_alone(drive: Drive) -> None:
         assert alike(drive.calibration, blank) is blank
     tiny = StereoFrame(tick=0, left=frame.left[:20, :40], right=frame.right[:20, :40])
     assert alike(drive.calibration, tiny) is tiny
+
+
+def test_exposures_over_time_are_compared_at_the_tracked_points(drive: Drive) -> None:
+    """The other frame is exposed alike; at the tracks the map is right to 3 %, whatever moved through the cells."""
+    before, now = drive.frames[20:22]
+    _, (motion,) = drive.run(CircularOdometry(drive.calibration), [before, now])
+    darker = replace(now, left=exposed(now.left, 0.5, 10.0), right=exposed(now.right, 0.5, 10.0))
+    changed, _ = both_alike(before, darker, motion.tracks)
+    gain, offset = level_map(before.left, before.left, changed.left)
+    assert gain == pytest.approx(0.5, rel=0.03)
+    assert 120.0 * gain + offset == pytest.approx(70.0, abs=1.0)  # at the mean level, to a grey level
+    assert both_alike(before, now, motion.tracks)[0] is before
+
+
+def test_clipped_share_counts_what_the_other_camera_does_not_show(drive: Drive) -> None:
+    """The left image is limited to the levels of the right one: pixels beyond them are as good as clipped."""
+    frame = drive.frames[20]
+    bright = float(np.mean(frame.left >= 128))
+    limited = alike(drive.calibration, right_exposed(frame, 2.0, 0.0))
+    assert clipped_share(frame.left) < 0.02
+    assert clipped_share(limited.left) == pytest.approx(bright, abs=0.06)  # a level of noise at the limit is 3 %
 
 
 @pytest.mark.parametrize("name", sorted(ODOMETRY))
