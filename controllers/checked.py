@@ -16,6 +16,7 @@ from estimators.estimates import OffTracking
 from estimators.slip.rover_odometry import RoverPose
 from sensors.messages import CombinationSignals, EgoState
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 from vehicle.own_code import defined_at, raised_at
 from vehicle.plant_like import EndedError
 from vehicle.rover.command import RoverCommand
@@ -63,6 +64,10 @@ class CheckedLaw(Generic[Memory]):
             raise misbehaviour(name, tick, f"returned the angles {angles.tolist()} rad", law)
         return result
 
+    def close(self) -> None:
+        """Close the law."""
+        close_part(self.law)
+
 
 class CheckedDriver(Generic[Memory]):
     """A tractor driver whose every step is checked."""
@@ -84,6 +89,10 @@ class CheckedDriver(Generic[Memory]):
         result = _called(self._name, tick, self.driver, lambda: self.driver.step(memory, tick, ego), DriverCommand)
         _check_numbers(self._name, tick, self.driver, result[1]._asdict())
         return result
+
+    def close(self) -> None:
+        """Close the driver."""
+        close_part(self.driver)
 
 
 class CheckedRoverDriver(Generic[Memory]):
@@ -111,6 +120,10 @@ class CheckedRoverDriver(Generic[Memory]):
                 raise misbehaviour(self._name, pose.tick, event, driver)
             _check_numbers(self._name, pose.tick, driver, {f"{field}[{k}]": value for k, value in enumerate(values)})
         return result
+
+    def close(self) -> None:
+        """Close the driver."""
+        close_part(self.driver)
 
 
 def _called(

@@ -108,10 +108,9 @@ class Session:
         return Run(summary(result), result.log, None, result)
 
     def close(self) -> None:
-        """Free the renderer of the cameras."""
+        """Free the renderer of the cameras, and end the processes of FMUs."""
         self._session.close()
-        if isinstance(self._session, TrailerSession):
-            self._session.parts.close()
+        self._session.parts.close()
 
     def __enter__(self) -> Session:
         return self

@@ -44,6 +44,7 @@ from estimators.estimates import Health, OffTracking
 from estimators.off_tracking.signal_monitor import Finding, MonitorMemory, SignalMonitor
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 
@@ -162,6 +163,10 @@ class Guarded:
             fallback, target = self._fallback.steered(fallback, tick, signals, np.array(memory.demand))
         memory = self._steered(memory, tick, target, elapsed)
         return memory._replace(law=law, fallback=fallback, tick=tick), SteerCommand(angles=np.array(memory.demand))
+
+    def close(self) -> None:
+        """Close the law."""
+        close_part(self.law)
 
     def _monitored(self, memory: GuardMemory, estimate: OffTracking | None, signals: CombinationSignals) -> GuardMemory:
         """Memory with the signals compared with each other, and with a new estimate that they have no part in."""

@@ -15,6 +15,7 @@ from controllers.trailer_steering.limits import reachable
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 
 _BACKWARD: Final = -0.25  # below the 0.1 m/s at which a stopped combination rocks on its tyres [m/s]
 _FORWARD: Final = 0.25  # [m/s]
@@ -56,3 +57,7 @@ class ReverseLock:
             return ReverseLockMemory(memory.law, tick, True, tuple(command.angles.tolist())), command
         law, command = self.law.step(self.law.init() if memory.locked else memory.law, tick, off_tracking, signals)
         return ReverseLockMemory(law, tick, False, tuple(command.angles.tolist())), command
+
+    def close(self) -> None:
+        """Close the law."""
+        close_part(self.law)

@@ -34,6 +34,7 @@ from controllers.trailer_steering.limits import reachable
 from estimators.estimates import OffTracking
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 from vehicle.frames import FloatArray
 
 # Slip by the linear law beyond which side force of a faulty axle is not counted on: tyres on ice, 0.14/4.6 [rad]. What
@@ -88,6 +89,10 @@ class Supervised:
         monitor = self._monitor.sent(monitor, self._trailer.actuator_angles(command.angles))
         sent = tuple(command.angles.tolist())
         return SupervisionMemory(inner, tick, sent, differs, monitor, grip, at_grip), command
+
+    def close(self) -> None:
+        """Close the law."""
+        close_part(self.law)
 
     def _actuation(self, memory: SupervisionMemory, monitor: ActuatorMemory, angles: FloatArray) -> Actuation:
         sent = np.array(memory.sent)

@@ -34,6 +34,7 @@ from sensors.sand.trace_rig import TraceRig
 from sensors.sand.world import SandWorld, Sun
 from sensors.sensor import Message, Sensor, check_receives
 from vehicle.clock import Schedule
+from vehicle.closing import close_part
 from vehicle.rover.description import Rover, load_rover
 from vehicle.rover.height_map import HeightMap, load_height_map
 from vehicle.rover.plant import RoverPlant
@@ -78,6 +79,11 @@ class RoverAssembly:
     def view(self) -> TraceView | None:
         """The camera; None if there is none."""
         return self.sensing.view or self.recording
+
+    def close(self) -> None:
+        """Close the driver and the estimator."""
+        close_part(self.driver)
+        close_part(self.sensing.estimator)
 
 
 def assemble_rover(scenario: RoverScenario, seed: int, *, record: bool = False) -> RoverAssembly:

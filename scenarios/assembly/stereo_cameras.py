@@ -20,6 +20,7 @@ from sensors.camera.raw_camera import Imperfections, RawStereoCamera, pinholes_f
 from sensors.camera.rig import StereoCalibration
 from sensors.camera.stereo_camera import StereoCamera
 from sensors.messages import StereoFrame, TrailerView
+from vehicle.closing import close_part
 
 MemoryT = TypeVar("MemoryT")
 EstimateT = TypeVar("EstimateT")
@@ -44,6 +45,10 @@ class Rectified(Generic[MemoryT, EstimateT]):
         if message.frame is not None:
             message = replace(message, frame=self._rectifier.step(message.frame))
         return self._estimator.step(memory, message)
+
+    def close(self) -> None:
+        """Close the estimator."""
+        close_part(self._estimator)
 
 
 class StereoCameras:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -28,6 +29,7 @@ from scenarios.progress import Progress, no_progress
 from scenarios.randomness import stream
 from sensors.instruments.combination import CombinationSensors
 from vehicle.clock import Schedule
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
 
@@ -52,6 +54,11 @@ class WatchedTrailer:
     def n_steered(self) -> int:
         """Number of its steered axles."""
         return sum(self.geometry.steered)
+
+    def close(self) -> None:
+        """Close law and estimator."""
+        close_part(self.law)
+        close_part(self.sensing.estimator)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +100,12 @@ class Assembly:
         return self.driver.start_speed if self.driver else self.scenario.speed
 
     def close(self) -> None:
-        """Close the renderer."""
+        """Close the parts that hold a process or a file, and the renderer."""
+        for trailer in self.trailers:
+            trailer.close()
+        if self.driver:
+            close_part(self.driver.driver)
+        close_part(self.plant)
         self.views.close()
 
 
@@ -113,6 +125,16 @@ def assemble(
         ValueError: one line, if the scenario is not consistent.
         RendererUnavailableError: one line, if cameras are needed and OpenGL does not work here.
     """
+    with ExitStack() as opened:
+        parts = _assembled(scenario, seed, opened, keep_colour=keep_colour, record=record, progress=progress)
+        opened.pop_all()
+        return parts
+
+
+def _assembled(
+    scenario: Scenario, seed: int, opened: ExitStack, *, keep_colour: bool, record: bool, progress: Progress
+) -> Assembly:
+    """The parts of a run; ``opened`` closes those that are there when a later one is refused."""
     nominal = vehicle_of(scenario)
     kind = plant_kind(scenario)
     simulated = with_failing_brakes(scenario, plant_vehicle(scenario, nominal), kind)
@@ -120,16 +142,21 @@ def assemble(
     course = course_of(scenario, nominal)
     surface, remarks = opened_ground(scenario, course, seed)
     geometries = {unit: trailer_geometry(nominal, unit) for unit in units}
-    laws = {unit: _law(scenario, nominal, unit, geometry) for unit, geometry in geometries.items()}
+    laws: dict[int, TrailerSteering[Any]] = {}
+    for unit, geometry in geometries.items():
+        laws[unit] = _law(scenario, nominal, unit, geometry)
+        opened.callback(close_part, laws[unit])
     plant = opened_plant(scenario, simulated, surface)
     brakes = opened_brake_faults(scenario, simulated, partial(stream, seed))
     streams = {unit: partial(trailer_stream, seed, simulated, unit) for unit in units}
     faults = {unit: opened_trailer_faults(scenario, simulated, unit, kind, streams[unit]) for unit in units}
     driver = None if kind == "constant_slip" else opened_driver(scenario, nominal, course)
+    opened.callback(close_part, driver.driver if driver else None)
     schedule = rig_schedule(scenario.rig, LOG_PERIOD)
     last = units[-1]
     traffic = traffic_around(scenario.traffic, nominal.units[last], geometries[last], surface, stream(seed, "traffic"))
     views = Views(lambda: built_world(scenario.world, course, surface, stream(seed, "world")), traffic)
+    opened.callback(views.close)
 
     def mount(unit: int) -> MountContext:
         own = streams[unit]
@@ -153,13 +180,12 @@ def assemble(
         )
 
     mounts = {unit: mount(unit) for unit in units}
-    try:
-        sensing = {unit: opened_sensing(mounts[unit]) for unit in reversed(units)}  # the last owns the renderer
-        records_only = record and sensing[last].cameras is None
-        recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None
-    except BaseException:
-        views.close()
-        raise
+    sensing: dict[int, Sensing] = {}
+    for unit in reversed(units):  # the last owns the renderer
+        sensing[unit] = opened_sensing(mounts[unit])
+        opened.callback(close_part, sensing[unit].estimator)
+    records_only = record and sensing[last].cameras is None
+    recording = opened_sensor("stereo_camera", mounts[last]) if records_only else None
     return Assembly(
         scenario=scenario,
         seed=seed,

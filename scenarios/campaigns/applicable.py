@@ -51,7 +51,7 @@ def problem(scenario: str, settings: Iterable[str]) -> str:
         loaded = loaded.model_copy(update=_WITHOUT_CAMERAS)
     try:
         if isinstance(loaded, RoverScenario):
-            assemble_rover(loaded, 1)
+            assemble_rover(loaded, 1).close()
         else:
             assemble(loaded, 1).close()
     except ValueError as error:

@@ -90,6 +90,7 @@ def assess(
     from scenarios.standards.assessment import loaded
     from scenarios.standards.files import write_assessment
     from scenarios.standards.pilots import steered_trailer
+    from vehicle.closing import close_part
     from vehicle.combination.description import load_vehicle
 
     with one_line_errors(), ExitStack() as cleanup:
@@ -98,7 +99,7 @@ def assess(
         kinds = formats_of(drawings)
         if missing := missing_package(needed_packages(kinds)):
             raise ValueError(missing)
-        steered_trailer(chosen, trailer_steering)  # rejects unknown laws and vehicles without steered axles for the law
+        close_part(steered_trailer(chosen, trailer_steering))  # refuses what can not be steered
         with progress_display(shown=not (quiet or as_json)) as display:
             assessment = driven(
                 chosen,

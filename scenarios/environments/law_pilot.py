@@ -24,6 +24,7 @@ from scenarios.environments.surrogate import SurrogateParameters
 from scenarios.environments.trailer_steering import TrailerSteering as TrailerSteeringCore
 from sensors.messages import CombinationSignals
 from vehicle.clock import TICK, to_ticks
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.frames import FloatArray
 from vehicle.polyline import arc_length
@@ -67,6 +68,7 @@ class LawPilot:
 
     def begin(self, observation: NDArray[np.float32]) -> None:
         """Begin episodes in all lanes, with their first observation (n, n_features)."""
+        self.close()
         self._tick = 0
         self._marks.clear()
         self._lanes = [self._opened(float(row[self._column["follow_distance"]])) for row in observation]
@@ -83,6 +85,12 @@ class LawPilot:
             actions[k] = command.angles / self._geometry.max_steer
         self._tick += self._period
         return actions
+
+    def close(self) -> None:
+        """Close the laws of all episodes."""
+        for lane in self._lanes:
+            close_part(lane.law)
+        self._lanes = []
 
     def _opened(self, follow_distance: float) -> _Lane:
         geometry = _lengthened(self._geometry, follow_distance)

@@ -28,6 +28,7 @@ from scenarios.results.trailer_signals import Estimate
 from sensors.instruments.combination import CombinationSensors
 from sensors.messages import StereoFrame
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.combination.truth import Truth
 from vehicle.frames import FloatArray
@@ -98,6 +99,7 @@ class SensedTrailer:
             stream=own,
         )
         sensing = opened_sensing(mount)
+        self._worker, self._estimator = worker, sensing.estimator
         use_cameras = images and sensing.cameras is None
         source = opened_sensor("stereo_camera", mount) if use_cameras else sensing
         self._channel: SensedChannel[Truth, StereoFrame, OffTrackingEstimate] = SensedChannel(
@@ -154,7 +156,8 @@ class SensedTrailer:
         return np.array([self._channel.image_age(self._tick, without=NEVER), *self._signal_features])
 
     def close(self) -> None:
-        """Close the cameras."""
+        """Close the estimator, once it has finished its last message, and the cameras."""
+        self._worker.submit(close_part, self._estimator).result()
         self._views.close()
 
 

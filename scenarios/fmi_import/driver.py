@@ -111,6 +111,10 @@ class FmuDriver(DriverLike[FmuDriverMemory]):
         self._command = DriverCommand(found["steer"], acceleration, found.get("gear", 1.0))
         return FmuDriverMemory(start, station, pace), self._command
 
+    def close(self) -> None:
+        """End the FMU's process."""
+        self._instance.close()
+
     def _signals(self, near: float, tick: int, ego: EgoState) -> tuple[float, dict[str, float]]:
         """Station of the guided point, and the inputs [SI] of the FMU."""
         path = self._course.path

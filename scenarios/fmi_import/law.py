@@ -83,6 +83,10 @@ class FmuLaw(SteeringLaw[int]):
             self._command = np.array([found[f"steer_demand_{k}"] for k in range(1, self._n + 1)])
         return memory, SteerCommand(angles=self._command)
 
+    def close(self) -> None:
+        """End the FMU's process."""
+        self._instance.close()
+
 
 def _given(
     tick: int, off_tracking: OffTracking | None, signals: CombinationSignals, used: frozenset[str]

@@ -99,6 +99,10 @@ class FmuOffTracking:
         count = found.get("off_tracking_count", memory + 1.0)  # without it every step gives a new one
         return count, estimate if count > memory else None
 
+    def close(self) -> None:
+        """End the FMU's process."""
+        self._instance.close()
+
 
 def off_tracking_of(file: str) -> type[FmuOffTracking]:
     """Class of the source of off-tracking of an FMU.

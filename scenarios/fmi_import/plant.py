@@ -116,6 +116,7 @@ class FmuPlant:
         Raises:
             ValueError: one line, if the FMU can't be started, or its lengths are not those of the data sheet.
         """
+        self.close()
         starts = {"start_x": pose.x, "start_y": pose.y, "start_psi": pose.psi, "start_speed": speed}
         self._instance = FmuInstance(self.fmu, self._map, self._map.start_values(starts))
         command = VehicleCommand(0.0, 0.0, (0.0,) * (self._n_steered - len(self._vehicle.units[0].steered_axles)))
@@ -147,6 +148,11 @@ class FmuPlant:
     def observe(self, state: FloatArray, tick: int) -> Truth:
         """Ground truth of this state."""
         return self._truths[int(state[0])]
+
+    def close(self) -> None:
+        """End the FMU's process."""
+        if self._instance is not None:
+            self._instance.close()
 
     def _signals(self, poses: FloatArray, command: VehicleCommand) -> dict[str, float]:
         x, y, psi = poses.T

@@ -18,6 +18,7 @@ from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
 from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from sensors.messages import EgoState
+from vehicle.closing import close_part
 
 _MOTION: Final = (
     Signal("x", "m", "position of the tractor's rear axle"),
@@ -42,6 +43,7 @@ def driver_proxy(scenario: Scenario) -> Proxy:
         raise ValueError(f"scenario {scenario.name}: nobody drives, its motion is prescribed")
     vehicle = vehicle_of(scenario)
     opened = opened_driver(scenario, vehicle, course_of(scenario, vehicle))
+    close_part(opened.driver)
     hitches = range(1, len(vehicle.units))
     articulation = [Signal(f"articulation_{k}", "rad", f"at hitch {k}: unit ahead minus behind") for k in hitches]
     changes = {"trailer_steering": "none", "steering": {}, "off_tracking": "truth", "estimator": {}}
@@ -96,4 +98,5 @@ class DriverComputation:
         raise ValueError(f"there is no output {name}")
 
     def close(self) -> None:
-        """Nothing to finish."""
+        """Close the driver."""
+        close_part(self._driver)

@@ -31,6 +31,7 @@ from scenarios.fmi_proxy.description import Proxy, quantity
 from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from vehicle.clock import Schedule, to_ticks
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.option import Option, Parameter
 
@@ -95,7 +96,7 @@ def law_proxy(
     unit = steered_unit(vehicle) if unit is None else unit
     trailer, combination = trailer_geometry(vehicle, unit), Combination(vehicle, unit)
     limits = degradation or Degradation()
-    trailer_law(name, trailer, combination, given, limits)  # checks everything
+    close_part(trailer_law(name, trailer, combination, given, limits))  # checks everything
     options = law_options(resolve("trailer_steering", name, TRAILER_STEERING))
     numbers = [_parameter(option, given) for option in options if _is_number(option, given)]
     fixed = {key: value for key, value in given.items() if key not in {one.name for one in numbers}}
@@ -198,7 +199,8 @@ class LawComputation:
         raise ValueError(f"there is no output {name}")
 
     def close(self) -> None:
-        """Nothing to finish."""
+        """Close the law."""
+        close_part(self._law)
 
 
 def _value(value: Any, folder: Path) -> Parameter:

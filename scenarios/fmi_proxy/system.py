@@ -29,6 +29,7 @@ from scenarios.fmi_proxy.sensor import MEASURED, sensor_proxy
 from scenarios.loop.control import CONTROL
 from scenarios.options.scenario import Scenario
 from vehicle.clock import TICK, to_ticks
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.surface import Surface
 
@@ -125,6 +126,7 @@ def fmu_system(scenario: Scenario, seed: int, step: float = 0.01) -> FmuSystem:
     nominal, ground = vehicle_of(scenario), LaidGround(scenario, seed)
     course = course_of(scenario, nominal)
     opened = opened_driver(scenario, nominal, course)
+    close_part(opened.driver)
     starts = dict(zip(("start_x", "start_y", "start_psi"), course.start, strict=True))
     starts |= {"start_speed": opened.start_speed, **ground.at_start}
     components = {"driver": driver_proxy(scenario).exported(_VERSION)}

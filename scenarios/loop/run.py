@@ -161,7 +161,7 @@ def run_rover(
     """
     inputs = run_inputs(scenario.model_dump(exclude_none=True))
     with ExitStack() as cleanup:
-        parts = assemble_rover(scenario, seed, record=record is not None)
+        parts = cleanup.enter_context(closing(assemble_rover(scenario, seed, record=record is not None)))
         recorder = cleanup.enter_context(RoverRecordingWriter(record, parts.rig)) if record else None
         session = cleanup.enter_context(RoverSession(parts, keep_frames=keep_frames, recorder=recorder))
         progress = _watched(progress, watch, partial(rover_result, session, seed, inputs))

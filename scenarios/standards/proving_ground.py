@@ -19,6 +19,7 @@ from scenarios.results.log import Column, Log, Signal
 from scenarios.results.trailer_signals import tyre_columns, unit_columns
 from scenarios.standards.pilots import SteerProgramme, steered_trailer
 from vehicle.clock import TICK, to_ticks
+from vehicle.closing import close_part
 from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import Plant
 from vehicle.combination.truth import Truth
@@ -95,8 +96,11 @@ def drive(
         channels=[trailer.channel for trailer in trailers],
         stopwatch=stopwatch,
     )
-    while session.outcome is None:
-        session.advance()
+    try:
+        while session.outcome is None:
+            session.advance()
+    finally:
+        close_part(watched)
     return Drive(outcome=session.outcome, log=drive_log(vehicle, [row.truth for row in session.rows]))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
 from typing import Any, Final, NamedTuple, Protocol, cast
 
@@ -106,14 +107,13 @@ def scored(plan: Plan, condition: Condition, law: str, network: Network, episode
         domain=condition.domain,
         autoreset_mode=AutoresetMode.DISABLED,
     )
-    try:
+    with ExitStack() as cleanup:
+        cleanup.callback(env.close)
         core = cast(TrailerSteering, env.core)
         pilot: _Pilot = NetworkPilot(network)
         if law != POLICY:
-            pilot = LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())
+            pilot = cleanup.enter_context(closing(LawPilot(core, load_vehicle(plan.vehicle), law, load_surrogate())))
         return _score(driven(env, pilot, _SEED + plan.seed))
-    finally:
-        env.close()
 
 
 def driven(env: Any, pilot: _Pilot, seed: int, options: dict[str, Any] | None = None) -> list[dict[str, Any]]:

@@ -6,7 +6,6 @@ for Windows needs the extra ``zig``; it is compiled, not run.
 
 from __future__ import annotations
 
-import gc
 import importlib.util
 import json
 import os
@@ -81,7 +80,6 @@ def test_sensor_law_driver_and_plant_as_fmus_with_cameras(tmp_path: Path) -> Non
         map_file(files["off_tracking"]).write_text(f'[parameters]\n"frames" = "{frames}"\n', encoding="utf-8")
         done = offtrack.run("roundabout", settings=keys)
         done.save(out)
-        gc.collect()  # ends the processes of the FMUs, which finish their recordings
         return done, json.loads((out / "manifest.json").read_text())["frames_sha256"], frames
 
     own, sha, _ = run()
@@ -124,8 +122,7 @@ def estimate(tick: int, speed: float) -> OffTracking:
 
 
 def children() -> set[int]:
-    """Processes that this one has started and not waited for; that of an FMU ends when its run is collected."""
-    gc.collect()
+    """Processes that this one has started and not waited for."""
     return {int(number) for number in Path("/proc/thread-self/children").read_text().split()}
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import gc
 import io
 import shutil
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -20,19 +22,19 @@ from scenarios.catalogue import ODOMETRY, resolve
 from scenarios.cli import app
 from scenarios.fmi_import.archive import open_fmu
 from scenarios.fmi_import.instance import FmuInstance
-from scenarios.fmi_import.law import law_of, law_signals
+from scenarios.fmi_import.law import FmuLaw, law_of, law_signals
 from scenarios.fmi_import.mapping import PartSignals, Signal, map_file, read_map
 from scenarios.fmi_import.plant import plant_signals
-from tests.fmus import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, rolling_plant
+from tests.fmus import LAW, LAW_CODE, Quantity, build_fmu, proportional_law, pursuit_driver, rolling_plant
 from vehicle.combination.description import load_vehicle
 
 SIGNALS = law_signals(2, 2)
+SHORT: dict[str, Any] = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
 
 
 def run(**settings: object) -> offtrack.Run:
     """A short run; points in the names of keys are written as __."""
-    short = {"off_tracking": "truth", "course.turn_deg": 30.0, "course.entry": 20.0, "course.exit": 5.0}
-    return offtrack.run("roundabout", settings=short | {key.replace("__", "."): x for key, x in settings.items()})
+    return offtrack.run("roundabout", settings=SHORT | {key.replace("__", "."): x for key, x in settings.items()})
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +72,56 @@ def test_a_law_as_fmu_gives_the_log_of_the_same_law_in_python(law: Path) -> None
     assert own.log.names == other.log.names
     for name in own.log.names:
         np.testing.assert_array_equal(other[name], own[name], name)
+
+
+def processes() -> set[int]:
+    """Processes that this one has started and not waited for."""
+    return {int(number) for file in Path("/proc/self/task").glob("*/children") for number in file.read_text().split()}
+
+
+@pytest.fixture
+def without_collection() -> Iterator[None]:
+    """No collection of garbage, which ends the processes of FMUs that nobody else has ended."""
+    gc.collect()
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("without_collection")
+def test_the_processes_of_fmus_end_with_the_session(law: Path, tmp_path: Path) -> None:
+    """Law, driver and plant; a snapshot has three of its own, and so does one that is run to the end."""
+    plant = rolling_plant(tmp_path, load_vehicle("uk_longer_semitrailer").units[0].rear_hitch[0], 8.0)
+    parts = {"trailer_steering": str(law), "driver.kind": str(pursuit_driver(tmp_path)), "plant.fmu": str(plant)}
+    before = processes()
+    with offtrack.Session("roundabout", settings=SHORT | parts) as session:
+        session.step(0.05)
+        assert len(processes() - before) == 3
+        with copy.deepcopy(session) as other:
+            assert len(processes() - before) == 6
+            other.step(0.05)
+        assert len(processes() - before) == 3
+        session.step(0.05)
+    assert processes() == before
+
+
+@pytest.mark.usefixtures("without_collection")
+@pytest.mark.parametrize("mishap", ["late part", "interrupt"])
+def test_the_processes_of_fmus_end_however_a_run_does(law: Path, mishap: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The law is there before the source of off-tracking is refused, and before the first step."""
+    before = processes()
+    if mishap == "late part":
+        with pytest.raises(ValueError, match="nowhere") as refused:  # its traceback keeps the law
+            run(trailer_steering=str(law), off_tracking="nowhere:Source")
+        assert refused.value.__traceback__ is not None
+    else:
+        monkeypatch.setattr(FmuLaw, "step", interrupted)
+        assert run(trailer_steering=str(law)).summary["outcome"] == "interrupted"
+    assert processes() == before
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_a_run_whose_fmu_crashes_ends_diverged_and_says_why(law: Path) -> None:
