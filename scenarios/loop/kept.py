@@ -7,6 +7,7 @@ import pickle
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from threading import Lock
 from typing import Any, Generic, NamedTuple, TypeVar, cast, overload
 
 ItemT = TypeVar("ItemT")
@@ -55,7 +56,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
     """A growing sequence whose memory does not grow: an hour has 360 000 rows of some kilobytes each.
 
     Items must not be changed. Those that can not be pickled stay in memory, and so do all if there is no room on disk.
-    Copies share what is in the file.
+    Copies share what is in the file. A thread may get single items while another one appends.
     """
 
     def __init__(self, chunk: int, items: Iterable[ItemT] = (), *, recent: int = 0) -> None:
@@ -64,6 +65,7 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         self._older: list[_Stored | list[ItemT]] = []  # of one chunk each
         self._newest: list[ItemT] = []
         self._file: _File | None = None
+        self._lock = Lock()  # while items change their place
         for item in items:
             self.append(item)
 
@@ -71,9 +73,10 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         """Add an item."""
         self._newest.append(item)
         if len(self._newest) >= self._recent + 2 * self._chunk:
-            oldest = self._newest[: self._chunk]
-            del self._newest[: self._chunk]
-            self._older.append(self._stored(oldest))
+            oldest = self._stored(self._newest[: self._chunk])
+            with self._lock:
+                del self._newest[: self._chunk]
+                self._older.append(oldest)
 
     def __len__(self) -> int:
         return self._chunk * len(self._older) + len(self._newest)
@@ -91,10 +94,11 @@ class Kept(Sequence[ItemT], Generic[ItemT]):
         if isinstance(index, slice):
             opened: dict[int, list[ItemT]] = {}  # chunks, each read once
             return [self._at(place, opened) for place in range(len(self))[index]]
-        place = index + len(self) if index < 0 else index
-        if not 0 <= place < len(self):
-            raise IndexError(index)
-        return self._at(place, {})
+        with self._lock:
+            place = index + len(self) if index < 0 else index
+            if not 0 <= place < len(self):
+                raise IndexError(index)
+            return self._at(place, {})
 
     def _at(self, place: int, opened: dict[int, list[ItemT]]) -> ItemT:
         chunk, rest = divmod(place, self._chunk)

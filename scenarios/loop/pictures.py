@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from array import array
+from bisect import bisect_right
 from collections import deque
 from concurrent.futures import Executor, Future
 from typing import Final, Generic, TypeVar
@@ -21,6 +23,8 @@ from vehicle.combination.truth import Truth
 from vehicle.rover.truth import RoverTruth
 
 _IN_MEMORY: Final = 5  # pictures, twice as many at most: an hour has 36 000 of some hundred kilobytes each
+_TRUTHS: Final = 50  # are written at once
+_RECENT: Final = 500  # truths in memory: images arrive some tenths of a second after their capture
 
 TruthT = TypeVar("TruthT", bound=Stamped)
 RecorderT = TypeVar("RecorderT")
@@ -50,12 +54,21 @@ class Pictures(Generic[TruthT, RecorderT]):
         self._digest = _Digest()
         self._coming = deque[tuple[int, Future[bytes]]]()  # pictures that are being compressed, oldest first
         self._kept: Kept[tuple[int, bytes]] = Kept(_IN_MEMORY)
-        self._truths: dict[int, TruthT] = {}  # by tick: a delayed image is recorded with the truth at its capture
+        self._truths: Kept[TruthT] = Kept(_TRUTHS, recent=_RECENT)
+        self._ticks = array("q")  # of the truths
 
     def follow(self, truth: TruthT) -> None:
         """Remember the truth for images that arrive later."""
         if self._recorder:
-            self._truths[truth.tick] = truth
+            self._truths.append(truth)
+            self._ticks.append(truth.tick)
+
+    def _truth(self, tick: int) -> TruthT:
+        """Truth at the capture of an image."""
+        place = bisect_right(self._ticks, tick) - 1
+        if place < 0 or self._ticks[place] != tick:
+            raise KeyError(tick)
+        return self._truths[place]
 
     @property
     def frames(self) -> list[tuple[int, bytes]]:
@@ -119,7 +132,7 @@ class StereoPictures(Pictures[Truth, RecordingWriter]):
         if channel != self._channel:
             return
         if self._recorder:
-            self._recorder.add(frame, self._truths[frame.tick].bodies[self._unit])
+            self._recorder.add(frame, self._truth(frame.tick).bodies[self._unit])
         if self._keep and self._cameras:
             rectified = self._cameras.rectified
             self.add(frame.tick, self._worker.submit(lambda: _stereo_jpeg(rectified(frame))))
@@ -141,7 +154,7 @@ class TracePictures(Pictures[RoverTruth, RoverRecordingWriter]):
             return
         self._digest.update(message.image.tobytes())
         if self._recorder:
-            self._recorder.add(message, self._truths[message.tick])
+            self._recorder.add(message, self._truth(message.tick))
         if self._keep and self._camera is not None:
             with self._stopwatch.timed("render"):
                 picture: Future[bytes] = Future()

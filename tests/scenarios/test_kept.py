@@ -5,12 +5,20 @@ from __future__ import annotations
 import copy
 import pickle
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
+from typing import ClassVar, cast
 
 import numpy as np
 import pytest
 
 from scenarios.loop.kept import Kept
+from scenarios.loop.pictures import TracePictures
+from scenarios.loop.stopwatch import Stopwatch
+from scenarios.recordings.rover_writer import RoverRecordingWriter
+from sensors.messages import RoverView
+from vehicle.rover.truth import RoverTruth
 
 
 @pytest.mark.parametrize("count", [0, 1, 9, 10, 19, 20, 21, 57])
@@ -51,6 +59,26 @@ def test_copies_go_on_by_themselves() -> None:
     assert list(one) == [*range(23), -1, *range(-100, -120, -1)]
 
 
+class Asking:
+    """An item that is read by another thread while it is being written to the file."""
+
+    kept: ClassVar[Kept[Asking]] = Kept(2)
+    read: ClassVar[list[Asking]] = []
+
+    def __reduce__(self) -> tuple[object, ...]:
+        with ThreadPoolExecutor() as threads:
+            self.read.append(threads.submit(self.kept.__getitem__, 3).result(timeout=10.0))
+        return (Asking, ())
+
+
+def test_a_thread_reads_while_another_one_appends() -> None:
+    """The renderer's thread asks for a truth while the loop's thread writes older ones to the file."""
+    items = [Asking() for _ in range(4)]
+    for item in items:
+        Asking.kept.append(item)
+    assert Asking.read == [items[3], items[3]]
+
+
 def test_arrays_come_back_bit_by_bit() -> None:
     rows = np.random.default_rng(1).normal(size=(50, 3))
     rows[7, 1] = np.nan
@@ -72,3 +100,45 @@ def test_only_the_newest_are_in_memory() -> None:
     assert in_memory < 2e6
     assert not any(isinstance(chunk, list) for chunk in kept._older)
     assert kept[123][0] == 123.0
+
+
+class Views:
+    """Stands for the writer of a recording."""
+
+    def __init__(self) -> None:
+        self.added: list[tuple[int, float]] = []
+
+    def add(self, view: RoverView, truth: RoverTruth) -> None:
+        self.added.append((view.tick, float(truth.pose[0])))
+
+
+def test_an_old_image_is_recorded_with_the_truth_at_its_capture() -> None:
+    """A frozen image may be a minute old; of 1200 truths at most 600 are in memory. An image of no step is an error."""
+    none, views = np.zeros(4), Views()
+    truth = RoverTruth(
+        tick=0,
+        pose=np.zeros(3),
+        velocity=np.zeros(3),
+        X_WB=np.eye(4),
+        wheel_positions=np.zeros((4, 3)),
+        wheel_headings=none,
+        wheel_velocities=np.zeros((4, 2)),
+        wheel_speeds=none,
+        wheel_turns=none,
+        steer=none,
+        slip_ratios=none,
+        slip_angles=none,
+        sinkages=none,
+        loads=none,
+    )
+    view = RoverView(tick=0, image=np.zeros((1, 1), dtype=np.uint8), heading=0.0, wheel_speeds=none, steer=none)
+    pictures = TracePictures(None, Stopwatch(), keep=False, recorder=cast("RoverRecordingWriter", views))
+    for tick in range(0, 60_000, 50):
+        pictures.follow(replace(truth, tick=tick, pose=np.array([1e-3 * tick, 0.0, 0.0])))
+    ticks = (59_950, 59_900, 0, 3050)
+    for tick in ticks:
+        pictures.see(0, replace(view, tick=tick), truth)
+    assert views.added == [(tick, 1e-3 * tick) for tick in ticks]
+    assert len(pictures._truths._newest) <= 600
+    with pytest.raises(KeyError):
+        pictures.see(0, replace(view, tick=3051), truth)
