@@ -14,8 +14,8 @@ from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.channel import InLine
 from scenarios.loop.combination import TrailerSession
+from scenarios.loop.result import rover_result, trailer_result
 from scenarios.loop.rover import RoverSession
-from scenarios.loop.run import rover_result, trailer_result
 from scenarios.options.rover import RoverScenario
 from scenarios.results.run_inputs import run_inputs
 from scenarios.results.summary import summary

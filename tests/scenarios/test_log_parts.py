@@ -13,8 +13,8 @@ import pytest
 from scenarios.assembly.rover import assemble_rover
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
+from scenarios.loop.result import trailer_result
 from scenarios.loop.rover import RoverSession
-from scenarios.loop.run import trailer_result
 from scenarios.options.rover import RoverScenario
 from scenarios.options.scenario import load_any_scenario, load_scenario
 from scenarios.results import parts

@@ -17,7 +17,7 @@ import numpy as np
 
 from scenarios.assembly.trailer import assemble
 from scenarios.loop.combination import TrailerSession
-from scenarios.loop.run import trailer_result
+from scenarios.loop.result import trailer_result
 from scenarios.options.scenario import load_scenario
 from scenarios.results.run_inputs import RunInputs
 from tests.soak.measure import usage
