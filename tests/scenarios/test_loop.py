@@ -28,6 +28,7 @@ from vehicle.clock import TICK
 pytestmark = pytest.mark.usefixtures("worlds")
 EXACT = ("off_tracking=truth", "reference_unit=false")
 SHORT = (*EXACT, "course.entry=20", "course.turn_deg=30", "course.exit=5")
+QUICK = "speed_kmh=20"  # half as many steps
 SEEN = ("course.length=20", "rig.width=480", "rig.height=200", "world.scenery_density=0.3")
 
 
@@ -81,34 +82,38 @@ def test_news_is_as_old_as_the_latency_says(rate_hz: float, latency: float) -> N
 
 def test_captures_follow_the_cameras_schedule() -> None:
     """Estimates carry the tick of their capture: 100 ms apart at 10 Hz."""
-    log = short().log
+    log = short(QUICK).log
     ticks = log["tick"][np.isfinite(log["health"])]
     np.testing.assert_array_equal(np.diff(ticks), 100.0)
 
 
-def test_the_same_seed_gives_bitwise_the_same_log_and_images(worlds: Any) -> None:
-    """Determinism is what makes a run evidence; another seed must show another world. Fifteen frames are taken."""
+@pytest.fixture(scope="module")
+def seen(worlds: Any) -> RunResult:
+    """A second of a run with cameras; ten frames are taken."""
+    return run(load_scenario("constant-slip", SEEN), 1, progress=interrupted_after(100))
+
+
+def test_the_same_seed_gives_bitwise_the_same_log_and_images(worlds: Any, seen: RunResult) -> None:
+    """Determinism is what makes a run evidence; another seed must show another world."""
     scenario = load_scenario("constant-slip", SEEN)
-    first = run(scenario, 1, progress=interrupted_after(150))
     worlds.forget()
-    again = run(scenario, 1, progress=interrupted_after(150))
+    again = run(scenario, 1, progress=interrupted_after(100))
     other = run(scenario, 2, progress=interrupted_after(20))
-    assert len(first.log) == 150
-    assert first.log == again.log
-    assert first.manifest["frames_sha256"] == again.manifest["frames_sha256"]
-    assert first.manifest["frames_sha256"] != other.manifest["frames_sha256"]
+    assert len(seen.log) == 100
+    assert seen.log == again.log
+    assert seen.manifest["frames_sha256"] == again.manifest["frames_sha256"]
+    assert seen.manifest["frames_sha256"] != other.manifest["frames_sha256"]
 
 
-def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other() -> None:
+def test_a_paced_run_has_bitwise_the_log_and_images_of_any_other(seen: RunResult) -> None:
     """Cameras are rendered in a thread while the loop goes on, and their estimates arrive after the same latency."""
     scenario = load_scenario("constant-slip", SEEN)
-    free = run(scenario, 1, progress=interrupted_after(100))
     kept = run(scenario, 1, pacer=Pacer(8.0), progress=interrupted_after(5))  # it is told every 0.2 s
-    assert len(kept.log) == len(free.log) == 100
-    assert kept.log == free.log
-    assert kept.manifest["frames_sha256"] == free.manifest["frames_sha256"]
+    assert len(kept.log) == len(seen.log) == 100
+    assert kept.log == seen.log
+    assert kept.manifest["frames_sha256"] == seen.manifest["frames_sha256"]
     assert "paced" in summary(kept)
-    assert "paced" not in summary(free)
+    assert "paced" not in summary(seen)
 
 
 def test_left_and_right_roundabout_are_mirror_images() -> None:
@@ -182,12 +187,12 @@ def test_path_following_takes_away_the_cut_in() -> None:
 )
 def test_every_setting_has_an_effect(setting: str, plain: RunResult) -> None:
     """An option that is silently ignored makes a user believe in a run that never was."""
-    assert short(*setting.split()).log != plain.log
+    assert short(QUICK, *setting.split()).log != plain.log
 
 
 @pytest.fixture(scope="module")
 def plain() -> RunResult:
-    return short()
+    return short(QUICK)
 
 
 class Anchored:
@@ -202,7 +207,7 @@ class Anchored:
 
 def test_a_vehicle_that_gets_stuck_times_out() -> None:
     """That is an outcome, not an endless run: half as much time again as the course takes, and 10 s."""
-    parts = assemble(load_scenario("roundabout", SHORT), seed=1)
+    parts = assemble(load_scenario("roundabout", (*SHORT, QUICK)), seed=1)
     stuck = OpenedDriver(driver=Anchored(), duration=parts.duration, start_speed=parts.start_speed)
     session = TrailerSession(replace(parts, driver=stuck))
     while session.outcome is None:
