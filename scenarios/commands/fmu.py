@@ -116,7 +116,8 @@ def map_variables(
     """
     with one_line_errors():
         from scenarios.fmi_import.archive import open_fmu
-        from scenarios.fmi_import.mapping import first_map, map_file
+        from scenarios.fmi_import.first_map import first_map
+        from scenarios.fmi_import.mapping import map_file
         from scenarios.fmi_import.signals import signals_of
         from scenarios.results.files import check_new_file, replaced
         from vehicle.combination.description import load_vehicle

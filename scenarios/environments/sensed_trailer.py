@@ -21,7 +21,7 @@ from scenarios.assembly.trailer import trailer_stream
 from scenarios.assembly.views import Views, built_world
 from scenarios.courses import Course
 from scenarios.environments.sensed import SensedChannel
-from scenarios.loop.combination import OffTrackingEstimate, as_estimate
+from scenarios.loop.pilot import OffTrackingEstimate, as_estimate
 from scenarios.options.scenario import Scenario
 from scenarios.randomness import stream
 from scenarios.results.trailer_signals import Estimate

@@ -25,9 +25,9 @@ from scenarios.fmi_proxy.computation import Opening, moments
 from scenarios.fmi_proxy.description import Proxy, Text, quantity
 from scenarios.fmi_proxy.scenario_files import scenario_files, scenario_in
 from scenarios.loop.channel import estimator_thread
-from scenarios.loop.combination import SteeredTrailer
 from scenarios.loop.control import CONTROL
 from scenarios.loop.pictures import StereoPictures
+from scenarios.loop.pilot import SteeredTrailer
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.options.driver import DriverOptions
 from scenarios.options.scenario import Scenario

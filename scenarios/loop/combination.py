@@ -1,236 +1,26 @@
-"""The loop of a combination: driver, trailers with channels and steering laws, and the judge that ends a run."""
+"""The closed-loop run of a combination: pilot, channels of the trailers, pictures and judge in one session."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from functools import partial
-from typing import TypeVar
 
-import numpy as np
-
-from controllers.driver import DriverCommand, DriverLike
-from controllers.trailer import SteerCommand
-from controllers.trailer_steering.actuator_monitor import ActuatorFinding
-from controllers.trailer_steering.guard import signal_findings
-from controllers.trailer_steering.supervision import actuator_findings
-from estimators.estimates import CameraOffTracking, OffTracking
-from estimators.off_tracking.signal_monitor import Finding
-from scenarios.assembly.trailer import LOG_PERIOD, Assembly, WatchedTrailer
-from scenarios.assembly.trailer_law import fallback_steers
-from scenarios.hil.demands import DRIVER
+from scenarios.assembly.trailer import LOG_PERIOD, Assembly
 from scenarios.hil.link import Link
-from scenarios.loop.bench import Sensed, TrailerBench, opened_bench
-from scenarios.loop.channel import Channel, Stateful, estimator_thread
-from scenarios.loop.control import CONTROL
+from scenarios.loop.bench import opened_bench
+from scenarios.loop.channel import Channel, estimator_thread
+from scenarios.loop.course_judge import CourseJudge
 from scenarios.loop.pictures import StereoPictures
-from scenarios.loop.recorded_drive import RecordedDrive
-from scenarios.loop.referee import Referee
+from scenarios.loop.pilot import CombinationPilot, OffTrackingEstimate, SteeredTrailer
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch
-from scenarios.loop_faults.applied import BrakeFaults
 from scenarios.recordings.stereo_writer import RecordingWriter
-from scenarios.results.trailer_signals import CombinationRecord, Estimate
-from sensors.instruments.navigation import DriverPerception
+from scenarios.results.trailer_signals import CombinationRecord
 from sensors.sensor import Message
-from vehicle.clock import TICK
-from vehicle.combination.description import Vehicle
 from vehicle.combination.plant import VehicleCommand
 from vehicle.combination.truth import Truth
-from vehicle.frames import FloatArray, Pose2
-
-MemoryT = TypeVar("MemoryT")
-OffTrackingEstimate = OffTracking | CameraOffTracking
-
-_PATIENCE = 1.5  # longest duration of a run over the planned one; beyond it the vehicle is stuck
-_GRACE = 10.0  # added for a start on a slope [s]
-
-
-class SteeredTrailer:
-    """A watched trailer in a running loop: its channel, its steering law, and the law's latest demand."""
-
-    def __init__(
-        self,
-        trailer: WatchedTrailer,
-        worker: Executor,
-        stopwatch: Stopwatch,
-        *,
-        renderer: Executor | None = None,
-        see: Callable[[Message, Truth], None] | None = None,
-    ) -> None:
-        sensing = trailer.sensing
-        self.trailer = trailer
-        self.channel: Channel[Truth, Message, OffTrackingEstimate] = Channel(
-            sensing.sensor,
-            sensing.schedule,
-            sensing.estimator,
-            worker,
-            stopwatch,
-            OffTracking,
-            CameraOffTracking,
-            renderer=renderer if sensing.cameras else None,
-            see=see,
-        )
-        self.demand = SteerCommand(angles=np.zeros(trailer.n_steered))
-        self.off_tracking: OffTracking | None = None  # newest that has reached the law
-        self._received = 0  # estimates of the channel that were sent to the law
-        self._arrived = self.demand.angles  # demand at the actuators [rad]
-        self.handovers: list[tuple[int, bool]] = []  # ticks at which law and fallback change; True: to the fallback
-        self._steered_by_bench = False
-        self._law = Stateful(trailer.law.init(), trailer.law.step)
-
-    @property
-    def estimates(self) -> Iterable[Estimate]:
-        """Estimates delivered so far, oldest first; to be read once."""
-        return map(as_estimate, self.channel.delivered)
-
-    @property
-    def newest(self) -> Estimate | None:
-        """The estimate delivered last."""
-        return None if self.channel.newest is None else as_estimate(self.channel.newest)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Signals that the law's guard has found at fault so far."""
-        return signal_findings(self._law.memory)
-
-    @property
-    def actuator_findings(self) -> tuple[ActuatorFinding, ...]:
-        """Faults of the steering actuators that the law's supervision has found so far; none if a bench has steered."""
-        return () if self._steered_by_bench else actuator_findings(self._law.memory)
-
-    def obey(self, demand: FloatArray) -> None:
-        """Take the demand (n_steered,) [rad] of a bench in place of the law's."""
-        self.demand, self._steered_by_bench = SteerCommand(angles=demand), True
-
-    def receive(self, tick: int) -> None:
-        """Send the estimates delivered by this tick to the law, where faults let them through."""
-        sent = self.channel.delivered[self._received :]
-        self._received += len(sent)
-        arrived = self.trailer.faults.carried("estimates", tick, sent)
-        if arrived:
-            self.off_tracking = as_estimate(arrived[-1]).off_tracking
-
-    def actuate(self, truth: Truth, *, is_new: bool) -> FloatArray:
-        """Demand (n_steered,) [rad] for the plant: the law's, as faults change it; ``is_new``: it is of this tick."""
-        faults, sent = self.trailer.faults, [self.demand.angles] if is_new else []
-        for demand in faults.carried("demands", truth.tick, sent):
-            self._arrived = demand
-        first = self.trailer.steers_ahead
-        angles = truth.steer[first : first + self.trailer.n_steered]
-        return faults.demanded(truth.tick, self._arrived, angles)
-
-    def control(self, truth: Truth) -> None:
-        """Update the law's demand."""
-        self.demand = self._law(truth.tick, self.off_tracking, self.trailer.signals.sample(truth))
-        by_fallback = fallback_steers(self._law.memory)
-        if by_fallback != (bool(self.handovers) and self.handovers[-1][1]):
-            self.handovers.append((truth.tick, by_fallback))
-
-
-class CombinationPilot:
-    """Driver and trailer steering together; both are updated at the driver's rate and hold in between."""
-
-    def __init__(
-        self,
-        vehicle: Vehicle,
-        driver: DriverLike[MemoryT] | None,
-        trailers: Sequence[SteeredTrailer],
-        bench: TrailerBench | None = None,
-        brakes: BrakeFaults | None = None,
-    ) -> None:
-        """Create the pilot of a ``vehicle``; without a driver its motion is prescribed.
-
-        Demands of the ``bench`` come before those of driver and laws. ``brakes`` are the faults of its brakes.
-        """
-        self.trailers = trailers
-        self._bench, self._brakes = bench, brakes or BrakeFaults()
-        self._driver = None if driver is None else Stateful(driver.init(), driver.step)
-        self._driver_demand = DriverCommand(steer=0.0, acceleration=0.0)
-        self._of_tractor = len(vehicle.units[0].steered_axles)
-        self._n_trailer_axles = sum(len(unit.steered_axles) for unit in vehicle.units[1:])
-
-    def control(self, truth: Truth, tick: int) -> tuple[VehicleCommand, CombinationRecord]:
-        """Command of this step."""
-        for trailer in self.trailers:
-            trailer.receive(tick)
-        due = CONTROL.due(tick)
-        if due:
-            if self._driver:
-                self._driver_demand = self._driver(tick, DriverPerception().sample(truth))
-            for trailer in self.trailers:
-                trailer.control(truth)
-            if self._bench:
-                self._obey(self._bench, truth)
-        demand = self._driver_demand
-        steer = self._trailer_steer(truth, is_new=due)
-        command = VehicleCommand(demand.steer, demand.acceleration, steer, demand.gear, self._brakes.shares(tick))
-        return command, CombinationRecord(demand, tuple(trailer.demand for trailer in self.trailers))
-
-    def _obey(self, bench: TrailerBench, truth: Truth) -> None:
-        """Send the signals of this step, and take the demands of the bench."""
-        sensed = [
-            Sensed(one.trailer.name, one.off_tracking, one.trailer.signals.sample(truth)) for one in self.trailers
-        ]
-        demands = bench.step(truth.tick, DriverPerception().sample(truth), sensed)
-        for trailer in self.trailers:
-            if trailer.trailer.name in demands:
-                trailer.obey(np.array(demands[trailer.trailer.name]))
-        if DRIVER in demands:
-            self._driver_demand = DriverCommand(*demands[DRIVER])
-
-    def _trailer_steer(self, truth: Truth, *, is_new: bool) -> tuple[float, ...]:
-        """Demands for every steered trailer axle [rad]; axles of trailers that are not watched stay straight."""
-        angles = np.zeros(self._n_trailer_axles)
-        for trailer in self.trailers:
-            first = trailer.trailer.steers_ahead - self._of_tractor
-            angles[first : first + trailer.trailer.n_steered] = trailer.actuate(truth, is_new=is_new)
-        return tuple(angles.tolist())
-
-
-class CourseJudge:
-    """Ends a run at the end of its course or recorded drive, at a mishap, or when the vehicle is stuck."""
-
-    def __init__(self, parts: Assembly) -> None:
-        road = None if parts.trace else parts.course.centreline  # the road of a recorded drive is unknown
-        self._referee = Referee(parts.vehicle, road, parts.course.road_half_width)
-        self._memory = self._referee.init()
-        tractor = parts.vehicle.units[0]
-        # A tractor on another part of the road, after a crossing or the wrong exit, is not on its course any more. On
-        # the right part of the road every point of the tractor is nearer to the path than this.
-        self._astray = float(np.max(parts.course.road_half_width)) + tractor.front_x - tractor.rear_x  # [m]
-        self._recorded = RecordedDrive(parts.trace) if parts.trace else None
-        self._parts = parts
-        self._station = 0.0  # of the guided point along the course [m]
-        self._elapsed = 0.0  # [s]
-
-    @property
-    def progress(self) -> float:
-        """Share of the course, or of a recorded drive, that is done, 0 to 1."""
-        parts = self._parts
-        done = self._elapsed / parts.duration if parts.trace else self._station / parts.course.length
-        return min(1.0, done)
-
-    def outcome(self, truth: Truth) -> str | None:
-        """Outcome of the run; None if it continues."""
-        self._elapsed = (truth.tick + LOG_PERIOD) * TICK
-        self._memory, mishap = self._referee.step(self._memory, truth)
-        if mishap is not None:
-            return mishap
-        parts, course = self._parts, self._parts.course
-        if self._recorded:
-            ends = self._elapsed >= parts.duration
-            return self._recorded.outcome(truth, ends=ends) or ("completed" if ends else None)
-        point = Pose2(*truth.poses[0]) @ Pose2(*course.reference, 0.0)
-        self._station = course.path.project(point.x, point.y, self._station)
-        on_path = course.path.pose(self._station)
-        if math.hypot(point.x - on_path.x, point.y - on_path.y) > self._astray:
-            return "left the road"
-        if self._station >= course.length - 1e-6:
-            return "completed"
-        return "timed out" if self._elapsed > _GRACE + _PATIENCE * parts.duration else None
 
 
 class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], AbstractContextManager["TrailerSession"]):
@@ -311,10 +101,3 @@ class TrailerSession(Session[Truth, VehicleCommand, CombinationRecord], Abstract
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def as_estimate(delivered: OffTrackingEstimate) -> Estimate:
-    """A delivered estimate with the camera motion behind it, if there is one."""
-    if isinstance(delivered, CameraOffTracking):
-        return Estimate(delivered.off_tracking, delivered.motion)
-    return Estimate(delivered)

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from scenarios.assembly.trailer import LOG_PERIOD, trailer_stream
-from scenarios.loop.combination import SteeredTrailer, TrailerSession
+from scenarios.loop.combination import TrailerSession
+from scenarios.loop.pilot import SteeredTrailer
 from scenarios.results.reference_unit import ReferenceOffTracking
 from scenarios.results.trailer_signals import TrailerTrack
 from vehicle.frames import FloatArray

@@ -11,7 +11,7 @@ import numpy as np
 from controllers.driver import PERIOD as DRIVER_PERIOD
 from controllers.driver import DriverLike
 from scenarios.loop.channel import InLine
-from scenarios.loop.combination import CombinationPilot, SteeredTrailer
+from scenarios.loop.pilot import CombinationPilot, SteeredTrailer
 from scenarios.loop.referee import Referee
 from scenarios.loop.session import Session
 from scenarios.loop.stopwatch import Stopwatch

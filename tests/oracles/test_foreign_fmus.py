@@ -19,8 +19,9 @@ from controllers.trailer import Combination, SteerCommand
 from estimators.estimates import OffTracking
 from scenarios.assembly.adapters import trailer_geometry
 from scenarios.fmi_import.archive import open_fmu
+from scenarios.fmi_import.first_map import first_map
 from scenarios.fmi_import.law import law_of
-from scenarios.fmi_import.mapping import first_map, map_file, read_map
+from scenarios.fmi_import.mapping import map_file, read_map
 from scenarios.fmi_import.signals import signals_of
 from sensors.messages import CombinationSignals
 from vehicle.combination.description import load_vehicle

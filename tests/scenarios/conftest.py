@@ -186,6 +186,12 @@ def runs_here(monkeypatch: pytest.MonkeyPatch) -> None:
     make_runs_here(monkeypatch)
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures of pages are put together but not drawn, which takes half of a page's time: for tests of other things."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda self, file, **_: file.write("<svg></svg>"))
+
+
 class Worlds:
     """Builds each world once: of the same arguments and generator comes the same one (tests/sensors/test_world.py)."""
 

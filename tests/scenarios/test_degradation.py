@@ -13,7 +13,10 @@ from scenarios.options.scenario import load_scenario
 from scenarios.results.run_result import RunResult
 
 STEER_LIMIT, STEER_RATE = math.radians(30.0), math.radians(20.0)  # of the long semitrailer's axles, its vehicle file
-ROUND = ("off_tracking=truth", "reference_unit=false", "course.turn_deg=90", "course.exit=5", "surface.friction=0.3")
+ROUND = (
+    *("off_tracking=truth", "reference_unit=false", "surface.friction=0.3"),
+    *("course.entry=20", "course.turn_deg=90", "course.exit=5"),  # the turn begins after 7.2 s
+)
 BEND = ("course.turn_deg=70", "course.entry=25")
 TURN = '{{direction = "{}", radius = 11.0, turn_deg = 90.0, straight = 12.0}}'
 SEEN = (
@@ -51,12 +54,12 @@ def assert_safe(result: RunResult) -> None:
     ("fault", "worst"),
     [
         ("dropout:0.3@6", 0.12),  # single messages do not matter: within the bar of the undisturbed loop
-        ("dropout:1@14+0.5", 0.12),  # neither does half a second
+        ("dropout:1@10.5+0.5", 0.12),  # neither does half a second
         ("duplicate:0.2@6", 0.15),  # a standstill and a leap, again and again
         ("delay:2@6", 0.12),  # 0.3 s of age are made up for
-        ("dropout:1@14", 0.15),  # for good: the path goes on by dead reckoning
-        ("dropout:1@14+3", 0.15),
-        ("freeze@14+2", 0.15),
+        ("dropout:1@10.5", 0.15),  # for good: the path goes on by dead reckoning
+        ("dropout:1@10.5+3", 0.15),
+        ("freeze@10.5+2", 0.15),
         ("delay:10@6", 0.25),  # 1 s and older is of no use, from before the turn
         ("delay:10@0", 0.25),  # nor is there ever any
     ],
@@ -79,7 +82,7 @@ def test_a_signal_at_fault_for_good_does_not_cost_a_sound_estimate() -> None:
 def test_an_offset_of_the_axles_for_good_costs_mpc_nothing() -> None:
     """Its model has no such disturbance: without supervision it drifts by metres from 6 deg on."""
     fault = ("trailer_steering=mpc", "speed_kmh=15", "faults=actuator_offset:8@3")
-    result = driven("roundabout", *ROUND, "course.turn_deg=45", "course.entry=20", *fault)
+    result = driven("roundabout", *ROUND, "course.turn_deg=45", *fault)
     assert_safe(result)
     assert np.nanmax(np.abs(result.log["off_tracking_true"])) < 0.15
     assert len([warning for warning in result.warnings if "its demand from 3." in warning]) == 2
@@ -116,7 +119,7 @@ def test_faults_of_the_cameras_do_no_harm(fault: str) -> None:
 
 def test_how_a_fault_is_answered_is_the_users_choice() -> None:
     """Straight wheels in a turn cut in by more than command steer, and by more the sooner they are there."""
-    lost = (*ROUND, "faults=dropout:1@14")
+    lost = (*ROUND, "faults=dropout:1@10.5")
     command_steer = driven("roundabout", *lost).log["off_tracking_true"]
     straight = run(load_scenario("roundabout", (*lost, "degradation.fallback=straight")), 1).log["off_tracking_true"]
     assert np.nanmax(np.abs(straight)) > 1.5 * np.nanmax(np.abs(command_steer))

@@ -69,10 +69,16 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def yard(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def drawn_yard(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A recording of one's own to break, in the working directory."""
     monkeypatch.chdir(tmp_path)
     return Path(shutil.copytree(original, tmp_path / "yard")).relative_to(tmp_path)
+
+
+@pytest.fixture
+def yard(drawn_yard: Path, undrawn: None) -> Path:
+    """The same, for tests that do not look at the figures of a report."""
+    return drawn_yard
 
 
 class Oracle:
@@ -173,9 +179,9 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_everything_is_written_and_agrees(yard: Path) -> None:
+def test_everything_is_written_and_agrees(drawn_yard: Path) -> None:
     """With a perfect odometry the off-tracking is that of the poses, and all files tell the same."""
-    found = numbers(yard, "--no-video")
+    found = numbers(drawn_yard, "--no-video")
     assert {path.name for path in Path("out").iterdir()} == WRITTEN
     assert json.loads(Path("out/summary.json").read_text(encoding="utf-8")) == found
     assert found["outcome"] == "completed"
@@ -272,10 +278,10 @@ def test_odometry_is_compared_with_itself(yard: Path) -> None:
     assert found["odometry"]["motion_nees_mean"] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_without_poses_nothing_is_compared(yard: Path) -> None:
+def test_without_poses_nothing_is_compared(drawn_yard: Path) -> None:
     """Null, not zero; the report has no such section."""
-    (yard / "poses.txt").unlink()
-    found = numbers(yard, "--no-video")
+    (drawn_yard / "poses.txt").unlink()
+    found = numbers(drawn_yard, "--no-video")
     assert found["off_tracking"]["estimate_error_rms_m"] is None
     assert found["odometry"]["drift_percent"] is None
     assert found["off_tracking"]["rms_m"] > 0.1

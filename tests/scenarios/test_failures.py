@@ -22,7 +22,7 @@ from estimators.off_tracking.reference import ReferenceOffTracking
 from estimators.slip.reference import ReferenceSlip
 from scenarios.cli import app
 from scenarios.loop.channel import InLine
-from scenarios.loop.combination import CourseJudge
+from scenarios.loop.course_judge import CourseJudge
 from scenarios.loop.pictures import Pictures, StereoPictures
 from scenarios.loop.run import run_any
 from scenarios.options.scenario import load_any_scenario

@@ -33,8 +33,9 @@ from scenarios.fmi_import.estimate_signals import (
     estimate_values,
     reading_values,
 )
+from scenarios.fmi_import.first_map import first_map
 from scenarios.fmi_import.law import law_of
-from scenarios.fmi_import.mapping import first_map, map_file, read_map
+from scenarios.fmi_import.mapping import map_file, read_map
 from scenarios.fmi_import.off_tracking import off_tracking_signals
 from scenarios.fmi_import.truth_signals import truth_of, truth_signals, truth_values
 from scenarios.fmi_proxy.computation import Opening

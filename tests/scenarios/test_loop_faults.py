@@ -17,7 +17,7 @@ from scenarios.assembly.trailer import Assembly, assemble
 from scenarios.catalogue import FAULT, resolve
 from scenarios.fmi_proxy.system import fmu_system
 from scenarios.loop.channel import InLine
-from scenarios.loop.combination import SteeredTrailer
+from scenarios.loop.pilot import SteeredTrailer
 from scenarios.loop.stopwatch import Stopwatch
 from scenarios.loop_faults.applied import trailer_faults
 from scenarios.loop_faults.catalogue import LOOP_FAULTS, is_loop_kind

@@ -12,7 +12,7 @@ import pytest
 from controllers.driver import PreviewDriver
 from scenarios.assembly.rover import PERIOD, assemble_rover
 from scenarios.assembly.trailer import assemble
-from scenarios.loop.combination import CourseJudge
+from scenarios.loop.course_judge import CourseJudge
 from scenarios.loop.rover import RoverJudge
 from scenarios.loop.run import run_any
 from scenarios.options.rover import RoverScenario

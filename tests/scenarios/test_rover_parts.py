@@ -120,6 +120,7 @@ def test_messages_of_a_rovers_sensor_can_be_lost() -> None:
         driven("faults=desync:0.02")
 
 
+@pytest.mark.usefixtures("runs_here")
 def test_slip_compensations_are_compared(tmp_path: Path) -> None:
     """One row for each of them, with the rover's numbers."""
     settings = [part for setting in SHORT[1:] for part in ("--set", setting)]

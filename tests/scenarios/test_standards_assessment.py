@@ -144,7 +144,7 @@ def test_the_page_needs_nothing_but_itself_and_shows_everything(assessed: Assess
 
 def test_the_command_prints_json_and_writes_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A rigid truck: what does not apply to it is null, and a missed level is no failure."""
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("scenarios.standards.assessment.default_jobs", lambda: 1)  # a worker takes seconds to start
     app = typer.Typer()
     app.command()(assess_command)
     done = CliRunner().invoke(

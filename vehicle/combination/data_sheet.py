@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from vehicle.combination import handling
 from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
@@ -102,6 +103,7 @@ def data_sheet(vehicle: Vehicle) -> DataSheet:
     )
 
 
+@lru_cache(maxsize=32)
 def handling_at(vehicle: Vehicle, speed: float = STANDARD_SPEED) -> Handling:
     """Handling figures at a ``speed`` [m/s].
 

@@ -122,6 +122,7 @@ def _tipping(rover: Rover, direction: Direction) -> Tipping:
     return Tipping(direction=direction, angle=angle, loads=_plain(loads))
 
 
+@lru_cache(maxsize=32)
 def _traction(rover: Rover, soil: Soil) -> Traction:
     level = _loads(rover, 0.0)
     rolling = _rolling(rover, soil, float(np.max(level)), 0.0)
