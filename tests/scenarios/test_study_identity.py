@@ -123,6 +123,14 @@ def test_the_same_files_elsewhere_are_the_same_run(tmp_path: Path, monkeypatch: 
     assert found[0] == found[1]
 
 
+@pytest.fixture
+def read_again() -> Iterator[None]:
+    """Whatever becomes of a test, the next one reads offtrack's own files anew."""
+    yield
+    identities.installed.cache_clear()
+
+
+@pytest.mark.usefixtures("read_again")
 def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An editable checkout changes without its version; a README changes no number."""
     (tmp_path / "vehicle").mkdir()
@@ -137,35 +145,36 @@ def test_offtracks_own_files_and_the_engine_count(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(identities, "compiler", lambda: None)
     assert identities.software() != found[2]
     assert identities.identity("", 1) != identities.identity("", 2)
-    identities.installed.cache_clear()
 
 
-@pytest.mark.parametrize("place", ["here", "elsewhere"])
-def test_a_file_that_a_law_opens_by_itself_counts_too(
-    place: str, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+def test_files_that_a_law_opens_by_itself_count_too(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """No option names it: the run tells which files it has opened, and is repeated when one of them changes."""
-    tmp_path = tmp_path_factory.mktemp("study")
-    scale_file = (tmp_path if place == "here" else tmp_path_factory.mktemp("tables")) / "scale.txt"
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "parts.py").write_text("class angle:\n    ANGLE = 0.05\n")
-    (tmp_path / "own_law_3.py").write_text(LAW.replace("scale.txt", str(scale_file)))
-    (tmp_path / "my.toml").write_text(load_any_scenario("cambered-road").to_toml())
+    """No option names them: the run tells which files it has opened, and is repeated when one of them changes."""
+    here, elsewhere = tmp_path_factory.mktemp("study"), tmp_path_factory.mktemp("tables")
+    scales = [folder / "scale.txt" for folder in (here, elsewhere)]
+    monkeypatch.chdir(here)
+    (here / "parts.py").write_text("class angle:\n    ANGLE = 0.05\n")
+    read = " + ".join(f'float(Path("{file}").read_text())' for file in scales)
+    (here / "own_law_3.py").write_text(LAW.replace('float(Path("scale.txt").read_text())', f"({read})"))
+    (here / "my.toml").write_text(load_any_scenario("cambered-road").to_toml())
     case = Case(scenario="my.toml", fixed=(*SHORT, ("trailer_steering", "own_law_3:Law")), axes=(), seed=1)
     steer = []
-    for scale in ("0", "0", "1"):
-        scale_file.write_text(scale)
-        with (tmp_path / "my.toml").open("a") as file_of_scenario:
+    for numbers in (("0", "0"), ("0", "0"), ("0", "1"), ("1", "1")):
+        for file, number in zip(scales, numbers, strict=True):
+            file.write_text(number)
+        with (here / "my.toml").open("a") as file_of_scenario:
             file_of_scenario.write("# a comment changes no number\n")
-        before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
-        (outcome,) = run_cases([case], tmp_path / "cells", jobs=1)
+        before = {file: file.stat().st_mtime_ns for file in here.glob("cells/*")}
+        (outcome,) = run_cases([case], here / "cells", jobs=1)
         steer.append(outcome.number("steer.max_deg"))
-        kept = before and before == {file: file.stat().st_mtime_ns for file in tmp_path.glob("cells/*")}
+        kept = before and before == {file: file.stat().st_mtime_ns for file in here.glob("cells/*")}
         assert bool(kept) == (len(steer) == 2)
-    for file in tmp_path.glob("cells/*.json"):
-        assert [Path(name).name for name in json.loads(file.read_text())["files_sha256"]] == ["scale.txt"]
+    for file in here.glob("cells/*.json"):
+        assert [Path(name).name for name in json.loads(file.read_text())["files_sha256"]] == ["scale.txt"] * 2
     assert steer[0] == steer[1] == 0.0
     assert steer[2] == pytest.approx(2.865, abs=0.05)  # 0.05 rad, which the actuators approach
+    assert steer[3] == pytest.approx(5.730, abs=0.10)
 
 
 def test_files_opened_are_told_from_those_that_are_named_or_written(
