@@ -80,7 +80,7 @@ def test_runs_on_a_cluster_are_those_of_the_pool(
     cases, cells = load_study(study).cases(), tmp_path / "dask-runs"
     make_runs_here(monkeypatch)  # of the pool: those of the cluster are in processes of their own
     connect = partial(connected, scheduler.scheduler_address)
-    with DaskExecutor(connect, timeout=60.0, patience=0.5, waits=False, remark=print) as executor:
+    with DaskExecutor(connect, timeout=600.0, patience=0.5, waits=False, remark=print) as executor:
         made = run_cases(cases, cells, jobs=1, executor=executor)
         expected = run_cases(cases, tmp_path / "here", jobs=1)
         for one, other in zip(made, expected, strict=True):
