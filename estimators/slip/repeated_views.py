@@ -17,6 +17,7 @@ from estimators.odometry.repeated_frames import repeats, visible_noise
 from estimators.protocol import Estimator
 from sensors.messages import RoverView
 from vehicle.clock import TICK
+from vehicle.closing import close_part
 
 # By the rims; the ground then moves by several pixels. The image shows the wheel, so that one that slips in place is
 # seen to turn [m]
@@ -54,6 +55,10 @@ class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
             memory = memory._replace(last=message)
         inner, estimate = self._estimator.step(memory.estimator, message)
         return memory._replace(estimator=inner), estimate
+
+    def close(self) -> None:
+        """Close the estimator."""
+        close_part(self._estimator)
 
     def _rolled(self, last: RoverView, view: RoverView) -> float:
         """Distance that the wheels have rolled between two views [m]."""
