@@ -157,3 +157,12 @@ def test_a_wrong_campaign_is_refused_in_one_line(tmp_path: Path, text: str, says
     with pytest.raises(ValueError, match=r"^campaign [^\n]+$|^study [^\n]+$") as refusal:
         campaign(tmp_path, text)
     assert refusal.match(f".*{says}")
+
+
+def test_the_shipped_campaign_of_stereo_cameras_compares_three_laws_on_two_surfaces() -> None:
+    """Outages of half a second to two, and lasting faults of images, each for both frictions and all seeds."""
+    path = campaign_path("trailer-camera-faults")
+    assert path is not None
+    cases = load_campaign(path).cases()
+    assert len(cases) == 15 * 2 * 3 * 3  # with the runs without a fault
+    assert {dict(case.axes)["trailer_steering"] for case in cases} == {"path_preview", "mpc", "virtual_driver"}
