@@ -37,11 +37,11 @@ class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
 
     def __init__(self, estimator: SlipEstimator, wheel_radius: float) -> None:
         """Pass the views of a rover with this ``wheel_radius`` [m] on to an ``estimator``; all other messages, too."""
-        self._estimator, self._radius = estimator, wheel_radius
+        self.wrapped, self._radius = estimator, wheel_radius
 
     def init(self) -> NewViewsMemory:
         """Before the first message."""
-        return NewViewsMemory(self._estimator.init(), None, 0.0)
+        return NewViewsMemory(self.wrapped.init(), None, 0.0)
 
     def step(self, memory: NewViewsMemory, message: Any) -> tuple[NewViewsMemory, SlipAngle]:
         """Memory and slip angle; LOST for a repeated view, which leaves the estimator's memory as it was."""
@@ -53,12 +53,12 @@ class NewViews(Estimator[NewViewsMemory, Any, SlipAngle]):
                 if rolled == 0.0:
                     memory = memory._replace(noise=visible_noise(memory.last.image, message.image))
             memory = memory._replace(last=message)
-        inner, estimate = self._estimator.step(memory.estimator, message)
+        inner, estimate = self.wrapped.step(memory.estimator, message)
         return memory._replace(estimator=inner), estimate
 
     def close(self) -> None:
         """Close the estimator."""
-        close_part(self._estimator)
+        close_part(self.wrapped)
 
     def _rolled(self, last: RoverView, view: RoverView) -> float:
         """Distance that the wheels have rolled between two views [m]."""

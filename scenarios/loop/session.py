@@ -188,6 +188,7 @@ class Session(Generic[TruthT, CommandT, RecordT]):
             self.outcome, self.reason = "diverged", str(error)
         except (Exception, SystemExit) as error:  # parts may be a user's own, and may do anything
             kind, part = self._running
+            part = getattr(part, "wrapped", part)  # of a part that watches over a user's, the user's
             event = f"raised {type(error).__name__}: {error}"
             self._fail(misbehaviour(f"{kind} {type(part).__name__}", self.tick, event, part, error))
 
