@@ -35,7 +35,7 @@ _STEP: Final = 0.05  # of the log of the friction, for derivatives
 
 
 class GripMemory(NamedTuple):
-    """What is known of the axles' grip."""
+    """Estimated friction, and the directions in which the steered axles travel."""
 
     friction: FrictionMemory = FrictionMemory()
     travel: FloatArray | None = None  # (n_steered,) directions in which the steered axles travel [rad]; None: unknown

@@ -43,7 +43,7 @@ def repeats(before: GreyImage, image: GreyImage, noise: float, *, must_differ: b
     Args:
         before: an image of the same camera.
         image: a later one.
-        noise: of the camera, as far as it is known [grey levels].
+        noise: of the camera, 0 if none has been seen yet [grey levels].
         must_differ: the camera has moved, so that even without noise its images differ.
     """
     difference = cv2.norm(before, image, cv2.NORM_L1) / image.size

@@ -85,7 +85,7 @@ class OdometryMemory(NamedTuple):
         return self.slip_tick >= 0 and self.slip_distance > _HELD
 
     def with_carried_drift(self) -> OdometryMemory:
-        """Memory with the drift as it is after the turn since the last slip angle; unchanged if that is new."""
+        """Memory with the drift turned with the rover since the last slip angle; unchanged while slip angles come."""
         if not self.carried:
             return self
         left = math.cos(wrap(self.psi - self.slip_heading))

@@ -123,7 +123,7 @@ class FmuPlant:
         found = self._instance.outputs(self._signals(pose_of_all(self._vehicle, pose), command))
         self._check_place(found, pose)
         self._check_hitches(found)
-        self._truths = {0: self._truth(0, found, None, np.zeros(self._n_steered))}
+        self._truths = {0: self._truth(0, found, None, self._actuators.straight())}
         return np.zeros(1)
 
     def step(self, state: FloatArray, command: VehicleCommand, ticks: int) -> FloatArray:

@@ -111,7 +111,7 @@ def radius(points: np.ndarray) -> float:
 
 
 def test_cameras_and_a_law_steer_its_trailer(truck: str) -> None:
-    """Estimated from rendered images; the law was never told of this plant."""
+    """The law is designed for the data sheet's vehicle, and its off-tracking is estimated from rendered images."""
     course = {"course.turn_deg": 90.0, "course.exit": 20.0}
     run = offtrack.run("roundabout", settings=settings(truck, "viso_ot", "path_preview") | course)
     assert run.summary["outcome"] == "completed"
