@@ -76,11 +76,34 @@ def both_alike(
     if tracks is None:
         change = _change(frame.left, cell_means(frame.left), other.left, cell_means(other.left))
     else:
-        change = _tracked_change(frame.left, other.left, tracks)
+        change = _tracked_change(frame.left, other.left, tracks, _FEWEST)
     if change is None:
         return frame, other
     changed = replace(frame, left=_exposed(frame.left, change), right=_exposed(frame.right, change))
     return changed, replace(other, left=_limited(other.left, change), right=_limited(other.right, change))
+
+
+def clipped_alike(
+    image: GreyImage, frame: StereoFrame, tracks: NDArray[np.float32], *, fewest: int
+) -> tuple[GreyImage, StereoFrame] | None:
+    """Left image of another moment and frame, both clipped where one of them is; None if they are so already.
+
+    Normalised patches may differ in mean and gain, but not in what is clipped: an edge of a clipped area is elsewhere.
+    At least ``fewest`` of the ``tracks`` (n, 4) in image and frame [px] must tell how their exposures differ.
+    """
+    change = _tracked_change(image, frame.left, tracks, fewest)
+    if change is None:
+        return None
+    low, high = _range(image) * change.gain + change.offset
+    left, right = (np.asarray(np.clip(one, low, high).astype(np.uint8)) for one in (frame.left, frame.right))
+    low, high = (_range(frame.left) - change.offset) / change.gain
+    return np.asarray(np.clip(image, low, high).astype(np.uint8)), replace(frame, left=left, right=right)
+
+
+def _range(image: GreyImage) -> FloatArray:
+    """Least and largest grey level (2,) that are certainly not clipped."""
+    low, high, _, _ = cv2.minMaxLoc(image)
+    return np.array([low + _DARKEST, high - _DARKEST])
 
 
 def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
@@ -136,19 +159,26 @@ def _change(
     x, y = source_cells[compared], target_cells[compared]
     if _agree(x, y):
         return None
-    best = _fitted(x, y) if len(x) >= _FEWEST else None
+    best = _fitted(x, y, _FEWEST) if len(x) >= _FEWEST else None
     if best is None and np.mean(np.isnan(source_cells) | np.isnan(target_cells)) > _MOSTLY:
         x, y = _unclipped_levels(source, target)
         best = _from_quantiles(x, y) if len(x) >= len(_RANKS) // 5 else None
     return _if_visible(best, x)
 
 
-def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32]) -> Exposure | None:
-    """Change of exposure by the surroundings of the same points; None if they agree or cannot be compared."""
+def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32], fewest: int) -> Exposure | None:
+    """Change of exposure by the surroundings of the same points; None if they agree or cannot be compared.
+
+    Args:
+        source: image before the change.
+        target: image after it.
+        tracks: (n, 4) of points in both images [px].
+        fewest: points that can be compared.
+    """
     x, y = (_levels_around(image, at) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
     compared = np.isfinite(x + y)
     x, y = x[compared], y[compared]
-    return _if_visible(_fitted(x, y) if len(x) >= _FEWEST else None, x)
+    return _if_visible(_fitted(x, y, fewest) if len(x) >= fewest else None, x)
 
 
 def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
@@ -188,7 +218,7 @@ def _unclipped_levels(source: GreyImage, target: GreyImage) -> tuple[FloatArray,
     return x[inside], y[inside]
 
 
-def _fitted(x: FloatArray, y: FloatArray) -> Exposure | None:
+def _fitted(x: FloatArray, y: FloatArray, fewest: int) -> Exposure | None:
     """Line through the means (n,) of cells in both images, without outliers; None if too few agree."""
     candidates = (Exposure(1.0, 0.0), _from_quantiles(x, y))
     best = min(candidates, key=lambda exposure: float(np.median(_distance(exposure, x, y))))
@@ -196,7 +226,7 @@ def _fitted(x: FloatArray, y: FloatArray) -> Exposure | None:
         distance = _distance(best, x, y)
         kept = distance < _OUTLIER * max(_LEAST_SCATTER, 1.4826 * float(np.median(distance)))
         kept &= _in_range(best, x, y)
-        if np.count_nonzero(kept) < _FEWEST:
+        if np.count_nonzero(kept) < fewest:
             return None
         before, best = best, _line(x[kept], y[kept])
         if abs(best.gain - before.gain) * _BRIGHTEST + abs(best.offset - before.offset) < _CONVERGED:

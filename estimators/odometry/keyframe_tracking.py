@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimators.displaced_right import image_shift, right_position, right_shift
+from estimators.odometry.corners import Points
+from estimators.odometry.exposure import clipped_alike, clipped_share
 from estimators.odometry.keyframes import FINEST, Keyframe
 from estimators.odometry.local_planes import rays_through, warps
 from estimators.odometry.pose import Observations, refined
@@ -37,6 +39,8 @@ _GATE = 8.0  # largest distance of a match from its prediction [px]
 _SAME_ROW = 1.2  # largest difference of the rows in left and right: matching error and 0.1 deg of mis-rotation [px]
 _NEAREST = 1.0  # [m]
 _LEAST_DISPARITY = 0.4  # [px]
+_CLIPPED = 0.02  # share of an image below which clipping has no effect on the motion
+_FEWEST_LEVELS = 15  # points of a keyframe that tell its exposure
 _MISSES = 2  # consecutive misses after which a point is dropped: it is hidden or on a moving object
 
 
@@ -65,14 +69,16 @@ def tracked(
     candidates = _candidates(calibration, keyframes, X_CK)
     number = np.repeat(np.arange(len(candidates)), [len(candidate.feature) for candidate in candidates])
     z = np.concatenate([candidate.z for candidate in candidates])
-    of_right = right_shift(frame)
-    position = right_position(calibration, of_right)
-    left_patches, right_patches = _patches(calibration, candidates, X_CK[number], position)
-    left = match_patches(templates(left_patches), frame.left.astype(np.float32), z[:, :2])
+    left, right = _matched(calibration, candidates, frame, X_CK, z)
+    for k, candidate in enumerate(candidates):
+        of_this = number == k
+        alike = _clipped_alike(candidate, frame, left.points[of_this])
+        if alike is not None:
+            again = _matched(calibration, [alike[0]], alike[1], X_CK[k : k + 1], z[of_this])
+            for matches, of_one in zip((left, right), again, strict=True):
+                for values, changed in zip(matches, of_one, strict=True):
+                    values[of_this] = changed
     shift = left.points - z[:, :2]
-    guess, displacement = z[:, [2, 1]] + shift, _displacement(calibration, candidates, X_CK, of_right)
-    right = match_patches(templates(right_patches), frame.right.astype(np.float32), guess + displacement)
-    right = right._replace(points=right.points - displacement)
     found = (np.minimum(left.correlation, right.correlation) > _LEAST_CORRELATION) & (np.abs(shift).max(axis=1) < _GATE)
     apart = left.points - right.points
     found &= (np.abs(apart[:, 1]) < _SAME_ROW) & (apart[:, 0] > _LEAST_DISPARITY)
@@ -82,6 +88,38 @@ def tracked(
         observations=_observations(candidates, number, left, right),
         found=found,
     )
+
+
+def _matched(
+    calibration: StereoCalibration,
+    candidates: Sequence[_Candidates],
+    frame: StereoFrame,
+    X_CK: FloatArray,
+    z: Float32Array,
+) -> tuple[PatchMatches, PatchMatches]:
+    """Matches in the left and right image of all points, near their predicted images ``z`` (n, 3)."""
+    of_right = right_shift(frame)
+    position = right_position(calibration, of_right)
+    of_points = np.repeat(X_CK, [len(candidate.feature) for candidate in candidates], axis=0)
+    left_patches, right_patches = _patches(calibration, candidates, of_points, position)
+    left = match_patches(templates(left_patches), frame.left.astype(np.float32), z[:, :2])
+    shift = left.points - z[:, :2]
+    guess, displacement = z[:, [2, 1]] + shift, _displacement(calibration, candidates, X_CK, of_right)
+    right = match_patches(templates(right_patches), frame.right.astype(np.float32), guess + displacement)
+    return left, right._replace(points=right.points - displacement)
+
+
+def _clipped_alike(candidate: _Candidates, frame: StereoFrame, found: Points) -> tuple[_Candidates, StereoFrame] | None:
+    """Keyframe and frame that are both clipped where one is, by its points found there; None if they are so already."""
+    keyframe = candidate.keyframe
+    if max(keyframe.clipped, clipped_share(frame.left)) < _CLIPPED:
+        return None
+    tracks = np.hstack([keyframe.centres[candidate.feature], found])
+    limited = clipped_alike(keyframe.grey, frame, tracks, fewest=_FEWEST_LEVELS)
+    if limited is None:
+        return None
+    grey, frame = limited
+    return candidate._replace(keyframe=keyframe._replace(image=grey.astype(np.float32))), frame
 
 
 def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Candidates]:

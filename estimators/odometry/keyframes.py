@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from estimators.displaced_right import as_calibrated, right_position, right_shift
 from estimators.odometry.corners import Points, detect_corners
+from estimators.odometry.exposure import clipped_share
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS_NEAR, stereo_pairs, track
 from estimators.odometry.pose import point_covariance
 from estimators.odometry.warped_matching import Float32Array, match_patches, templates, warped_patches
 from estimators.stereo_geometry import triangulate
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import StereoFrame
+from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 
 _PER_BUCKET = 4  # corners; bare ground fills at most half of the buckets
@@ -33,7 +34,9 @@ class Keyframe(NamedTuple):
 
     tick: int
     X_OK: FloatArray  # (4, 4) pose of the left camera in O, the frame in which the odometry started
-    image: Float32Array  # left
+    grey: GreyImage  # left image
+    clipped: float  # share of its pixels
+    image: Float32Array  # the same
     centres: Points  # (n, 2) of the points' patches [px]
     points: FloatArray  # (n, 3) in K [m]
     covariance: FloatArray  # (n, 3, 3) of the points [m2]
@@ -64,6 +67,8 @@ def new_keyframe(
     return Keyframe(
         tick=frame.tick,
         X_OK=X_OK,
+        grey=frame.left,
+        clipped=clipped_share(frame.left),
         image=image,
         centres=left[chosen],
         points=points,

@@ -3,7 +3,9 @@
 Short drives are rendered once, and estimated with changed grey levels that are clipped at 0 and 255. Printed are RMS
 errors over those with the exposures as they are, of the off-tracking and of the translation of single motions: pooled
 over the drives, then of each one. The change ``noise`` adds half a grey level of noise: what it costs is scatter.
-``--images`` keeps the rendered drives in a folder for the next time.
+One drive is one random walk: ``--seeds`` takes several of each. The change ``both to 127`` limits both images without a
+gain: what it costs is what the pixels clipped at twice the gain have told. ``--images`` keeps the rendered drives in a
+folder for the next time.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ from vehicle.frames import FloatArray, inverse
 
 
 class Drive(NamedTuple):
-    """A scenario that is rendered."""
+    """A scenario that is rendered with some seeds."""
 
     name: str
     scenario: str
-    seed: int
+    seed: int  # the first
     settings: tuple[str, ...]
 
 
@@ -50,6 +52,7 @@ _RENDERED: Final = ("off_tracking=truth",)  # the loop needs no estimates
 
 Levels = tuple[float, float]  # gain, and offset [grey levels]
 SAME: Final = (1.0, 0.0)
+_LIMITED: Final = (1.0, -np.inf)  # levels above 127 become 127
 Change = Callable[[int], tuple[Levels, Levels]]  # exposures of left and right image of the frame with this number
 
 
@@ -73,6 +76,11 @@ def _swinging(number: int) -> tuple[Levels, Levels]:
     return SAME, (2.0 ** np.sin(2.0 * np.pi * number / 40.0), 0.0)
 
 
+def _limited(number: int) -> tuple[Levels, Levels]:
+    """Both images to the levels that a gain of two leaves in one."""
+    return _LIMITED, _LIMITED
+
+
 CHANGES: Final[dict[str, Change]] = {
     "right x 0.5": _right(0.5),
     "right x 0.7": _right(0.7),
@@ -84,6 +92,7 @@ CHANGES: Final[dict[str, Change]] = {
     "right x 0.7 - 30": _right(0.7, -30.0),
     "right x 1.4 + 30": _right(1.4, 30.0),
     "right x 2 - 30": _right(2.0, -30.0),
+    "both to 127": _limited,
     "both x 1, 0.5": _in_turn(SAME, (0.5, 0.0)),
     "both x 1, 2": _in_turn(SAME, (2.0, 0.0)),
     "both + 0, 30": _in_turn(SAME, (1.0, 30.0)),
@@ -125,6 +134,8 @@ def _noisy(image: GreyImage, rng: np.random.Generator) -> GreyImage:
 
 
 def _exposed(image: GreyImage, levels: Levels) -> GreyImage:
+    if levels == _LIMITED:
+        return np.minimum(image, 127)
     gain, offset = levels
     table = np.clip(np.rint(gain * np.arange(256.0) + offset), 0.0, 255.0).astype(np.uint8)
     return np.asarray(table[image], dtype=np.uint8)
@@ -142,6 +153,7 @@ def main() -> int:
     """Render, estimate and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--images", type=Path, help="folder that keeps the rendered drives")
+    parser.add_argument("--seeds", type=int, default=1, help="of each drive (default 1)")
     parser.add_argument("--odometry", action="append", choices=["keyframe", "circular", "viso2"], default=[])
     parser.add_argument("--calibration", choices=["corrected", "watched", "both"], default="both")
     parser.add_argument("--change", action="append", default=[], help="see the table")
@@ -150,7 +162,7 @@ def main() -> int:
     drives = [drive for drive in DRIVES if drive.name in (options.drive or [drive.name])]
     changes = options.change or [_NOISE, *CHANGES]
     with tempfile.TemporaryDirectory(prefix="offtrack-exposure-") as temporary:
-        recordings = rendered(drives, options.images or Path(temporary))
+        recordings = rendered(drives, options.seeds, options.images or Path(temporary))
         for odometry in options.odometry or ("keyframe", "circular", "viso2"):
             for corrected in {"corrected": (True,), "watched": (False,), "both": (True, False)}[options.calibration]:
                 chosen = Chosen(odometry=odometry, self_calibration=corrected)
@@ -159,31 +171,38 @@ def main() -> int:
     return 0
 
 
-def rendered(drives: Sequence[Drive], folder: Path) -> dict[str, Recording]:
-    """Recordings of the drives; what is in the folder is not rendered again."""
-    recordings = {}
+def rendered(drives: Sequence[Drive], seeds: int, folder: Path) -> dict[str, list[Recording]]:
+    """Recordings of the drives, one for each seed; what is in the folder is not rendered again."""
+    recordings: dict[str, list[Recording]] = {}
     for drive in drives:
-        images = folder / drive.name.replace(" ", "-")
-        if not images.exists():
-            run(load_scenario(drive.scenario, [*_RENDERED, *drive.settings]), drive.seed, record=images)
-        recordings[drive.name] = open_recording(images)
+        for seed in range(drive.seed, drive.seed + seeds):
+            images = folder / f"{drive.name.replace(' ', '-')}-{seed}"
+            if not images.exists():
+                run(load_scenario(drive.scenario, [*_RENDERED, *drive.settings]), seed, record=images)
+            recordings.setdefault(drive.name, []).append(open_recording(images))
     return recordings
 
 
-def table(recordings: dict[str, Recording], chosen: Chosen, changes: Sequence[str]) -> Iterator[str]:
+def table(recordings: dict[str, list[Recording]], chosen: Chosen, changes: Sequence[str]) -> Iterator[str]:
     """Lines of the table for an odometry."""
     yield f"{chosen.odometry}, calibration {'corrected' if chosen.self_calibration else 'watched'}"
-    clean = {name: _errors(recording, chosen, _NONE) for name, recording in recordings.items()}
+    clean = {name: _pooled(of_drive, chosen, _NONE) for name, of_drive in recordings.items()}
     for part in ("off_tracking", "motions"):
         parts = [getattr(errors, part) for errors in clean.values()]
         each = ", ".join(f"{1e3 * _rms(errors):.3f}" for errors in parts)
         yield f"  {part}: RMS {1e3 * _rms(np.concatenate(parts)):.3f} mm, of {', '.join(clean)}: {each}"
     for change in changes:
-        changed = {name: _errors(recording, chosen, change) for name, recording in recordings.items()}
+        changed = {name: _pooled(of_drive, chosen, change) for name, of_drive in recordings.items()}
         cells = [_ratios([getattr(e, part) for e in changed.values()], [getattr(e, part) for e in clean.values()])
                  for part in ("off_tracking", "motions")]  # fmt: skip
         lost = [sum(errors.lost for errors in of_all.values()) for of_all in (changed, clean)]
         yield f"  {change:18s} off-tracking {cells[0]}   motions {cells[1]}   lost {lost[0]} ({lost[1]})"
+
+
+def _pooled(recordings: Sequence[Recording], chosen: Chosen, change: str) -> Errors:
+    """Errors over the recordings of a drive."""
+    off_tracking, motions, lost = zip(*(_errors(recording, chosen, change) for recording in recordings), strict=True)
+    return Errors(np.concatenate(off_tracking), np.concatenate(motions), sum(lost))
 
 
 def _ratios(changed: Sequence[FloatArray], clean: Sequence[FloatArray]) -> str:
