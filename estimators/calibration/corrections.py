@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.calibration.mount_state import DELAY, MountState, PairGeometry
-from estimators.calibration.right_rotation import RightRotation, straightened
+from estimators.calibration.right_rotation import RightRotation, homography
 from estimators.displaced_right import DisplacedFrame
-from estimators.matched_frame import MatchedFrame
+from estimators.matched_frame import MatchedFrame, Turned
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import StereoFrame
 
@@ -64,9 +64,8 @@ def corrected(
     """
     if not any(rotation) and geometry.shift is None:
         return frame
-    right = straightened(calibration, frame.right, geometry.attitude(rotation))
+    turned = Turned(frame.right, homography(calibration, geometry.attitude(rotation)))
+    tick, left, right, colour = frame.tick, frame.left, turned.resampled(), frame.colour
     if geometry.shift is None:
-        return MatchedFrame(tick=frame.tick, left=frame.left, right=right, colour=frame.colour)
-    return DisplacedFrame(
-        tick=frame.tick, left=frame.left, right=right, colour=frame.colour, right_shift=geometry.shift
-    )
+        return MatchedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned)
+    return DisplacedFrame(tick=tick, left=left, right=right, colour=colour, turned=turned, right_shift=geometry.shift)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimators.matched_frame import Turned
 from sensors.camera.lens import mount_rotation
 from sensors.camera.rig import StereoCalibration
 from sensors.messages import GreyImage
@@ -47,11 +47,7 @@ def homography(calibration: StereoCalibration, R_ClCr: FloatArray) -> FloatArray
 
 def straightened(calibration: StereoCalibration, image: GreyImage, R_ClCr: FloatArray) -> GreyImage:
     """Right image warped to the calibrated attitude; edge pixels are repeated."""
-    size = (calibration.width, calibration.height)
-    H = homography(calibration, R_ClCr)
-    # linear: OpenCV's cubic kernel shifts features by up to 0.04 px, and takes four times as long
-    warped = cv2.warpPerspective(image, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(warped, dtype=np.uint8)
+    return Turned(image, homography(calibration, R_ClCr)).resampled()
 
 
 def moved(H: FloatArray, points: FloatArray | NDArray[np.float32]) -> FloatArray:

@@ -15,6 +15,7 @@ from estimators.calibration.mount_state import PairGeometry
 from estimators.calibration.right_rotation import RightRotation, homography, moved
 from estimators.displaced_right import as_calibrated, displaced, right_position
 from estimators.odometry.corners import Points, detect_corners
+from estimators.odometry.exposure import clipped_alike
 from estimators.odometry.local_planes import local_planes, rays_through, warps
 from estimators.odometry.point_tracking import LEVELS, LEVELS_NEAR, disparity_guess, track
 from estimators.odometry.warped_matching import (
@@ -146,6 +147,20 @@ def rematched(
     first = Images(view.left[index], view.right[index], stereo, view.geometry)
     variance = np.column_stack([a[:, 0], 0.25 * (a[:, 1] + b[:, 1]), b[:, 0]]).astype(np.float64)
     return first, Images(left.points[kept], right.points[kept], variance, geometry)
+
+
+def both_clipped(
+    calibration: StereoCalibration,
+    view: View,
+    frame: StereoFrame,
+    geometry: PairGeometry,
+    X_PC: FloatArray,
+    rotation: RightRotation,
+) -> tuple[View, StereoFrame]:
+    """View and frame, both clipped where one of them is: the same objects if they are so already."""
+    first, second = rematched(calibration, view, frame, geometry, X_PC, rotation)
+    alike = clipped_alike(view.image, frame, np.hstack([first.left, second.left]))
+    return (view, frame) if alike is None else (view._replace(image=alike[0]), alike[1])
 
 
 def bearings(calibration: StereoCalibration, left: Points, straight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -54,7 +54,7 @@ from estimators.calibration.mount_state import (
     with_information,
 )
 from estimators.calibration.rotation_fit import from_motion
-from estimators.calibration.rotation_views import FEWEST, new_view, rematched
+from estimators.calibration.rotation_views import FEWEST, both_clipped, new_view, rematched
 from estimators.calibration.seen_motion import STANDING, ground_moves
 from estimators.calibration.self_calibrated_motion import SelfCalibratedMotion, doubt, with_calibration
 from estimators.estimates import Health, Motion, lost_motion
@@ -244,19 +244,15 @@ class SelfCalibratedOdometry(Generic[Memory]):
 
     def _with_yaw(self, memory: SelfCalibrationMemory[Memory], frame: StereoFrame) -> SelfCalibrationMemory[Memory]:
         """Memory with yaw from the frame and the reference view, and the next distance to look from."""
-        state, X_VC, new = memory.state, memory.X_VC, memory.state
-        if memory.view is None:
+        state, X_VC, new, view = memory.state, memory.X_VC, memory.state, memory.view
+        if view is None:
             return memory
+        geometry = pair_geometry(memory, self._calibration.baseline)
+        if memory.clipped > _CLIPPED:
+            view, frame = both_clipped(self._calibration, view, frame, geometry, X_VC, new.rotation)
         for _ in range(_REMATCHED):
             last = new.mean[:3]
-            pair = rematched(
-                self._calibration,
-                memory.view,
-                frame,
-                pair_geometry(memory, self._calibration.baseline),
-                X_VC,
-                new.rotation,
-            )
+            pair = rematched(self._calibration, view, frame, geometry, X_VC, new.rotation)
             fit = from_motion(self._calibration, *pair, X_VC, state.mean[:3], state.covariance[:3, :3])
             if fit is None:
                 return memory._replace(view=None)

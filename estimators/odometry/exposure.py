@@ -8,7 +8,6 @@ that agree are not touched: then the images stay as they are, bit by bit. Not mo
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -16,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from estimators.matched_frame import MatchedFrame
+from estimators.matched_frame import MatchedFrame, mapped, with_levels
 from estimators.odometry.corners import Points
 from estimators.odometry.point_tracking import disparity_guess
 from sensors.camera.rig import StereoCalibration
@@ -28,6 +27,7 @@ _DARKEST, _BRIGHTEST = 3, 252  # pixels outside are clipped, or nearly so [grey 
 _CLIPPED = 0.02  # largest share of clipped pixels in a cell that is compared
 _AROUND = 11  # side of the surroundings of a tracked point [px]
 _FEWEST = 40  # cells; images with fewer in common show nothing to compare
+_FEWEST_TRACKED = 15  # the same of tracked points, which agree better
 _LEAST_SPREAD = 4.0  # standard deviation over the cells; below it noise decides the gain [grey levels]
 _ROUNDS = 6  # of the fit without outliers, at most
 _CONVERGED = 0.3  # last change of the line [grey levels]
@@ -38,7 +38,11 @@ _ALIKE = 3.0  # largest difference between equal exposures [grey levels]: 1.5 on
 _MOSTLY = 0.7  # share of cells with clipped pixels above which all other pixels are compared by their rank
 _RANKS = np.linspace(0.02, 0.98, 49)
 _NEAR = 8.0  # difference of a cell that can come from another disparity [grey levels]
+_ALL_LEVELS = np.arange(256.0)
 _SPREAD = np.array([0.1, 0.5, 0.9])  # quantiles of the cells between which the exposures are compared
+
+
+Image = GreyImage | NDArray[np.float32]
 
 
 class Exposure(NamedTuple):
@@ -61,7 +65,7 @@ def alike(calibration: StereoCalibration, frame: StereoFrame) -> StereoFrame:
     change = _change(frame.right, right, frame.left, left)
     if change is None:
         return frame
-    left_image, right_image = _limited(frame.left, change), _exposed(frame.right, change)
+    left_image, right_image = mapped(frame.left, _limited(change)), mapped(frame.right, _exposed(change))
     return MatchedFrame(tick=frame.tick, left=left_image, right=right_image, colour=frame.colour)
 
 
@@ -76,31 +80,29 @@ def both_alike(
     if tracks is None:
         change = _change(frame.left, cell_means(frame.left), other.left, cell_means(other.left))
     else:
-        change = _tracked_change(frame.left, other.left, tracks, _FEWEST)
+        change = _tracked_change(frame.left, other.left, tracks)
     if change is None:
         return frame, other
-    changed = replace(frame, left=_exposed(frame.left, change), right=_exposed(frame.right, change))
-    return changed, replace(other, left=_limited(other.left, change), right=_limited(other.right, change))
+    return with_levels(frame, _exposed(change)), with_levels(other, _limited(change))
 
 
 def clipped_alike(
-    image: GreyImage, frame: StereoFrame, tracks: NDArray[np.float32], *, fewest: int
-) -> tuple[GreyImage, StereoFrame] | None:
+    image: NDArray[np.float32], frame: StereoFrame, tracks: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], StereoFrame] | None:
     """Left image of another moment and frame, both clipped where one of them is; None if they are so already.
 
     Normalised patches may differ in mean and gain, but not in what is clipped: an edge of a clipped area is elsewhere.
-    At least ``fewest`` of the ``tracks`` (n, 4) in image and frame [px] must tell how their exposures differ.
+    ``tracks`` (n, 4) of points in the image and in the frame's left one [px] tell how the exposures differ.
     """
-    change = _tracked_change(image, frame.left, tracks, fewest)
+    change = _tracked_change(image, frame.left, tracks)
     if change is None:
         return None
-    low, high = _range(image) * change.gain + change.offset
-    left, right = (np.asarray(np.clip(one, low, high).astype(np.uint8)) for one in (frame.left, frame.right))
+    of_frame = np.clip(_ALL_LEVELS, *(_range(image) * change.gain + change.offset))
     low, high = (_range(frame.left) - change.offset) / change.gain
-    return np.asarray(np.clip(image, low, high).astype(np.uint8)), replace(frame, left=left, right=right)
+    return np.asarray(image.clip(low, high), dtype=np.float32), with_levels(frame, of_frame)
 
 
-def _range(image: GreyImage) -> FloatArray:
+def _range(image: Image) -> FloatArray:
     """Least and largest grey level (2,) that are certainly not clipped."""
     low, high, _, _ = cv2.minMaxLoc(image)
     return np.array([low + _DARKEST, high - _DARKEST])
@@ -118,7 +120,7 @@ def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
     return mean
 
 
-def clipped_share(image: GreyImage) -> float:
+def clipped_share(image: Image) -> float:
     """Share of the image's pixels at the ends of its range: nearly 0 of an image that is not clipped.
 
     A left image that is limited to the levels of the right one counts as clipped there.
@@ -129,7 +131,7 @@ def clipped_share(image: GreyImage) -> float:
     return 1.0 - inside / sample.size
 
 
-def _clipped(image: GreyImage) -> GreyImage:
+def _clipped(image: Image) -> GreyImage:
     """Mask of the clipped pixels: 255 or 0."""
     return np.asarray(cv2.bitwise_not(cv2.inRange(image, _DARKEST, _BRIGHTEST)), dtype=np.uint8)
 
@@ -166,19 +168,12 @@ def _change(
     return _if_visible(best, x)
 
 
-def _tracked_change(source: GreyImage, target: GreyImage, tracks: NDArray[np.float32], fewest: int) -> Exposure | None:
-    """Change of exposure by the surroundings of the same points; None if they agree or cannot be compared.
-
-    Args:
-        source: image before the change.
-        target: image after it.
-        tracks: (n, 4) of points in both images [px].
-        fewest: points that can be compared.
-    """
+def _tracked_change(source: Image, target: Image, tracks: NDArray[np.float32]) -> Exposure | None:
+    """Change of exposure by the surroundings of points (n, 4) in both images; None if they agree or tell nothing."""
     x, y = (_levels_around(image, at) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
     compared = np.isfinite(x + y)
     x, y = x[compared], y[compared]
-    return _if_visible(_fitted(x, y, fewest) if len(x) >= fewest else None, x)
+    return _if_visible(_fitted(x, y, _FEWEST_TRACKED) if len(x) >= _FEWEST_TRACKED else None, x)
 
 
 def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
@@ -189,7 +184,7 @@ def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
     return change if np.abs(change.gain * levels + change.offset - levels).max() > _ALIKE else None
 
 
-def _levels_around(image: GreyImage, points: Points) -> FloatArray:
+def _levels_around(image: Image, points: Points) -> FloatArray:
     """Mean grey levels (n,) around points (n, 2) [px]; NaN where pixels are clipped."""
     u, v = np.ascontiguousarray(points.T)
     level, clipped = (
@@ -264,13 +259,12 @@ def _distance(exposure: Exposure, x: FloatArray, y: FloatArray) -> FloatArray:
     return distance
 
 
-def _exposed(image: GreyImage, change: Exposure) -> GreyImage:
-    """Image with its exposure changed."""
-    levels = np.clip(np.rint(change.gain * np.arange(256.0) + change.offset), 0.0, 255.0).astype(np.uint8)
-    return np.asarray(cv2.LUT(image, levels), dtype=np.uint8)
+def _exposed(change: Exposure) -> FloatArray:
+    """Grey levels (256,) after the change."""
+    return change.gain * _ALL_LEVELS + change.offset
 
 
-def _limited(image: GreyImage, change: Exposure) -> GreyImage:
-    """Image clipped to the levels that an image has after the change: where that one is clipped, both are."""
-    low, high = np.clip(np.rint([change.offset, 255.0 * change.gain + change.offset]), 0.0, 255.0)
-    return np.asarray(np.clip(image, low, high), dtype=np.uint8)
+def _limited(change: Exposure) -> FloatArray:
+    """Grey levels (256,) limited to those that an image has after the change: where that one is clipped, both are."""
+    limited: FloatArray = np.clip(_ALL_LEVELS, *_exposed(change)[[0, -1]])
+    return limited

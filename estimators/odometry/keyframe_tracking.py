@@ -40,7 +40,6 @@ _SAME_ROW = 1.2  # largest difference of the rows in left and right: matching er
 _NEAREST = 1.0  # [m]
 _LEAST_DISPARITY = 0.4  # [px]
 _CLIPPED = 0.02  # share of an image below which clipping has no effect on the motion
-_FEWEST_LEVELS = 15  # points of a keyframe that tell its exposure
 _MISSES = 2  # consecutive misses after which a point is dropped: it is hidden or on a moving object
 
 
@@ -115,11 +114,8 @@ def _clipped_alike(candidate: _Candidates, frame: StereoFrame, found: Points) ->
     if max(keyframe.clipped, clipped_share(frame.left)) < _CLIPPED:
         return None
     tracks = np.hstack([keyframe.centres[candidate.feature], found])
-    limited = clipped_alike(keyframe.grey, frame, tracks, fewest=_FEWEST_LEVELS)
-    if limited is None:
-        return None
-    grey, frame = limited
-    return candidate._replace(keyframe=keyframe._replace(image=grey.astype(np.float32))), frame
+    limited = clipped_alike(keyframe.image, frame, tracks)
+    return limited and (candidate._replace(keyframe=keyframe._replace(image=limited[0])), limited[1])
 
 
 def _candidates(calibration: StereoCalibration, keyframes: Sequence[Keyframe], X_CK: FloatArray) -> list[_Candidates]:

@@ -16,7 +16,7 @@ from estimators.odometry.pose import point_covariance
 from estimators.odometry.warped_matching import Float32Array, match_patches, templates, warped_patches
 from estimators.stereo_geometry import triangulate
 from sensors.camera.rig import StereoCalibration
-from sensors.messages import GreyImage, StereoFrame
+from sensors.messages import StereoFrame
 from vehicle.frames import FloatArray
 
 _PER_BUCKET = 4  # corners; bare ground fills at most half of the buckets
@@ -34,9 +34,8 @@ class Keyframe(NamedTuple):
 
     tick: int
     X_OK: FloatArray  # (4, 4) pose of the left camera in O, the frame in which the odometry started
-    grey: GreyImage  # left image
+    image: Float32Array  # left
     clipped: float  # share of its pixels
-    image: Float32Array  # the same
     centres: Points  # (n, 2) of the points' patches [px]
     points: FloatArray  # (n, 3) in K [m]
     covariance: FloatArray  # (n, 3, 3) of the points [m2]
@@ -67,9 +66,8 @@ def new_keyframe(
     return Keyframe(
         tick=frame.tick,
         X_OK=X_OK,
-        grey=frame.left,
-        clipped=clipped_share(frame.left),
         image=image,
+        clipped=clipped_share(frame.left),
         centres=left[chosen],
         points=points,
         covariance=point_covariance(calibration, points, variance),
