@@ -25,7 +25,7 @@ from vehicle.frames import FloatArray
 _CELL = 24  # larger than errors of the guessed disparity, small enough for cells without clipped pixels [px]
 _DARKEST, _BRIGHTEST = 3, 252  # pixels outside are clipped, or nearly so [grey levels]
 _CLIPPED = 0.02  # largest share of clipped pixels in a cell that is compared
-_AROUND = 11  # side of the surroundings of a tracked point [px]
+_AROUND = (11, 5)  # sides of the surroundings of tracked points, smaller ones if most of these are clipped [px]
 _FEWEST = 40  # cells; images with fewer in common show nothing to compare
 _FEWEST_TRACKED = 15  # the same of tracked points, which agree better
 _LEAST_SPREAD = 4.0  # standard deviation over the cells; below it noise decides the gain [grey levels]
@@ -170,10 +170,14 @@ def _change(
 
 def _tracked_change(source: Image, target: Image, tracks: NDArray[np.float32]) -> Exposure | None:
     """Change of exposure by the surroundings of points (n, 4) in both images; None if they agree or tell nothing."""
-    x, y = (_levels_around(image, at) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
-    compared = np.isfinite(x + y)
-    x, y = x[compared], y[compared]
-    return _if_visible(_fitted(x, y, _FEWEST_TRACKED) if len(x) >= _FEWEST_TRACKED else None, x)
+    for side in _AROUND:
+        x, y = (_levels_around(image, at, side) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
+        compared = np.isfinite(x + y)
+        x, y = x[compared], y[compared]
+        fitted = _fitted(x, y, _FEWEST_TRACKED) if len(x) >= _FEWEST_TRACKED else None
+        if fitted is not None:
+            return _if_visible(fitted, x)
+    return None
 
 
 def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
@@ -184,11 +188,11 @@ def _if_visible(change: Exposure | None, x: FloatArray) -> Exposure | None:
     return change if np.abs(change.gain * levels + change.offset - levels).max() > _ALIKE else None
 
 
-def _levels_around(image: Image, points: Points) -> FloatArray:
-    """Mean grey levels (n,) around points (n, 2) [px]; NaN where pixels are clipped."""
+def _levels_around(image: Image, points: Points, side: int) -> FloatArray:
+    """Mean grey levels (n,) of squares around points (n, 2) [px]; NaN where pixels are clipped."""
     u, v = np.ascontiguousarray(points.T)
     level, clipped = (
-        cv2.remap(cv2.blur(of_all, (_AROUND, _AROUND)), u, v, cv2.INTER_LINEAR).ravel().astype(np.float64)
+        cv2.remap(cv2.blur(of_all, (side, side)), u, v, cv2.INTER_LINEAR).ravel().astype(np.float64)
         for of_all in (image.astype(np.float32), _clipped(image).astype(np.float32))
     )
     return np.where(clipped > 255.0 * _CLIPPED, np.nan, level)
