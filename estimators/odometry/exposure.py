@@ -23,7 +23,7 @@ from sensors.messages import GreyImage, StereoFrame
 from vehicle.frames import FloatArray
 
 _CELL = 24  # larger than errors of the guessed disparity, small enough for cells without clipped pixels [px]
-_DARKEST, _BRIGHTEST = 3, 252  # pixels outside are clipped, or nearly so [grey levels]
+_END = 3.0  # pixels nearer to the ends of their image's range are clipped, or nearly so [grey levels]
 _CLIPPED = 0.02  # largest share of clipped pixels in a cell that is compared
 _AROUND = (11, 5)  # sides of the surroundings of tracked points, smaller ones if most of these are clipped [px]
 _FEWEST = 40  # cells; images with fewer in common show nothing to compare
@@ -105,7 +105,7 @@ def clipped_alike(
 def _range(image: Image) -> FloatArray:
     """Least and largest grey level (2,) that are certainly not clipped."""
     low, high, _, _ = cv2.minMaxLoc(image)
-    return np.array([low + _DARKEST, high - _DARKEST])
+    return np.array([low + _END, high - _END])
 
 
 def cell_means(image: GreyImage, *, clipped: bool = True) -> FloatArray:
@@ -132,8 +132,12 @@ def clipped_share(image: Image) -> float:
 
 
 def _clipped(image: Image) -> GreyImage:
-    """Mask of the clipped pixels: 255 or 0."""
-    return np.asarray(cv2.bitwise_not(cv2.inRange(image, _DARKEST, _BRIGHTEST)), dtype=np.uint8)
+    """Mask of the clipped pixels: 255 or 0.
+
+    An image that was limited to the levels of another one is clipped at the ends of its own range.
+    """
+    low, high = _range(image)
+    return np.asarray(cv2.bitwise_not(cv2.inRange(image, float(low), float(high))), dtype=np.uint8)
 
 
 def _beside(calibration: StereoCalibration, cells: FloatArray) -> FloatArray:
@@ -213,7 +217,9 @@ def _agree(x: FloatArray, y: FloatArray) -> bool:
 def _unclipped_levels(source: GreyImage, target: GreyImage) -> tuple[FloatArray, FloatArray]:
     """Grey levels of the same ranks in both images, without the ranks that are clipped in one: for large gains."""
     x, y = (np.quantile(image[::4, ::4], _RANKS) for image in (source, target))
-    inside = (np.minimum(x, y) > _DARKEST) & (np.maximum(x, y) < _BRIGHTEST)
+    inside = np.logical_and.reduce(
+        [(low < z) & (z < high) for z, (low, high) in ((x, _range(source)), (y, _range(target)))]
+    )
     return x[inside], y[inside]
 
 
@@ -228,7 +234,7 @@ def _fitted(x: FloatArray, y: FloatArray, fewest: int) -> Exposure | None:
         if np.count_nonzero(kept) < fewest:
             return None
         before, best = best, _line(x[kept], y[kept])
-        if abs(best.gain - before.gain) * _BRIGHTEST + abs(best.offset - before.offset) < _CONVERGED:
+        if abs(best.gain - before.gain) * 255.0 + abs(best.offset - before.offset) < _CONVERGED:
             break
     return best
 
