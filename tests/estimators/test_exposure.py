@@ -87,6 +87,19 @@ def test_exposures_over_time_are_compared_at_the_tracked_points(drive: Drive) ->
     assert both_alike(before, now, motion.tracks)[0] is before
 
 
+def test_limited_pixels_count_as_clipped(drive: Drive) -> None:
+    """The right camera is brighter: the left image is limited to its levels, below 255. The gain over time is still 1.5."""
+    before, now = (right_exposed(frame, 1.05, 0.0) for frame in drive.frames[20:22])
+    _, (motion,) = drive.run(CircularOdometry(drive.calibration), [before, now])
+    bright = replace(now, left=exposed(now.left, 1.5, 0.0), right=exposed(now.right, 1.5, 0.0))
+    one, other = alike(drive.calibration, before), alike(drive.calibration, bright)
+    assert other.left.max() < 250
+    changed, _ = both_alike(one, other, motion.tracks)
+    gain, offset = level_map(one.left, one.left, changed.left)
+    assert gain == pytest.approx(1.5, rel=0.03)
+    assert 120.0 * gain + offset == pytest.approx(180.0, abs=3.0)
+
+
 def test_clipped_share_counts_what_the_other_camera_does_not_show(drive: Drive) -> None:
     """The left image is limited to the levels of the right one: pixels beyond them are as good as clipped."""
     frame = drive.frames[20]
