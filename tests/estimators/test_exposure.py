@@ -88,7 +88,7 @@ def test_exposures_over_time_are_compared_at_the_tracked_points(drive: Drive) ->
 
 
 def test_limited_pixels_count_as_clipped(drive: Drive) -> None:
-    """The right camera is brighter: the left image is limited to its levels, below 255. The gain over time is as it was."""
+    """The right camera is brighter: the left image is limited to its levels, below 255. The gain over time is right."""
     before, now = (right_exposed(frame, 1.05, 0.0) for frame in drive.frames[20:22])
     _, (motion,) = drive.run(CircularOdometry(drive.calibration), [before, now])
     bright = replace(now, left=exposed(now.left, 1.5, 0.0), right=exposed(now.right, 1.5, 0.0))
