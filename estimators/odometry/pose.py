@@ -90,8 +90,9 @@ def refined(
     of_inliers = Residuals(*(of_all[..., inliers] for of_all in (J, information, r, error)))
     contributions = _contributions(of_inliers, observations.variance[inliers], sigma)
     sums = summed(contributions)
-    covariance = _CORRELATION**2 * estimated(stacked([sums]), contributions.least).covariance[0]
-    own = _CORRELATION**2 * own_part(contributions, sums)
+    whole = estimated(stacked([sums]), contributions.least)
+    covariance = _CORRELATION**2 * whole.covariance[0]
+    own = _CORRELATION**2 * own_part(contributions, sums.number, whole)
     in_halves = halves(z[:, inliers], None if newest is None else newest[inliers])
     differences = halves_differences(contributions, sums, in_halves) / _CORRELATION
     return Solution(transform(orthonormalised(R), p), covariance, own, inliers, converged, differences)

@@ -45,10 +45,12 @@ class Sums(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """Motions by sets of features, relative to that by all, and their covariances."""
+    """Motions by m sets of features, relative to that by all, their covariances, and the parts these are made of."""
 
     step: FloatArray  # (m, 6)
     covariance: FloatArray  # (m, 6, 6), for independent residuals
+    inverse: FloatArray  # (m, 6, 6) of the gradient's derivative
+    scale: FloatArray  # (m,) variance of the residuals, in the units of their weights
 
 
 def summed(contributions: Contributions, features: NDArray[np.intp] | None = None) -> Sums:
@@ -68,39 +70,42 @@ def stacked(sums: list[Sums]) -> Sums:
 
 def estimated(sums: Sums, least: float) -> Estimate:
     """Estimates by m sets of features from their sums."""
-    normal = _damped(sums.normal)
-    inverse = np.linalg.inv(_slope(normal, sums.bend))
-    scatter = _scatter(normal, sums.scatter, sums.number) + least * normal
-    return Estimate(np.einsum("mij,mj->mi", inverse, sums.gradient), inverse @ scatter @ inverse)
+    trace = np.trace(sums.normal, axis1=-2, axis2=-1)[..., None, None]
+    normal, of_scores = sums.normal + _DAMPING * trace * np.eye(6), _corrected(sums.scatter, sums.number)
+    solved = np.linalg.solve(normal, np.concatenate([sums.bend, of_scores], axis=-1))
+    scale = np.trace(solved[..., 6:], axis1=-2, axis2=-1) / 6.0
+    inverse = np.linalg.inv(_slope(normal, sums.bend, solved[..., :6]))
+    covariance = inverse @ _mixed(of_scores, normal, scale, sums.number, least) @ inverse
+    return Estimate(np.einsum("mij,mj->mi", inverse, sums.gradient), covariance, inverse, scale)
 
 
-def own_part(contributions: Contributions, sums: Sums) -> FloatArray:
-    """Part (6, 6) of the covariance by all features that comes from the images in C alone."""
+def own_part(contributions: Contributions, number: FloatArray, whole: Estimate) -> FloatArray:
+    """Part (6, 6) of the covariance of the ``whole`` estimate, by all features, that comes from the images in C alone.
+
+    ``number`` is that of the features.
+    """
     share, score = contributions.share, contributions.score
-    normal, count = _damped(sums.normal), float(sums.number)
-    inverse = np.linalg.inv(_slope(normal, sums.bend))
-    scatter = _corrected(sums.scatter, sums.number)
-    scale = np.trace(np.linalg.solve(normal, scatter)) / 6.0
     own = (contributions.weighted * share).reshape(6, -1) @ contributions.J.reshape(6, -1).T
-    of_scores = _corrected((share * score) @ score.T, sums.number)
-    part = (count * of_scores + _PRIOR * scale * own) / (count + _PRIOR) + contributions.least * own
-    covariance: FloatArray = inverse @ part @ inverse
+    of_scores = _corrected((share * score) @ score.T, number)
+    inverse = whole.inverse[0]
+    covariance: FloatArray = inverse @ _mixed(of_scores, own, whole.scale[0], number, contributions.least) @ inverse
     return covariance
 
 
-def _slope(normal: FloatArray, bend: FloatArray) -> FloatArray:
-    """Derivative (..., 6, 6) of the gradient by the motion; it stays positive definite."""
-    taken = np.linalg.eigvals(np.linalg.solve(normal, bend)).real.max(axis=-1)
+def _slope(normal: FloatArray, bend: FloatArray, relative: FloatArray) -> FloatArray:
+    """Derivative (..., 6, 6) of the gradient by the motion; it stays positive definite.
+
+    ``relative`` is the ``bend`` in terms of the normal matrix.
+    """
+    taken = np.linalg.eigvals(relative).real.max(axis=-1)
     slope: FloatArray = normal - np.minimum(1.0, _STEEPEST / np.maximum(taken, 1e-12))[..., None, None] * bend
     return slope
 
 
-def _scatter(normal: FloatArray, scatter: FloatArray, count: FloatArray) -> FloatArray:
+def _mixed(of_scores: FloatArray, normal: FloatArray, scale: FloatArray, count: FloatArray, least: float) -> FloatArray:
     """Scatter (..., 6, 6) of the scores; that of few features in part as large as the weights say."""
-    scatter = _corrected(scatter, count)
-    scale = np.trace(np.linalg.solve(normal, scatter), axis1=-2, axis2=-1) / 6.0
     n = count[..., None, None]
-    mixed: FloatArray = (n * scatter + _PRIOR * scale[..., None, None] * normal) / (n + _PRIOR)
+    mixed: FloatArray = (n * of_scores + _PRIOR * scale[..., None, None] * normal) / (n + _PRIOR) + least * normal
     return mixed
 
 
@@ -108,9 +113,3 @@ def _corrected(scatter: FloatArray, count: FloatArray) -> FloatArray:
     """Scatter without the bias by six degrees of freedom of 3 n."""
     corrected: FloatArray = scatter * (count / (count - 2.0))[..., None, None]
     return corrected
-
-
-def _damped(normal: FloatArray) -> FloatArray:
-    trace = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
-    damped: FloatArray = normal + _DAMPING * trace * np.eye(6)
-    return damped

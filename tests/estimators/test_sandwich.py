@@ -52,10 +52,10 @@ def test_equal_independent_residuals_give_the_covariance_of_least_squares() -> N
     rng = np.random.default_rng(1)
     contributions = linear(rng, 0.3 * rng.standard_normal((3, 1000)))
     sums = summed(contributions)
-    covariance = estimated(stacked([sums]), 0.0).covariance[0]
+    whole = estimated(stacked([sums]), 0.0)
     expected = 0.09 * np.linalg.inv(sums.normal)
-    assert np.diag(covariance) == pytest.approx(np.diag(expected), rel=0.2)
-    assert own_part(contributions, sums) == pytest.approx(0.25 * covariance, rel=1e-6, abs=1e-12)
+    assert np.diag(whole.covariance[0]) == pytest.approx(np.diag(expected), rel=0.2)
+    assert own_part(contributions, sums.number, whole) == pytest.approx(0.25 * whole.covariance[0], rel=1e-6, abs=1e-12)
 
 
 def test_a_direction_that_no_feature_sees_stays_uncertain() -> None:
