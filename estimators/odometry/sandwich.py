@@ -73,8 +73,8 @@ def estimated(sums: Sums, least: float) -> Estimate:
     trace = np.trace(sums.normal, axis1=-2, axis2=-1)[..., None, None]
     normal, of_scores = sums.normal + _DAMPING * trace * np.eye(6), _corrected(sums.scatter, sums.number)
     solved = np.linalg.solve(normal, np.concatenate([sums.bend, of_scores], axis=-1))
-    scale = np.trace(solved[..., 6:], axis1=-2, axis2=-1) / 6.0
-    inverse = np.linalg.inv(_slope(normal, sums.bend, solved[..., :6]))
+    scale = np.asarray(np.trace(solved[..., 6:], axis1=-2, axis2=-1) / 6.0, dtype=np.float64)
+    inverse = np.asarray(np.linalg.inv(_slope(normal, sums.bend, solved[..., :6])), dtype=np.float64)
     covariance = inverse @ _mixed(of_scores, normal, scale, sums.number, least) @ inverse
     return Estimate(np.einsum("mij,mj->mi", inverse, sums.gradient), covariance, inverse, scale)
 
