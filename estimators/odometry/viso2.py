@@ -15,7 +15,6 @@ from estimators.estimates import Health, Motion, lost_motion
 from estimators.odometry.circular import ENOUGH_MATCHES, is_skipped
 from estimators.odometry.exposure import alike, both_alike
 from estimators.odometry.plausibility import Belief, is_implausible, judged
-from estimators.odometry.point_tracking import Matches
 from estimators.odometry.ransac import consensus
 from estimators.odometry.repeated_frames import is_repeated, visible_noise
 from estimators.odometry.sandwich import Contributions, estimated, stacked, summed
@@ -118,19 +117,27 @@ class Viso2Odometry:
             guesses.insert(0, (stretched(last.X_PC, span / (last.tick - last.previous_tick)), _FAR))
         if memory.velocity is not None:
             guesses.insert(0, (expected_motion(memory.velocity, frame.tick, span), NEAR))
-        first = None
+        first, ticks = None, (previous.tick, frame.tick)
         for guess, reach in guesses:
-            matches = circular_matches(self._calibration, before, features, guess, reach)
-            motion = self._measured(matches, guess, frame.tick, previous.tick)
+            motion = self._matched(before, features, guess, reach, ticks)
+            if motion.health is Health.DEGRADED:  # a wrong guess costs matches
+                again = self._matched(before, features, motion.X_PC, NEAR, ticks)
+                motion = again if again.inliers > motion.inliers else motion
             if motion.health is Health.LOST:
                 continue
             if last is None or not is_implausible(last, motion):
                 return motion
             first = first or motion
-        return first or lost_motion(frame.tick, previous.tick, len(matches.current))
+        return first or motion
 
-    def _measured(self, matches: Matches, guess: FloatArray, tick: int, previous_tick: int) -> Motion:
-        """Motion by RANSAC and least squares; lost if too few matches agree."""
+    def _matched(
+        self, before: PairFeatures, features: PairFeatures, guess: FloatArray, reach: float, ticks: tuple[int, int]
+    ) -> Motion:
+        """Motion by matching, RANSAC and least squares, from the first to the second of two ticks.
+
+        It is lost if too few matches agree.
+        """
+        matches, (previous_tick, tick) = circular_matches(self._calibration, before, features, guess, reach), ticks
         lost = lost_motion(tick, previous_tick, len(matches.current))
         if len(matches.current) < _FEWEST_INLIERS:
             return lost

@@ -66,11 +66,12 @@ def circular_matches(
     closed = near[back == near]
     strength = left_P.strength[closed]
     in_left_C, in_right_C = current.left.points[left_C[closed]], current.right.points[right_C[closed]]
-    matches = Matches(z_P[closed], _images(in_left_C, in_right_C))
-    matches, strength = _strongest(matches, strength, _NEIGHBOURS)
-    supported = _supported(matches)
-    matches, strength = Matches(matches.previous[supported], matches.current[supported]), strength[supported]
-    return _strongest(matches, strength, _PER_BUCKET)[0]
+    z_C = _images(in_left_C, in_right_C)
+    chosen = strongest_in_buckets(z_C[:, :2], strength, _NEIGHBOURS)
+    z_P, z_C, strength = z_P[closed[chosen]], z_C[chosen], strength[chosen]
+    supported = np.flatnonzero(_supported(z_C, z_C - expected[closed[chosen]]))
+    chosen = supported[strongest_in_buckets(z_C[supported, :2], strength[supported], _PER_BUCKET)]
+    return Matches(z_P[chosen], z_C[chosen])
 
 
 def _in_left(pair: PairFeatures, right: Indices, to_left: Window) -> Indices:
@@ -79,12 +80,6 @@ def _in_left(pair: PairFeatures, right: Indices, to_left: Window) -> Indices:
     in_left = np.full(len(pair.right.points), -1, np.int64)
     in_left[wanted] = most_similar(_placed(_subset(pair.right, wanted)), _placed(pair.left), to_left)
     return in_left
-
-
-def _strongest(matches: Matches, strength: NDArray[np.float32], count: int) -> tuple[Matches, NDArray[np.float32]]:
-    """The ``count`` strongest in each bucket."""
-    chosen = strongest_in_buckets(matches.current[:, :2], strength, count)
-    return Matches(matches.previous[chosen], matches.current[chosen]), strength[chosen]
 
 
 def _placed(features: Features) -> Placed:
@@ -120,16 +115,20 @@ def _images(left: NDArray[np.int64], right: NDArray[np.int64]) -> FloatArray:
     return np.column_stack([left[:, 0], rows, np.minimum(right[:, 0], left[:, 0] - _LEAST)]).astype(np.float64)
 
 
-def _supported(matches: Matches) -> NDArray[np.bool_]:
-    """Mask (n,) of matches with enough Delaunay neighbours of similar flow and disparity."""
+def _supported(z: FloatArray, surprise: FloatArray) -> NDArray[np.bool_]:
+    """Mask (n,) of matches of which enough Delaunay neighbours have a similar surprise and a similar disparity.
+
+    ``surprise`` (n, 3) is how far the images ``z`` (n, 3) in C are from the prediction. The flow itself differs by more
+    than the limit between neighbours near the camera of a fast vehicle.
+    """
     try:
-        triangles = Delaunay(matches.current[:, :2])
+        triangles = Delaunay(z[:, :2])
     except (QhullError, ValueError):  # fewer than three matches, or all collinear
-        return np.zeros(len(matches.current), np.bool_)
+        return np.zeros(len(z), np.bool_)
     once = triangles.neighbors < np.arange(len(triangles.simplices))[:, None]  # each edge belongs to two triangles
     corners = triangles.simplices[:, [[1, 2], [2, 0], [0, 1]]]  # edges opposite to the corners
     one, other = corners[once].T
-    compared = np.column_stack([matches.current - matches.previous, matches.current[:, 0] - matches.current[:, 2]]).T
+    compared = np.column_stack([surprise, z[:, 0] - z[:, 2]]).T
     similar = (np.abs(compared.take(one, axis=1) - compared.take(other, axis=1)) < _LARGEST_DIFFERENCE).all(axis=0)
     agreeing = np.concatenate([one[similar], other[similar]])
-    return np.bincount(agreeing, minlength=len(matches.current)) >= _SUPPORT
+    return np.bincount(agreeing, minlength=len(z)) >= _SUPPORT

@@ -60,7 +60,7 @@ def disturbances(drive: Drive, count: int) -> tuple[list[StereoFrame], dict[str,
     }
     until = after[0].tick - 1
     result = {name: Disturbance([*second, *after], until, drive.poses) for name, second in seconds.items()}
-    result["mount shakes"] = _shaken(drive, disturbed, after, rng)
+    result["mount nods"] = _nodding(drive, disturbed, after, rng)
     result["the vehicle stands"] = _with_halt(last, [*disturbed, *after], rng)
     return before, result
 
@@ -126,18 +126,18 @@ def _of_images(
     }
 
 
-def _shaken(
+def _nodding(
     drive: Drive, disturbed: Sequence[StereoFrame], after: Sequence[StereoFrame], rng: np.random.Generator
 ) -> Disturbance:
-    """A second in which the mount turns both cameras, by half a degree about every axis."""
-    shaken, poses = [], dict(drive.poses)
+    """A second in which the mount nods by half a degree: about the axis through both cameras, so the pair stays one."""
+    nodding, poses = [], dict(drive.poses)
     for frame in disturbed:
-        angles = np.radians(rng.normal(0.0, 0.5, 3))
-        turned = Decalibration(tuple(np.degrees(angles)), _context(drive.calibration, rng))
-        shaken.append(_both(frame, partial(turned.degraded, camera=1)))
+        pitch = float(rng.normal(0.0, 0.5))  # [deg]
+        turned = Decalibration((0.0, 0.0, pitch), _context(drive.calibration, rng))
+        nodding.append(_both(frame, partial(turned.degraded, camera=1)))
         if poses:
-            poses[frame.tick] = poses[frame.tick] @ transform(mount_rotation(*angles), np.zeros(3))
-    return Disturbance([*shaken, *after], after[0].tick - 1, poses)
+            poses[frame.tick] = poses[frame.tick] @ transform(mount_rotation(0.0, 0.0, np.radians(pitch)), np.zeros(3))
+    return Disturbance([*nodding, *after], after[0].tick - 1, poses)
 
 
 def _with_halt(last: StereoFrame, after: Sequence[StereoFrame], rng: np.random.Generator) -> Disturbance:
