@@ -34,6 +34,7 @@ class Taken(NamedTuple):
     frame: StereoFrame
     twist: Twist
     lost: bool = False  # True if no motion ended at it
+    left_over: float = 0.0  # displacement of its right image that was not compensated [m]
 
 
 class Earlier(NamedTuple):

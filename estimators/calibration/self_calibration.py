@@ -212,7 +212,9 @@ class SelfCalibratedOdometry(Generic[Memory]):
     ) -> tuple[SelfCalibrationMemory[Memory], Motion | None]:
         """Memory after the odometry's motion to the frame, with the random walk of the mount, and that motion."""
         odometry, motion = self._odometry.step(memory.odometry, self._corrected(frame, memory))
-        memory, taken = memory._replace(odometry=odometry), Taken(frame, memory.twist)
+        baseline = self._calibration.baseline
+        memory = memory._replace(odometry=odometry)
+        taken = Taken(frame, memory.twist, left_over=left_over(memory, baseline))
         if motion is not None and self._is_refuted(memory, motion, frame):
             lost = lost_motion(motion.tick, motion.previous_tick, motion.matches)
             return memory._replace(view=None, previous=(taken,)), lost
@@ -222,15 +224,15 @@ class SelfCalibratedOdometry(Generic[Memory]):
         memory = memory._replace(previous=(*memory.previous[-1:], taken))
         if motion is None:
             return memory, motion
-        baseline, seconds = self._calibration.baseline, (motion.tick - motion.previous_tick) * TICK
+        seconds = (motion.tick - motion.previous_tick) * TICK
         turned, p_PC = rotation_vector(motion.X_PC[:3, :3]), motion.X_PC[:3, 3]
         distance = float(np.linalg.norm(p_PC))
-        doubt = left_over(memory, baseline) / baseline + (_ASSUMED if memory.assumed else 0.0)
+        doubt = taken.left_over / baseline + (_ASSUMED if memory.assumed else 0.0)
         memory = memory._replace(
             state=carried(memory.state, distance),
             twist=Twist(turned / seconds, so3_exp(-0.5 * turned) @ p_PC / seconds, doubt),
             fresh=None if memory.fresh is None else memory.fresh + distance,
-            earlier=memory.earlier and memory.earlier.after(distance),
+            earlier=memory.earlier and memory.earlier.after(0.0 if taken.left_over else distance),
             X_VC=chained(memory.X_VC, motion.X_PC),
         )
         return memory, motion
@@ -280,8 +282,10 @@ class SelfCalibratedOdometry(Generic[Memory]):
         return memory._replace(view=seen, X_VC=np.eye(4), look=first_look(memory.state), rest=0.0)
 
     def _message(self, motion: Motion, memory: SelfCalibrationMemory[Memory]) -> SelfCalibratedMotion:
-        """Motion message with what is known of the calibration."""
-        speed, shift = float(np.linalg.norm(memory.twist.velocity)), left_over(memory, self._calibration.baseline)
+        """Motion message with what is known of the calibration; of its two pairs the worse one counts."""
+        starts = (old.left_over for old in memory.previous if old.frame.tick == motion.previous_tick)
+        speed = float(np.linalg.norm(memory.twist.velocity))
+        shift = max(left_over(memory, self._calibration.baseline), *starts, 0.0)
         correcting = self._correcting
         doubts = doubt(self._calibration, memory.state, memory.applied, speed, shift, correcting=correcting)
         return with_calibration(self._calibration, motion, memory.state, doubts)

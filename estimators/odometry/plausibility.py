@@ -21,6 +21,7 @@ LARGEST_ACCELERATION = 25.0  # of a camera on a trailer, scatter of motions from
 # Largest change of velocity while the odometry is lost, as a share of the speed, and its least value. Turning into a
 # roundabout changes it by half. A close following vehicle mistaken for the world seems to stop the trailer.
 _UNSEEN, _UNSEEN_LEAST = 0.5, 0.5  # [-], [m/s]
+_BLIND = 0.5  # a longer motion spans lost frames [s]
 _FORGOTTEN = 5.0  # after a longer loss any velocity is accepted [s]
 _DOUBTFUL = 0.03  # error of a degraded but correct motion: measured in traffic [m]
 _HALTED = 0.25  # share of the last speed below which a motion is a halt
@@ -51,7 +52,8 @@ def is_implausible(last: Motion, motion: Motion, hardest: float = LARGEST_ACCELE
     """True if the velocity has changed implausibly since the last motion.
 
     For a degraded motion right after the last one, the limit is the acceleration ``hardest`` [m/s2]. For any motion
-    after lost frames, it is the change of velocity expected during the loss, even if braking could explain more.
+    after lost frames, and for a degraded one over them, it is the change of velocity expected during the loss, even if
+    braking could explain more.
     """
     span, since = ((motion.tick - tick) * TICK for tick in (motion.previous_tick, last.tick))
     after_loss = motion.previous_tick > last.tick
@@ -59,7 +61,7 @@ def is_implausible(last: Motion, motion: Motion, hardest: float = LARGEST_ACCELE
     if motion.health is Health.LOST or believed or since > _FORGOTTEN:
         return False
     change = hardest * (since - 0.5 * span)  # of the velocity [m/s]
-    if after_loss:
+    if after_loss or span > _BLIND:
         change = min(change, max(_UNSEEN * _speed(last), _UNSEEN_LEAST))
     return _jump(last, motion) > _DOUBTFUL + change * span
 
