@@ -32,6 +32,9 @@ from vehicle.frames import FloatArray, orthonormalised, so3_exp, transform
 # pitches over bumps.
 _JERK = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # [rad/s3/sqrt(Hz)], [m/s3/sqrt(Hz)]
 _START = np.array([1.0, 1.0, 1.0, 3.0, 3.0, 3.0])  # initial standard deviation of the acceleration [rad/s2], [m/s2]
+# Innovation after which the filter starts anew: it would go on compensating a wrong motion with the next ones, which
+# are right [standard deviations]. Those stated for fast travel are half of the real ones.
+_CONTRADICTION = 10.0
 NEAR, _FAR = 24.0, 60.0  # search radius around the prediction, and around no motion without one [px]
 _GATE = 2.0  # largest reprojection error of an inlier: four roundings and their effect on the point [px]
 _FEWEST_INLIERS = 12  # two for each unknown
@@ -199,11 +202,13 @@ def _contributions(J: FloatArray, weighted: FloatArray, r: FloatArray) -> Contri
 
 
 def _filtered(last: Velocity | None, motion: Motion) -> Velocity:
-    """Velocity after one more motion."""
-    measured = UncertainMotion(motion.X_PC, motion.covariance)
-    if last is None:
-        return started(motion.tick, motion.tick - motion.previous_tick, measured)
-    return updated(last, motion.tick, motion.tick - motion.previous_tick, measured)
+    """Velocity after one more motion; it starts anew from one that contradicts those before."""
+    measured, span = UncertainMotion(motion.X_PC, motion.covariance), motion.tick - motion.previous_tick
+    if last is not None:
+        filtered = updated(last, motion.tick, span, measured)
+        if filtered is not None:
+            return filtered
+    return started(motion.tick, span, measured)
 
 
 def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:
@@ -214,12 +219,15 @@ def started(tick: int, span: int, measured: UncertainMotion) -> Velocity:
     return Velocity(tick, np.column_stack([velocity, np.zeros(6)]), covariance)
 
 
-def updated(last: Velocity, tick: int, span: int, measured: UncertainMotion) -> Velocity:
-    """Velocity updated with a motion of ``span`` ticks that ended at ``tick``."""
+def updated(last: Velocity, tick: int, span: int, measured: UncertainMotion) -> Velocity | None:
+    """Velocity updated with a motion of ``span`` ticks that ended at ``tick``; None if they contradict each other."""
     predicted = _predicted(last, tick)
     velocity, variance = _velocity(span, measured)
-    gain = predicted.covariance[:, :, 0] / (predicted.covariance[:, 0, 0] + variance)[:, None]
-    state = predicted.state + gain * (velocity - predicted.state[:, 0])[:, None]
+    innovation, variance = velocity - predicted.state[:, 0], predicted.covariance[:, 0, 0] + variance
+    if np.any(innovation**2 > _CONTRADICTION**2 * variance):
+        return None
+    gain = predicted.covariance[:, :, 0] / variance[:, None]
+    state = predicted.state + gain * innovation[:, None]
     covariance = predicted.covariance - gain[:, :, None] * predicted.covariance[:, None, 0, :]
     return Velocity(tick, state, covariance)
 
