@@ -62,6 +62,7 @@ class Prior(NamedTuple):
     time: float  # likewise [s]
 
 
+_MOST_FORGOTTEN = 300.0  # beyond it nothing is left, and exp(-x) must not vanish [-]
 _FOR_EVER = 1e6  # constant during a drive [m], [s]
 # The spread of the slips, of their parts and of the scale is that over four combinations (two of them with two trailers
 # or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
@@ -164,11 +165,14 @@ class DeadReckoning:
         table = np.column_stack([table[:, :_BANK], bank])
         columns = [np.interp(nodes, ticks, column) for column in (*table.T, at_rest)]
         moving = columns.pop() < 0.5
-        rates, derivatives = self._rates(np.array(columns), parameters.mean)
+        kept = self._kept(nodes * TICK, columns[0] * moving)
+        means = self._mean + kept * (parameters.mean - self._mean)
+        rates, derivatives = self._rates(np.array(columns), means.T)
         rates, derivatives = rates * moving[:, None], derivatives * moving[:, None, None]
         creep = np.where(moving[:, None, None], 0.0, np.diag(_CREEP))
         derivatives[:, :, len(self._priors) :] *= noise_level(history, self._unit)
-        return self._summed(nodes * TICK, rates, np.concatenate([derivatives, creep], axis=2), parameters)
+        derivatives = np.concatenate([derivatives, creep], axis=2)
+        return self._summed(nodes * TICK, rates, derivatives, kept, parameters.covariance)
 
     def no_history(self) -> FloatArray:
         """A history without any message (0, columns)."""
@@ -184,24 +188,34 @@ class DeadReckoning:
         ahead, rates = signals.articulation[: self._unit], signals.yaw_rates[: self._unit + 1]
         return np.array([signals.tick, signals.speed, signals.steer, scrub, *ahead, *rates, bank])
 
+    def _kept(self, time: FloatArray, speed: FloatArray) -> FloatArray:
+        """Share (n, p) of the parameters' deviation from their prior at the first sample that is kept at each one."""
+        distance = _integral(np.diff(time), np.abs(speed))
+        forgotten = np.outer(distance, self._per_metre) + np.outer(time - time[0], self._per_second)
+        kept: FloatArray = np.exp(-np.minimum(forgotten, _MOST_FORGOTTEN))
+        return kept
+
     def _rates(self, columns: FloatArray, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals)."""
+        """Yaw rate and velocity of the hitch (n, 3) in the trailer, and their derivatives (n, 3, p + signals).
+
+        ``mean`` (p, n) are the parameters.
+        """
         unit, p = self._unit, len(self._priors)
         speed, steer, scrub, *readings, bank = columns
-        gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[-unit - 1 :, None]
-        scale, side, varying, *per, constant = mean[:7].tolist()
-        slip = varying + constant
+        gammas, gyros = np.array(readings[:unit]), np.array(readings[unit:]) - mean[-unit - 1 :]
+        scale, side, varying, *per, constant = mean[:7]
         acceleration = speed * gyros[0] + bank
         rolling = acceleration * np.sin(steer) * np.cos(steer)
         v_x = speed * (1.0 - scale - side * rolling)
         pushes = np.array([acceleration, scrub, gammas[0]])
-        v_y = v_x * slip + np.abs(v_x) * (np.array(per) @ pushes) + gyros[0] * self._hitches[0]
+        slip = varying + constant + np.sign(v_x) * (np.array(per) * pushes).sum(axis=0)
+        v_y = v_x * slip + gyros[0] * self._hitches[0]
         D = np.zeros((len(speed), 3, p + 2 * unit + 2))
         of_articulation, of_gyro = p + 1, p + 1 + unit
         D[:, 1, 0], D[:, 1, 1] = -speed, -speed * rolling
         D[:, 1, p] = 1.0 - scale - 2.0 * side * rolling
         D[:, 1, of_gyro] = -side * speed**2 * np.sin(steer) * np.cos(steer)
-        D[:, 2] = (slip + np.sign(v_x) * (np.array(per) @ pushes))[:, None] * D[:, 1]
+        D[:, 2] = slip[:, None] * D[:, 1]
         D[:, 2, 2], D[:, 2, 3:6], D[:, 2, 6] = v_x, (np.abs(v_x) * pushes).T, v_x
         D[:, 2, p] += np.abs(v_x) * per[0] * gyros[0]
         D[:, 2, of_gyro] += np.abs(v_x) * per[0] * speed + self._hitches[0]
@@ -218,8 +232,14 @@ class DeadReckoning:
         D[:, :, p - unit - 1 : p] = -D[:, :, of_gyro:]
         return np.column_stack([gyros[unit], v_x, v_y]), D
 
-    def _summed(self, time: FloatArray, rates: FloatArray, D: FloatArray, parameters: Parameters) -> Reckoned:
-        """Pose and covariance at the end, by the trapezoidal rule."""
+    def _summed(
+        self, time: FloatArray, rates: FloatArray, D: FloatArray, kept: FloatArray, known: FloatArray
+    ) -> Reckoned:
+        """Pose and covariance at the end, by the trapezoidal rule.
+
+        ``kept`` (n, p) is the share of the parameters' error that is left at each sample, ``known`` (p, p) their
+        covariance at the first one.
+        """
         p, dt = len(self._priors), np.diff(time)
         weights = 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
         yaw = _integral(dt, rates[:, 0])
@@ -234,12 +254,13 @@ class DeadReckoning:
         G[:, 2] += (x[-1] - x)[:, None] * turn
         step = np.hypot(np.diff(x), np.diff(y))
         walk = 2.0 * self._std**2 * (np.outer(step, self._per_metre) + np.outer(dt, self._per_second))  # (n - 1, p)
-        later = np.cumsum(G[::-1, :, :p], axis=0)[::-1]  # derivative by a change that lasts from the sample on
+        # derivative by a change at the sample, which is forgotten from there on
+        later = np.cumsum((G[:, :, :p] * kept[:, None])[::-1], axis=0)[::-1] / kept[:, None]
         after = later[1:]
         J, white = later[0], G[:, :, p:] * self._noise
-        covariance = J @ parameters.covariance @ J.T
+        covariance = J @ known @ J.T
         covariance += np.einsum("nap,np,nbp->ab", after, walk, after) + np.einsum("nai,nbi->ab", white, white)
-        cross = parameters.covariance @ J.T + np.einsum("np,nap->pa", walk, after)
+        cross = known @ J.T + np.einsum("np,nap->pa", walk, after)
         pose = np.array([yaw[-1], x[-1], y[-1]])
         return Reckoned(pose, covariance, cross, np.diag(walk.sum(axis=0)), float(step.sum()))
 

@@ -165,7 +165,9 @@ def measured(velocity: float, std: float) -> UncertainMotion:
 def filtered(velocities: FloatArray, std: float) -> list[Velocity]:
     states = [started(100, 100, measured(velocities[0], std))]
     for k, velocity in enumerate(velocities[1:], start=2):
-        states.append(updated(states[-1], 100 * k, 100, measured(velocity, std)))
+        state = updated(states[-1], 100 * k, 100, measured(velocity, std))
+        assert state is not None
+        states.append(state)
     return states
 
 
