@@ -46,6 +46,15 @@ def test_a_jump_after_a_loss_is_believed_with_the_next_motion() -> None:
     assert np.array_equal(told[3].covariance, both.covariance)
 
 
+@pytest.mark.parametrize(("ticks", "believed"), [(300, True), (1100, False)])
+def test_a_degraded_motion_over_a_long_loss_must_go_on_as_before(ticks: int, believed: bool) -> None:
+    """From 7 to 1 m/s within 0.3 s is a hard stop; a mean of 1 m/s over a second is what distant scenery says."""
+    before = motion(100, 7.0)
+    doubtful = motion(100 + ticks, 4.0 if believed else 1.0, previous_tick=100, health=Health.DEGRADED)
+    told = judge([before, doubtful])
+    assert (told[1].health is Health.DEGRADED) is believed
+
+
 def test_two_jumps_that_disagree_are_not_believed() -> None:
     """4 m/s, then 17 m/s a tenth of a second later: neither."""
     lost = motion(200, 10.0, health=Health.LOST)

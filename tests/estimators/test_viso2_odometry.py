@@ -187,3 +187,10 @@ def test_filter_smooths_the_noise_and_keeps_the_sum() -> None:
     out = np.array([state.state[5, 0] for state in states]) - 5.0
     assert np.std(out[20:]) < 0.8 * np.std(noise[20:])
     assert 0.1 * abs(out[20:].sum() - noise[20:].sum()) < 0.03  # [m] of 90 m: the ends
+
+
+def test_filter_starts_anew_after_a_contradiction() -> None:
+    """A wrong motion is 100 deviations off: the right ones after it must not make up for it."""
+    state = filtered(np.full(20, 5.0), 1e-3)[-1]
+    assert updated(state, 2100, 100, measured(4.0, 1e-3)) is None
+    assert updated(state, 2100, 100, measured(5.02, 1e-3)) is not None
