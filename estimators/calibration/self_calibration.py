@@ -137,11 +137,11 @@ class SelfCalibratedOdometry(Generic[Memory]):
         A frame that contradicts the estimate becomes the suspect; after a second one the estimate starts anew there.
         """
         fit, baseline, changed = self._fit(memory.state, memory.twist, frame), self._calibration.baseline, False
-        if fit is None:
-            return memory._replace(suspect=None, shift=0.0), False
-        if memory.earlier is not None:
+        if memory.earlier is not None:  # from a wrong new estimate, sound pairs may have no fit at all
             memory, as_before = self._returned(memory, memory.earlier, frame)
             fit, changed = as_before or fit, as_before is not None
+        if fit is None:
+            return memory._replace(suspect=None, shift=0.0), False
         innovated = innovation(memory.state, fit, memory.twist, baseline)
         if memory.previous and is_surprising(memory.state, innovated):
             if memory.suspect is None:
