@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from vehicle.combination.description import Axle, Steering, Unit, Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
+from vehicle.combination.unit import Axle, Steering, Unit
 
 _SPACING = 1.31  # of axles [m]
 _AXLE_LOAD = 8000.0  # [kg]

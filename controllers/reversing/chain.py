@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vehicle.combination.description import Unit, Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray, Pose2
 
 

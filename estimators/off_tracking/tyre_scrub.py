@@ -20,8 +20,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from sensors.messages import CombinationSignals
-from vehicle.combination.description import GRAVITY, Axle, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle
 
 _LEAN = 0.07  # lean of a laden trailer's body per lateral acceleration: 4 deg/g
 _MOST_STEER = 0.8  # angle of an axle that follows its direction of travel [rad]

@@ -17,8 +17,9 @@ from scenarios.options.rig import RigOptions
 from scenarios.options.scenario import Scenario
 from scenarios.results.swept_path import UnitOutline
 from sensors.camera.rig import StereoRig
-from vehicle.combination.description import Unit, Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.load_cases import with_load
+from vehicle.combination.unit import Unit
 from vehicle.surface import Gust, MeasuredRoad, Roughness, RoughProfile, SumOfReliefs, Surface, scattered_potholes
 
 

@@ -16,7 +16,7 @@ from sensors.render import StereoRenderer
 from sensors.world.ground import ground_height
 from sensors.world.traffic import InTraffic, StereoSampler, Traffic, populated
 from sensors.world.world import World, build_world
-from vehicle.combination.description import Unit
+from vehicle.combination.unit import Unit
 from vehicle.surface import Surface
 
 _SCENERY_CLEARANCE = 8.0  # distance of scenery from the course; trailers cut in by several metres [m]

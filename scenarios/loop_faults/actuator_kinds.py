@@ -14,7 +14,7 @@ import numpy as np
 
 from scenarios.loop_faults.fault import ActuatorFault, LoopFaultContext
 from vehicle.clock import TICK
-from vehicle.combination.description import Unit
+from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 

@@ -16,7 +16,8 @@ from typing import ClassVar, Literal, TypeVar
 import numpy as np
 
 from sensors.faults.fault import TimedFault, defaults
-from vehicle.combination.description import Unit, Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
 from vehicle.option import Option
 

@@ -17,7 +17,7 @@ from scenarios.roads.opendrive.lane_points import lane_points
 from scenarios.roads.opendrive.route import Edges, Request
 from scenarios.roads.path_file import PathPoints, read_path
 from scenarios.roads.road_course import Guided, road_course
-from vehicle.combination.description import Unit
+from vehicle.combination.unit import Unit
 
 _TYRE_WIDTH: Final = 0.385  # single tyre of a steered axle: 385/65 R 22.5, the widest in common use [m]
 _SHORTEST: Final = 10.0  # path of a combination [m]

@@ -21,7 +21,8 @@ from scenarios.standards.pilots import SpeedHold
 from scenarios.standards.proving_ground import PERIOD, Drive, drive
 from sensors.messages import EgoState
 from vehicle.clock import TICK
-from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.unit import Unit
 from vehicle.frames import FloatArray
 from vehicle.surface import Surface
 

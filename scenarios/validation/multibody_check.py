@@ -20,8 +20,9 @@ from scipy.integrate import solve_ivp
 
 from scenarios.validation.check import Check, Plot, Section, Series
 from vehicle.clock import TICK
-from vehicle.combination.description import Axle, Unit, Vehicle, load_vehicle
+from vehicle.combination.description import Vehicle, load_vehicle
 from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.unit import Axle, Unit
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 from vehicle.tyres.magic_formula import MagicFormulaTyre

@@ -15,7 +15,8 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from vehicle.combination.description import Axle, Unit, Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.unit import Axle, Unit
 from vehicle.frames import FloatArray
 
 _g: Final = 9.81  # [m/s2]

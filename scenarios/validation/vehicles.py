@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from vehicle.combination.description import Axle, Unit, Vehicle
+from vehicle.combination.description import Vehicle
+from vehicle.combination.unit import Axle, Unit
 from vehicle.tyres.linear import LinearTyre
 
 _STIFFEST: Final = 60.0  # slip stiffness over load [-]: ten times a truck tyre's, the largest valid value

@@ -16,8 +16,8 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from scenarios.report.plots import GREY, INK, TRUE
 from vehicle.combination.data_sheet import reach
-from vehicle.combination.description import Axle, Unit
 from vehicle.combination.multibody import Vector
+from vehicle.combination.unit import Axle, Unit
 from vehicle.combination.wheel import wheel_plane
 
 _BODY, _CAB, _FRAME = "#eef2f6", "#dbe5ef", "#aab4be"

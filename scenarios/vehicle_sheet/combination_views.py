@@ -25,7 +25,8 @@ from scenarios.vehicle_sheet.paper import (
     vertical_dimension,
 )
 from vehicle.combination.data_sheet import AxleSheet, DataSheet, origins
-from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.unit import Unit
 
 _GROUP_SPACING: Final = 2.0  # axles closer than this form a group [m], about as in 96/53/EC
 # Depths of the rows of lettering below the ground line [in]; the longest arrow ends at the first.

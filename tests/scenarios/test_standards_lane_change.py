@@ -19,8 +19,9 @@ from scenarios.standards.lane_change import (
 )
 from scenarios.standards.manoeuvre import Manoeuvre
 from scenarios.standards.theory import linear_figures
-from vehicle.combination.description import GRAVITY, Axle, Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle
 from vehicle.frames import FloatArray
 from vehicle.tyres.linear import LinearTyre
 

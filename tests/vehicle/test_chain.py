@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 
 from vehicle.combination.brake_channels import brake_channels
 from vehicle.combination.chain import derivative, relaxation
-from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes, wheels
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Unit
 from vehicle.integrator import exact_diagonal
 from vehicle.tyres import ROLLING_SPEED_FLOOR
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from vehicle.combination.description import Actuator, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.description import Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.unit import Actuator
 from vehicle.tyres.tmeasy import TmeasyTyre
 
 FILE = Path(str(resources.files("vehicle"))) / "parameters" / "eu_tractor_semitrailer.toml"

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.combination.description import GRAVITY, Axle, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.handling import (
     characteristic_speed,
     critical_speed,
@@ -19,6 +19,7 @@ from vehicle.combination.handling import (
 )
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle
 from vehicle.tyres.tyre import StiffnessTyre
 
 

@@ -13,7 +13,7 @@ import control
 import numpy as np
 import pytest
 
-from vehicle.combination.description import GRAVITY, Axle, Vehicle, load_vehicle
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle
 from vehicle.combination.handling import (
     peak_rearward_amplification,
     rearward_amplification,
@@ -22,6 +22,7 @@ from vehicle.combination.handling import (
 )
 from vehicle.combination.linear import lateral_model
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle
 from vehicle.tyres.linear import LinearTyre
 
 SPEED = 24.0  # [m/s] of the audit

@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from vehicle.combination.description import LoadSharing, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.functions import compiled_derivative, compiled_output
 from vehicle.combination.layout import Input, Output, State, input_sizes, output_sizes, parts, state_sizes
 from vehicle.combination.linear import straight_running
 from vehicle.combination.plant import Plant, VehicleCommand
+from vehicle.combination.unit import LoadSharing
 from vehicle.frames import FloatArray, Pose2
 from vehicle.surface import Surface
 

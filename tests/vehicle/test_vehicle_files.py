@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vehicle.combination.data_sheet import DataSheet, coupling_loads, data_sheet
-from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle, load_vehicle, vehicle_names, vehicle_sources
+from vehicle.combination.description import GRAVITY, Vehicle, load_vehicle, vehicle_names, vehicle_sources
 from vehicle.combination.handling import (
     peak_rearward_amplification,
     static_rollover_threshold,
@@ -16,6 +16,7 @@ from vehicle.combination.handling import (
     yaw_damping,
 )
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle, Unit
 
 FOOT = 0.3048  # [m]
 ISO_14791_SPEED = 88.0 / 3.6  # [m/s]

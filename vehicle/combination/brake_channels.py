@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from vehicle.combination.brake_data import AxleBrake
-    from vehicle.combination.description import Unit, Vehicle
+    from vehicle.combination.description import Vehicle
+    from vehicle.combination.unit import Unit
 
 
 class Channel(NamedTuple):

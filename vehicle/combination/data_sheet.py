@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from vehicle.combination import handling
-from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.plausibility import implausibilities
+from vehicle.combination.unit import Axle, Unit
 
 STANDARD_SPEED = 80.0 / 3.6  # [m/s] at which European heavy vehicles are limited and assessed
 _SQUARE = math.radians(89.0)  # largest road-wheel angle: nearly square to the unit

@@ -10,8 +10,9 @@ from itertools import accumulate, pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from vehicle.combination.brake_channels import brake_channels, channel_of_wheel
-from vehicle.combination.description import Axle, Steering, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Axle, Steering
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 

@@ -14,8 +14,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from vehicle.combination.description import Unit, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.payload import Body, without
+from vehicle.combination.unit import Unit
 from vehicle.parameter_file import nearest
 
 FULL: Final = "full"

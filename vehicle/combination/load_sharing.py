@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from vehicle.combination.description import Unit, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import Input, State, Wheel
 from vehicle.combination.loads import axle_groups
+from vehicle.combination.unit import Unit
 from vehicle.tyres import Num
 
 

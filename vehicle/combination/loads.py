@@ -14,8 +14,9 @@ from typing import Final, NamedTuple, cast
 
 import casadi as ca
 
-from vehicle.combination.description import GRAVITY, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.multibody import Vector, along, from_unit
+from vehicle.combination.unit import Unit
 from vehicle.tyres import Num
 
 _LEAST_LOAD: Final = 10.0  # of a lifted wheel [N]: negligible, but avoids division by zero

@@ -11,7 +11,8 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
+from vehicle.combination.unit import Axle, Unit
 
 _BEHIND_HITCH: Final = 1.5  # of the frame behind a fifth wheel or coupling [m]: a B-double's lead trailer has 1.4 m
 _FOLLOW_MARGIN: Final = 1.0  # of a follow point behind the rear end [m]

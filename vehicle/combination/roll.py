@@ -27,10 +27,11 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.combination.description import GRAVITY, Axle, Unit, Vehicle
+from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.multibody import Vector, solve_ldl
 from vehicle.combination.roll_data import Coupling, Suspension
+from vehicle.combination.unit import Axle, Unit
 from vehicle.tyres import Num
 
 LYING: Final = 1.0  # [rad] a body that rolls further lies on its side, and moments no longer grow

@@ -18,10 +18,11 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from vehicle.combination.description import Unit, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import Input, State, Wheel
 from vehicle.combination.loads import axle_shares
 from vehicle.combination.roll import UnitSprings, settled_rolls, springs_of
+from vehicle.combination.unit import Unit
 from vehicle.tyres import Num
 
 

@@ -6,10 +6,11 @@ from typing import Final, NamedTuple
 
 import casadi as ca
 
-from vehicle.combination.description import Axle, Vehicle
+from vehicle.combination.description import Vehicle
 from vehicle.combination.layout import Wheel
 from vehicle.combination.multibody import Vector, along, from_unit
 from vehicle.combination.powertrain import drive_torque
+from vehicle.combination.unit import Axle
 from vehicle.tyres import (
     Contact,
     Num,

@@ -21,8 +21,8 @@ from typing import Generic, NamedTuple, TypeVar
 import casadi as ca
 
 from controllers.trailer import Combination, TrailerGeometry
-from vehicle.combination.description import Unit
 from vehicle.combination.loads import static_axle_loads
+from vehicle.combination.unit import Unit
 from vehicle.tyres import Planar, Tyre, carcass, contact, rolling_speed
 
 V = TypeVar("V")
