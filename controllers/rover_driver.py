@@ -16,7 +16,7 @@ from controllers.path import Path
 from estimators.rover_geometry import RoverGeometry
 from estimators.slip.rover_odometry import RoverPose
 from vehicle.clock import TICK
-from vehicle.frames import wrap
+from vehicle.frames import limited_angle, wrap
 from vehicle.option import Option, Parameter, check_options, option_values
 from vehicle.rover.command import RoverCommand
 
@@ -136,7 +136,7 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         station = self._path.project(pose.x, pose.y, memory.station)
         on_path = self._path.pose(station)
         to_path = math.cos(on_path.psi) * (on_path.y - pose.y) - math.sin(on_path.psi) * (on_path.x - pose.x)
-        approach = max(-_STEEPEST, min(_STEEPEST, math.atan(to_path / self._approach)))
+        approach = limited_angle(math.atan(to_path / self._approach), _STEEPEST)
         crab = approach - pose.drift if self._crab else 0.0
         aim = on_path.psi + (0.0 if self._crab else approach) - (pose.drift if self._heading else 0.0)
         yaw_rate = self._path.curvature(station) * self._speed + self._heading_gain * wrap(aim - pose.psi)
@@ -164,7 +164,7 @@ class RoverDriver(RoverDriverPart[RoverDriverMemory]):
         return RoverCommand(
             wheel_speed=tuple(min(limit, math.hypot(*velocity) / r.wheel_radius) for velocity in velocities),
             steer=tuple(
-                max(-most, min(most, math.atan2(lateral, forward)))
+                limited_angle(math.atan2(lateral, forward), most)
                 for (forward, lateral), most in zip(velocities, r.max_steer, strict=True)
             ),
         )

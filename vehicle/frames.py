@@ -59,6 +59,11 @@ def wrap(angle: float) -> float:
     return math.pi if wrapped == -math.pi else wrapped
 
 
+def limited_angle(angle: float, limit: float) -> float:
+    """The angle [rad], limited to ``limit`` to either side."""
+    return max(-limit, min(limit, angle))
+
+
 def rotation_zyx(yaw: float, pitch: float, roll: float) -> FloatArray:
     """R_AB, shape (3, 3), of a body turned by yaw about z, then pitch about y, then roll about x [rad]."""
     cy, sy = math.cos(yaw), math.sin(yaw)

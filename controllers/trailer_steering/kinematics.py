@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.trailer import Linkage, TrailerGeometry
-from vehicle.frames import FloatArray
+from vehicle.frames import FloatArray, limited_angle
 
 _NEWTON_STEPS = 5  # from the solution for small angles: 1e-12 rad within the range of axles
 _STEEPEST = 1.3  # limit of directions of travel, 74 deg: the tangent stays finite [rad]
@@ -116,7 +116,7 @@ class AxleGroup:
             tangents = np.tan(ratios * limited_direction(angle))
             slope = float((distances * ratios) @ (1.0 + tangents**2))
             angle = limited_direction(angle) - (float(distances @ tangents) - moment) / slope
-        return max(-self.max_steer, min(self.max_steer, angle))
+        return limited_angle(angle, self.max_steer)
 
     def _shared(self, tangents: FloatArray, missing: float, free: NDArray[np.bool_] | None = None) -> FloatArray:
         """Tangents with the missing moment [m] shared equally by the free axles, by default all, below the limit."""
@@ -134,4 +134,4 @@ class AxleGroup:
 
 def limited_direction(direction: float) -> float:
     """The direction [rad], limited to where its tangent is useful."""
-    return max(-_STEEPEST, min(_STEEPEST, direction))
+    return limited_angle(direction, _STEEPEST)

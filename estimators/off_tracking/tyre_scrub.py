@@ -23,6 +23,7 @@ from sensors.messages import CombinationSignals
 from vehicle.combination.description import GRAVITY, Vehicle
 from vehicle.combination.loads import static_axle_loads
 from vehicle.combination.unit import Axle
+from vehicle.frames import limited_angle
 
 _LEAN = 0.07  # lean of a laden trailer's body per lateral acceleration: 4 deg/g
 _MOST_STEER = 0.8  # angle of an axle that follows its direction of travel [rad]
@@ -125,7 +126,7 @@ def _forces(axles: Sequence[_Tyres], angles: Sequence[float], curvature: float, 
 def _travel(axles: Sequence[_Tyres], motion: _Motion) -> list[float]:
     """Direction of travel of every steered axle [rad]."""
     tangents = (motion.direction + motion.curvature * tyres.x for tyres in axles if tyres.steered)
-    return [max(-_MOST_STEER, min(_MOST_STEER, math.atan(tangent))) for tangent in tangents]
+    return [limited_angle(math.atan(tangent), _MOST_STEER) for tangent in tangents]
 
 
 def _angles(axles: Sequence[_Tyres], steered: Sequence[float]) -> list[float]:
