@@ -20,7 +20,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from vehicle.engine.compiler import warn_if_interpreted
-from vehicle.engine.library_cache import silence
+from vehicle.engine.trusted_cache import silence
 
 if TYPE_CHECKING:
     from loky import ProcessPoolExecutor

@@ -21,7 +21,7 @@ from scenarios.studies.files import check_study_directory, opened_study, study_t
 from scenarios.studies.pool import run_cases
 from scenarios.studies.study import Study, load_study
 from scenarios.studies.table import rows_of, table_csv
-from vehicle.engine.library_cache import warn_once
+from vehicle.engine.trusted_cache import warn_once
 
 SHORT = (("course.length", "20"), ("off_tracking", "truth"), ("surface.roughness", "none"))  # half a second of driving
 

@@ -26,7 +26,7 @@ from vehicle.combination.step_calls import sampled_states
 from vehicle.combination.symbolic import numbers
 from vehicle.engine.compiler import compiler
 from vehicle.engine.kernels import Engine, kernel_for_many, kernel_for_one
-from vehicle.engine.library_cache import warn_once
+from vehicle.engine.trusted_cache import warn_once
 from vehicle.frames import FloatArray
 from vehicle.integrator import semi_implicit_step
 

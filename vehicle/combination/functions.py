@@ -31,6 +31,7 @@ from vehicle.combination.step_calls import step_in_calls
 from vehicle.combination.symbolic import SymbolicTwin, symbolic_twin, topology
 from vehicle.combination.truth_vectors import kinematics, wheel_truth
 from vehicle.engine.composite import Composite
+from vehicle.engine.function_cache import derived_once
 
 V = TypeVar("V")  # a part of a vector: numpy array, SX, or its size
 
@@ -84,7 +85,10 @@ def _side_forces(vehicle: Vehicle, pulls: Sequence[Vector]) -> ca.SX:
 
 def _once_per_topology(build: Callable[[SymbolicTwin], Any]) -> Callable[[Vehicle], Any]:
     """Function of a vehicle that builds once per topology."""
-    built = lru_cache(maxsize=16)(lambda bare: build(symbolic_twin(bare)))
+
+    @lru_cache(maxsize=16)
+    def built(bare: Vehicle) -> Any:
+        return derived_once(f"{__name__}.{build.__name__}", (bare,), lambda: build(symbolic_twin(bare)))
 
     @wraps(build)
     def of_vehicle(vehicle: Vehicle) -> Any:

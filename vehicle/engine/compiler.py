@@ -18,7 +18,7 @@ from functools import cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from vehicle.engine.library_cache import cached, store, warn_once
+from vehicle.engine.trusted_cache import cached, store, warn_once
 
 # Relaxations of IEEE arithmetic that change no relevant result. Not -ffast-math: in a shared library, it makes the
 # processor flush denormal numbers to zero in the whole process.
@@ -124,10 +124,10 @@ def library(source: str, definitions: Iterable[str], using: Compiler) -> ctypes.
     identity = "\0".join([using.path, using.identity, *flags, source])
     key = hashlib.sha256(identity.encode()).hexdigest()[:32]
     try:
-        content = cached(key)
+        content = cached(f"{key}.so")
         if content is None:
             content = _compiled(source, flags, using)
-            store(key, content)
+            store(f"{key}.so", content)
         return _loaded(content)
     except OSError as error:  # a full disk, or a system that runs nothing but installed programs
         raise CompilerError(f"{using.name} made no usable code: {error}") from error

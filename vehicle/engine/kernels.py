@@ -12,9 +12,9 @@ from vehicle.engine.arithmetic import evaluated
 from vehicle.engine.blocks import Blocks
 from vehicle.engine.compiler import Compiler, CompilerError, compiler, engine_name, warn_if_interpreted
 from vehicle.engine.composite import AnyFunction, Composite, written_out
-from vehicle.engine.library_cache import warn_once
 from vehicle.engine.native import NativeMany, NativeOne
 from vehicle.engine.program import Program, program_of
+from vehicle.engine.trusted_cache import warn_once
 from vehicle.engine.virtual import Virtual
 from vehicle.frames import FloatArray
 

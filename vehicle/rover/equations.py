@@ -8,9 +8,9 @@ inertia of roll and pitch.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from vehicle.actuators import steer_rate
 from vehicle.combination.layout import parts
+from vehicle.engine.function_cache import derived_once
 from vehicle.frames import FloatArray
 from vehicle.rover.description import Rover
 from vehicle.rover.footprint import Footprint
@@ -186,46 +187,79 @@ def numbers(rover: Rover, soil: Soil | None) -> FloatArray:
 
 def step_function(rover: Rover, soil: Soil | None) -> Any:
     """Function (state, input, numbers) -> state one step later, by the midpoint rule."""
-    return _functions(_bare_rover(rover), None if soil is None else _bare(soil))[0]
+    return _derived("step", _bare_rover(rover), None if soil is None else _bare(soil))
 
 
 def load_function(rover: Rover, soil: Soil | None) -> Any:
     """Function (state, input, numbers) -> the wheels' loads [N]."""
-    return _functions(_bare_rover(rover), None if soil is None else _bare(soil))[1]
+    return _derived("loads", _bare_rover(rover), None if soil is None else _bare(soil))
 
 
-@lru_cache(maxsize=16)
 def lift_function(rover: Rover, soil: Soil) -> Any:
     """Function (nothing, sinkage, numbers) -> lift [N] of a wheel that rolls without slip at a sinkage [m]."""
-    symbols: list[ca.SX] = []
-    rover, soil = _symbolic(_bare_rover(rover), symbols), _symbolic(_bare(soil), symbols)
-    h, numbers = ca.SX.sym("h"), ca.vertcat(*symbols, ca.SX.sym("footprint", 2))
-    lift = soil_force(rover, soil, h, Rolling(1.0, 0.0)).F_z
-    return ca.Function("lift", [ca.SX(0, 1), h, numbers], [ca.cse(ca.densify(lift))])
+    return _derived("lift", _bare_rover(rover), _bare(soil))
 
 
-@lru_cache(maxsize=16)
-def _functions(rover: Rover, soil: Soil | None) -> tuple[Any, Any]:
+@lru_cache(maxsize=32)
+def _derived(name: str, rover: Rover, soil: Soil | None) -> Any:
+    return derived_once(f"{__name__}.{name}", (rover, soil), lambda: _DERIVATIONS[name](_symbols(rover, soil)))
+
+
+class _Symbols(NamedTuple):
+    """Arguments of the functions, and the rover and soil whose numbers are among them."""
+
+    rover: Rover
+    footprint: Footprint
+    soil: Soil | None
+    x: ca.SX
+    u: ca.SX
+    numbers: ca.SX
+
+    @property
+    def input(self) -> RoverInput[ca.SX]:
+        """The input by its parts."""
+        return RoverInput(*parts(self.u, input_sizes(len(self.rover.wheels))))
+
+    def dynamics(self, x: ca.SX) -> Dynamics:
+        """Dynamics in a state, under the input."""
+        state = RoverState(*parts(x, state_sizes(len(self.rover.wheels))))
+        return dynamics(self.rover, self.footprint, self.soil, state, self.input)
+
+
+def _symbols(rover: Rover, soil: Soil | None) -> _Symbols:
     symbols: list[ca.SX] = []
     rover = _symbolic(rover, symbols)
     soil = None if soil is None else _symbolic(soil, symbols)
     symbols += [ca.SX.sym("half_length"), ca.SX.sym("half_width")]
-    footprint = rover.footprint._replace(half_length=symbols[-2], half_width=symbols[-1])
-    in_state, in_input = state_sizes(len(rover.wheels)), input_sizes(len(rover.wheels))
-    x, given = ca.SX.sym("x", sum(in_state)), ca.SX.sym("u", sum(in_input))
-    u = RoverInput(*parts(given, in_input))
-
-    def at(state: ca.SX) -> Any:
-        return dynamics(rover, footprint, soil, RoverState(*parts(state, in_state)), u)
-
-    now = at(x)
-    midway = at(x + 0.5 * u.step * ca.vertcat(*now.rate))
-    after = x + u.step * ca.vertcat(*midway.rate)
-    arguments = [x, given, ca.vertcat(*symbols)]
-    return (
-        ca.Function("step", arguments, [ca.cse(ca.densify(after))]),
-        ca.Function("loads", arguments, [ca.cse(ca.densify(now.loads))]),
+    return _Symbols(
+        rover,
+        rover.footprint._replace(half_length=symbols[-2], half_width=symbols[-1]),
+        soil,
+        x=ca.SX.sym("x", sum(state_sizes(len(rover.wheels)))),
+        u=ca.SX.sym("u", sum(input_sizes(len(rover.wheels)))),
+        numbers=ca.vertcat(*symbols),
     )
+
+
+def _step(of: _Symbols) -> Any:
+    duration = of.input.step
+    midway = of.dynamics(of.x + 0.5 * duration * ca.vertcat(*of.dynamics(of.x).rate))
+    after = of.x + duration * ca.vertcat(*midway.rate)
+    return ca.Function("step", [of.x, of.u, of.numbers], [ca.cse(ca.densify(after))])
+
+
+def _load(of: _Symbols) -> Any:
+    return ca.Function("loads", [of.x, of.u, of.numbers], [ca.cse(ca.densify(of.dynamics(of.x).loads))])
+
+
+def _lift(of: _Symbols) -> Any:
+    assert of.soil is not None
+    h = ca.SX.sym("h")
+    lift = soil_force(of.rover, of.soil, h, Rolling(1.0, 0.0)).F_z
+    return ca.Function("lift", [ca.SX(0, 1), h, of.numbers], [ca.cse(ca.densify(lift))])
+
+
+_DERIVATIONS: Final[dict[str, Callable[[_Symbols], Any]]] = {"step": _step, "loads": _load, "lift": _lift}
 
 
 def _numbers(model: BaseModel) -> Iterable[tuple[str, float]]:

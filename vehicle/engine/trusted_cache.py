@@ -1,11 +1,11 @@
-"""Cache of compiled libraries that gives out nothing which another user could have written.
+"""Cache of compiled libraries and derived equations that gives out nothing which another user could have written.
 
 The cache is ``$OFFTRACK_CACHE``, else ``offtrack`` in the user's cache directory. The folder and its files must belong
-to this user and be writable by nobody else, and nobody else may be able to rename a folder above it. A file holds a
-library and a code of authentication: a hash of key and library with a secret, which lies in the folder and only its
+to this user and be writable by nobody else, and nobody else may be able to rename a folder above it. A file holds its
+content and a code of authentication: a hash of key and content with a secret, which lies in the folder and only its
 owner can read. A file is opened once, and the bytes that are checked are the bytes that are returned.
 
-A folder or file that is not trusted is named in one warning, and libraries are compiled again. A folder that is full or
+A folder or file that is not trusted is named in one warning, and its content is made again. A folder that is full or
 read-only has the same effect without a warning. What remains: root, and programs of this same user, are trusted.
 """
 
@@ -41,14 +41,14 @@ class _RefusedError(OSError):
     """A folder or file that is not trusted."""
 
 
-def cached(key: str) -> bytes | None:
-    """Library stored under the key; None if there is none that can be trusted."""
-    return _in_folder(lambda folder: _found(folder, key))
+def cached(name: str) -> bytes | None:
+    """Content stored under the name, a key and an ending; None if there is none that can be trusted."""
+    return _in_folder(lambda folder: _found(folder, name))
 
 
-def store(key: str, library: bytes) -> None:
-    """Store a library under the key, whole or not at all; replaces one that is not trusted."""
-    _in_folder(lambda folder: _stored(folder, key, library))
+def store(name: str, content: bytes) -> None:
+    """Store content under the name, whole or not at all; replaces what is not trusted."""
+    _in_folder(lambda folder: _stored(folder, name, content))
 
 
 def _in_folder(action: Callable[[int], ResultT]) -> ResultT | None:
@@ -60,9 +60,9 @@ def _in_folder(action: Callable[[int], ResultT]) -> ResultT | None:
         finally:
             os.close(folder)
     except _RefusedError as error:
-        warn_once(f"cached code is not used, and the vehicle model is compiled again: {error}.")
+        warn_once(f"cached code is not used, and the vehicle model is made again: {error}.")
     except OSError as error:
-        _LOG.info("compiled code is not cached: %s", error)
+        _LOG.info("vehicle models are not cached: %s", error)
     return None
 
 
@@ -107,32 +107,31 @@ def _check(path: Path, status: os.stat_result, *, above: bool = False, others: i
         raise _RefusedError(f"{path} is open to other users (mode {mode}). {_ADVICE}, or run: chmod {change} '{path}'")
 
 
-def _found(folder: int, key: str) -> bytes | None:
-    name = f"{key}.so"
+def _found(folder: int, name: str) -> bytes | None:
     try:
-        content = _read(folder, name)
+        whole = _read(folder, name)
     except FileNotFoundError:
         return None
-    library, code = content[:-_N_CODE], content[-_N_CODE:]
-    if not hmac.compare_digest(code, _code(folder, key, library)):
+    content, code = whole[:-_N_CODE], whole[-_N_CODE:]
+    if not hmac.compare_digest(code, _code(folder, name, content)):
         raise _RefusedError(f"{_path() / name} is damaged, or was not written by offtrack")
-    return library
+    return content
 
 
-def _stored(folder: int, key: str, library: bytes) -> None:
+def _stored(folder: int, name: str, content: bytes) -> None:
     _clear(folder)
-    _write(folder, f"{key}.so", library + _code(folder, key, library), os.replace)
+    _write(folder, name, content + _code(folder, name, content), os.replace)
 
 
-def _code(folder: int, key: str, library: bytes) -> bytes:
-    """Code of authentication of a library under its key; the first call makes the secret."""
+def _code(folder: int, name: str, content: bytes) -> bytes:
+    """Code of authentication of content under the key in its name; the first call makes the secret."""
     with suppress(FileExistsError):  # linked, not renamed: of two processes at once the first one wins
         if _SECRET not in os.listdir(folder):
             _write(folder, _SECRET, secrets.token_bytes(_N_SECRET), os.link)
     secret = _read(folder, _SECRET, others=0o077)
     if len(secret) != _N_SECRET:
         raise _RefusedError(f"{_path() / _SECRET} is damaged. Remove it")
-    return hmac.digest(secret, key.encode() + library, "sha256")
+    return hmac.digest(secret, name.partition(".")[0].encode() + content, "sha256")
 
 
 def _read(folder: int, name: str, *, others: int = 0o022) -> bytes:
