@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -43,6 +44,7 @@ def numbers(vehicle: Vehicle) -> FloatArray:
     return np.array(values)
 
 
+@lru_cache(maxsize=64)
 def topology(vehicle: Vehicle) -> Vehicle:
     """The vehicle without numbers and names: equal for vehicles with the same equations."""
     bare: Vehicle = _with_numbers(vehicle, lambda *_: 0.0, words=False)

@@ -114,7 +114,21 @@ _written_out = lru_cache(maxsize=32)(written_out)
 
 
 def _own_numbers(function: AnyFunction, numbers: FloatArray) -> FloatArray:
-    """The numbers that a program derives from a vehicle's numbers."""
+    """The numbers that a program derives from a vehicle's numbers, or from the numbers of many, one to a row."""
+    if numbers.ndim == 1:
+        return _own_numbers_of_one(function, numbers.tobytes())
+    return _derived(function, numbers)
+
+
+@lru_cache(maxsize=64)
+def _own_numbers_of_one(function: AnyFunction, numbers: bytes) -> FloatArray:
+    """Derived once for all plants of a vehicle; not to be written to."""
+    own = _derived(function, np.frombuffer(numbers))
+    own.flags.writeable = False
+    return own
+
+
+def _derived(function: AnyFunction, numbers: FloatArray) -> FloatArray:
     parts = _program(function).parts
     with np.errstate(all="ignore"):
         of_parts = [
