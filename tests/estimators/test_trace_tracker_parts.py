@@ -11,7 +11,7 @@ import pytest
 
 from estimators.slip.trace_tracker import histories, path_line, path_state, slip_estimate
 from estimators.slip.trace_tracker.acquisition import Find
-from estimators.slip.trace_tracker.channels import CHANNELS
+from estimators.slip.trace_tracker.channels import CHANNELS, channels
 from estimators.slip.trace_tracker.ground_patch import STEP, GroundPatch
 from estimators.slip.trace_tracker.learning import Lesson, learned
 from estimators.slip.trace_tracker.matching import SEARCH, correlation, peaks, rut_score, unit, windows
@@ -205,6 +205,19 @@ def test_templates_are_the_same_in_a_mirror() -> None:
         turned = level[np.arange(AZIMUTHS) * -1 % AZIMUTHS][:, ::-1, :, ::-1]
         assert level == pytest.approx(turned, abs=near)  # a byte's rounding in the shipped ones
         assert templates.shaded == pytest.approx(templates.shaded[::-1, :, ::-1], abs=near)
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])  # a black edge, dirt, glare
+@pytest.mark.parametrize("turned", [0, 1, 2, 3])
+def test_an_area_of_one_grey_level_beside_sand_has_no_contrast(level: int, turned: int) -> None:
+    """Its variance is zero: the running sums of a mean over float numbers end a rounding error below it."""
+    patch = np.rot90(np.random.default_rng(1).integers(60, 200, (300, 300)).astype(np.uint8), turned).copy()
+    flat = np.rot90(np.arange(300) >= 150 + np.zeros((300, 1)), turned)
+    patch[flat] = level
+    seen = channels(patch)
+    assert np.isfinite(seen).all()
+    inner = np.rot90(np.arange(300) >= 240 + np.zeros((300, 1)), turned)  # no window reaches the sand
+    assert np.abs(seen[inner]).max() < 0.01
 
 
 def test_lug_marks_tell_a_rut_from_a_shadow() -> None:

@@ -40,7 +40,9 @@ def _normalised(patch: NDArray[np.uint8]) -> FloatImage:
     log -= _smooth(log, _ACROSS)
     np.clip(log, -_SATURATION, _SATURATION, out=log)
     log -= _smooth(log, _SURROUNDINGS)
-    log /= np.sqrt(_smooth(log * log, _CONTRAST)) + np.float32(_NOISE)
+    # beside an area of one grey level (glare, dirt, a black edge), where its running sums end just below zero
+    power = np.maximum(_smooth(log * log, _CONTRAST), np.float32(0.0))
+    log /= np.sqrt(power) + np.float32(_NOISE)
     np.clip(log, -2.0, 2.0, out=log)
     return np.asarray(log, dtype=np.float32)
 
