@@ -127,8 +127,8 @@ def test_left_and_right_roundabout_are_mirror_images() -> None:
 def test_a_lane_change_seen_by_cameras_keeps_the_trailer_on_its_path() -> None:
     """At 25 km/h path preview has its full authority, and all signals are sound: it needs no fallback.
 
-    The unsteered trailer leaves its path by 0.396 m, this one by 0.12 to 0.14 m (seeds 1, 2, 3, 101); the bar is half of
-    the unsteered one's.
+    The unsteered trailer leaves its path by 0.396 m, this one by 0.12 to 0.14 m (seeds 1, 2, 3, 101); the bar is half
+    of the unsteered one's.
     """
     quick = ("rig.width=480", "rig.height=200", "world.scenery_density=0.3", "reference_unit=false")
     course = ("speed_kmh=25", "course.entry=20", "course.exit=20", "trailer_steering=path_preview")
