@@ -6,6 +6,8 @@ import gc
 import os
 import sys
 
+from hypothesis import settings
+
 
 def pytest_configure() -> None:
     """Keep compiled modules, and let no process of many use several cores for small matrices.
@@ -16,6 +18,8 @@ def pytest_configure() -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    settings.register_profile("offtrack", deadline=None)  # no test is timed: a busy machine is no defect
+    settings.load_profile("offtrack")
 
 
 def pytest_collection_finish() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.driver import DriverMemory, PreviewDriver
@@ -72,7 +72,6 @@ motions = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None)  # the first driver of a tractor designs its gains
 @given(motions, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5))
 def test_mirror_symmetry(motion: dict[str, float], steer: float, demand: float) -> None:
     """Swapping left and right flips the steer demand and leaves the acceleration."""

@@ -271,7 +271,7 @@ def test_sensors_that_fail_too_leave_straight_wheels(fallback: FallbackName) -> 
     assert not commands[-1].any()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.lists(
         st.sampled_from([*FAULTS.values(), lambda seen: seen, lambda seen: replace(seen, value=-5.0)]), max_size=60

@@ -188,7 +188,7 @@ def test_lines_go_to_the_image_and_back(theta: float, beside: float) -> None:
 
 
 @given(st.floats(-0.9 * STEEPEST, 0.9 * STEEPEST), st.floats(150.0, 450.0))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_drawn_line_is_the_strongest(phi: float, rho: float) -> None:
     """A line one pixel wide comes first, within two bins of angle and their lever over the image."""
     image = np.zeros((480, 640), np.uint8)

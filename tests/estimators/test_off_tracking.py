@@ -158,7 +158,7 @@ def test_increments_indexed_by_their_end_frame_would_be_seen() -> None:
 @given(
     st.lists(st.tuples(st.floats(0.05, 0.6), st.floats(-0.1, 0.1), st.floats(-0.02, 0.02)), min_size=40, max_size=80)
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_mirroring_the_drive_flips_the_off_tracking(increments: list[tuple[float, float, float]]) -> None:
     """Swapping left and right flips every lateral quantity and nothing else: this pins the signs at once."""
 

@@ -166,7 +166,7 @@ def test_the_lane_change_has_the_offset_and_the_acceleration_of_the_standard(dir
     assert curvature.index(max(curvature)) < curvature.index(min(curvature))
 
 
-@settings(max_examples=25, deadline=None)  # how long it takes says nothing of symmetry
+@settings(max_examples=25)  # how long it takes says nothing of symmetry
 @given(st.floats(11.0, 50.0), st.floats(0.5, 7.0))
 def test_left_and_right_roundabouts_are_mirror_images(radius: float, turn: float) -> None:
     """Swapping left and right flips y of the path and of the road."""

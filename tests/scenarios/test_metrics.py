@@ -38,7 +38,7 @@ def test_steady_circle_has_the_closed_form_off_tracking(radius: float, speed: fl
     assert there[0] == pytest.approx(expected, abs=1e-5)  # [m] where the path begins there is no older sample
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(13.0, 60.0), st.floats(0.5, 20.0), st.floats(5.0, 10.0), st.floats(8.0, 12.9))
 def test_off_tracking_flips_in_the_mirror(radius: float, speed: float, axle: float, follow: float) -> None:
     """Left and right swapped: the same distance on the other side, from the same sample on."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner, Result
@@ -54,7 +54,6 @@ def test_the_tractrix_has_the_angles_known_for_it(radius: float, length: float, 
         assert found == pytest.approx(known, abs=6e-4)  # rounding of the known
 
 
-@settings(deadline=None)
 @given(st.floats(1.05, 5.0), st.floats(0.1, 6.0))
 def test_the_tractrix_solves_its_equation(ratio: float, turned: float) -> None:
     """gamma' = 1 - (R / L) sin(gamma) from 0, integrated numerically."""

@@ -52,7 +52,7 @@ def test_rays_invert_pixels_in_all_of_the_image(distortion: Distortion) -> None:
     np.testing.assert_allclose(model.undistort_points(pixels), ideal, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @example(0.15922870735401773, -0.1998718889087493, 0.03743810734933192)  # Newton's first steps leave these lenses
 @example(-0.35859035889223334, -0.03895128361408601, 0.04777973030640692)
 @example(-0.5622950595760463, 0.08940703984879111, 0.0360941664563547)

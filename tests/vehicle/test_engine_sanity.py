@@ -71,7 +71,7 @@ anything = st.one_of(st.floats(-1.0, 1.0), st.floats(-1e6, 1e6))
 calls = st.lists(st.tuples(anything, anything, anything, st.integers(1, 150)), min_size=1, max_size=5)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(vehicles(), surfaces(), st.floats(-20.0, 40.0), st.floats(-10.0, 10.0), calls)
 def test_a_state_is_sane_or_reported_as_diverged(
     vehicle: Vehicle, surface: Surface, speed: float, psi: float, commands: list[tuple[float, float, float, int]]

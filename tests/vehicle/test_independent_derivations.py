@@ -16,7 +16,7 @@ from vehicle.combination.layout import Input, Output, State, input_sizes, output
 from vehicle.frames import FloatArray, Pose2
 
 seeds = st.integers(0, 2**32 - 1)
-many = settings(max_examples=100, deadline=None)  # the first example loads CasADi
+many = settings(max_examples=100)  # the first example loads CasADi
 
 
 def random_chain(vehicle: Vehicle, n: int, rng: np.random.Generator) -> Vehicle:

@@ -214,7 +214,7 @@ def test_forces_are_the_integrated_stresses(along: float) -> None:
 
 
 @given(h=st.floats(1e-3, 0.06), along=st.floats(-1.0, 4.0), across=st.floats(-2.0, 2.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_mirror_symmetry(h: float, along: float, across: float) -> None:
     """Exact up to the rounding of the quadrature's sum."""
     one, other = np.array(TOYOURA(h, along, across)).ravel(), np.array(TOYOURA(h, along, -across)).ravel()
