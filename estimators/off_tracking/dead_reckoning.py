@@ -68,8 +68,8 @@ _FOR_EVER = 1e6  # constant during a drive [m], [s]
 # or steered trailer axles) on friction of 0.3 to 0.8, at 5 to 88 km/h; no combination needed more than three of it.
 _SCALE = Prior(0.0, 0.006, 60.0, _FOR_EVER)  # rolling radius known to 2.5 mm of 0.5 m, and what the next one leaves [-]
 _SIDE = Prior(-0.03, 0.012, _FOR_EVER, _FOR_EVER)  # slip of steered truck tyres per a: 1/(4 g) [rad s2/m]
-# What data sheets leave of the slip. With 4 mrad and 8 m, outages of 20 s have sigmas nearer to their errors. But in the
-# closed loop the estimate is then 15 mm off after 2 s without images, not 9 mm, and states 6 mm.
+# What data sheets leave of the slip. With 4 mrad and 8 m, outages of 20 s have sigmas nearer to their errors. But in
+# the closed loop the estimate is then 15 mm off after 2 s without images, not 9 mm, and states 6 mm.
 _SLIP = Prior(0.0, 0.005, 12.0, _FOR_EVER)  # [rad]
 _SLIP_PER_ACCELERATION = Prior(-0.02, 0.004, _FOR_EVER, _FOR_EVER)  # its mean is that of the data sheet [rad s2/m]
 _SLIP_PER_SCRUB = Prior(0.9, 0.15, _FOR_EVER, _FOR_EVER)  # 1 if tyres are linear, 0.7 on friction of 0.3 [-]
