@@ -174,7 +174,7 @@ def _change(
 
 def _tracked_change(source: Image, target: Image, tracks: NDArray[np.float32]) -> Exposure | None:
     """Change of exposure by the surroundings of points (n, 4) in both images; None if they agree or tell nothing."""
-    for side in _AROUND:
+    for side in _AROUND if len(tracks) >= _FEWEST_TRACKED else ():
         x, y = (_levels_around(image, at, side) for image, at in ((source, tracks[:, :2]), (target, tracks[:, 2:])))
         compared = np.isfinite(x + y)
         x, y = x[compared], y[compared]

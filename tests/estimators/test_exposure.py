@@ -130,6 +130,7 @@ def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
     assert np.median(off[1]) < 0.01
     assert np.quantile(off[1], 0.9) < 0.03
     assert clipped_alike(image, frame, np.hstack([corners, corners])) is None
+    assert clipped_alike(image, bright, np.empty((0, 4), np.float32)) is None  # nothing was found: after a black image
 
 
 def test_levels_change_before_an_image_is_resampled(drive: Drive) -> None:
