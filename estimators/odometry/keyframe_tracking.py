@@ -69,7 +69,10 @@ def tracked(
     number = np.repeat(np.arange(len(candidates)), [len(candidate.feature) for candidate in candidates])
     z = np.concatenate([candidate.z for candidate in candidates])
     left, right = _matched(calibration, candidates, frame, X_CK, z)
+    clipped = clipped_share(frame.left)
     for k, candidate in enumerate(candidates):
+        if max(candidate.keyframe.clipped, clipped) < _CLIPPED:
+            continue
         of_this = number == k
         alike = _clipped_alike(candidate, frame, left.points[of_this])
         if alike is not None:
@@ -111,8 +114,6 @@ def _matched(
 def _clipped_alike(candidate: _Candidates, frame: StereoFrame, found: Points) -> tuple[_Candidates, StereoFrame] | None:
     """Keyframe and frame that are both clipped where one is, by its points found there; None if they are so already."""
     keyframe = candidate.keyframe
-    if max(keyframe.clipped, clipped_share(frame.left)) < _CLIPPED:
-        return None
     tracks = np.hstack([keyframe.centres[candidate.feature], found])
     limited = clipped_alike(keyframe.image, frame, tracks)
     return limited and (candidate._replace(keyframe=keyframe._replace(image=limited[0])), limited[1])

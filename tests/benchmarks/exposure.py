@@ -4,8 +4,7 @@ Short drives are rendered once, and estimated with changed grey levels that are 
 errors over those with the exposures as they are, of the off-tracking and of the translation of single motions: pooled
 over the drives, then of each one. The change ``noise`` adds half a grey level of noise: what it costs is scatter.
 One drive is one random walk: ``--seeds`` takes several of each. The change ``both to 127`` limits both images without a
-gain: what it costs is what the pixels clipped at twice the gain have told. ``--images`` keeps the rendered drives in a
-folder for the next time.
+gain: it shows the cost of clipping alone. ``--images`` keeps the rendered drives in a folder for the next time.
 """
 
 from __future__ import annotations

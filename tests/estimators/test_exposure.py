@@ -110,7 +110,7 @@ def test_clipped_share_counts_what_the_other_camera_does_not_show(drive: Drive) 
 
 
 def test_patches_of_a_clipped_image_lie_where_they_were(drive: Drive) -> None:
-    """The same picture twice as bright: no patch has moved, but as it is half of them are off by 0.03 px and more.
+    """The same picture twice as bright: no patch has moved, but without limits half of them are off by 0.03 px or more.
 
     Clipped alike nine in ten are within 0.03 px: what is left is the error of the gain, and rounding to grey levels.
     """
